@@ -1,1 +1,1 @@
-"""The page in a browser; may import all of app but the commands."""
+"""Web page of the workbench; may import all of app but the commands."""

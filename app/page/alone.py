@@ -1,8 +1,7 @@
-"""A run in one file, or those of several clips: bodies, sound and time line, for any browser and
-without a server.
+"""Export of a run, or of those of several clips, to one HTML file that any browser plays offline.
 
-What the player's modules would ask a server for lies in the file and is handed to them by a
-``fetch`` of its own; the modules themselves are an import map of what app/page/web holds.
+The file holds everything that the player would fetch from a server, and overrides ``fetch`` to read
+it; the modules of app/page/web are an import map.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ from model.storage.checked import FieldError, read_checked
 
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"
-"""The module that the file starts."""
+"""Module that the file starts."""
 _PLAYED: tuple[RowKind, ...] = ("frames", "plan", "performed")
 NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; give at least one."
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
-"""The modules have no imports of another form; a test holds that."""
+"""Pattern of relative imports in the modules; a test checks that there are no others."""
 _STYLE = """
 body { margin: 0; padding: 8px 10px; font-family: system-ui, sans-serif; color: var(--body-text-color); background: var(--body-background-fill); }
 header { margin-bottom: 8px; font-size: 14px; line-height: 1.45; }
@@ -75,8 +74,11 @@ document.querySelector("header select")?.addEventListener("change", ({{ target }
 
 
 def player_alone(folder: Path) -> str:
-    """HTML that needs nothing beside itself, of the folder of a run, or of those of several clips.
-    Raises `RunError` if it is none, or has no motion that a browser plays."""
+    """Make the HTML of a run's folder, or of one with the runs of several clips.
+
+    Raises:
+        RunError: if the folder holds no run, or no motion that a browser plays.
+    """
     files: dict[str, bytes] = {}
 
     def address(path: Path) -> str:
@@ -128,7 +130,7 @@ def player_alone(folder: Path) -> str:
 
 
 def _object_in(path: Path) -> dict[str, Any]:
-    """Return the JSON object of a file. Raises `RunError` if it holds none."""
+    """Read a JSON object from a file; raises RunError if it holds none."""
     try:
         return read_checked(path, dict[str, Any], MAX_RUN_BYTES)
     except FieldError as error:
@@ -136,7 +138,7 @@ def _object_in(path: Path) -> dict[str, Any]:
 
 
 def _needed(module: str) -> list[str]:
-    """The module and all that it needs, by their places in app/page/web."""
+    """Return a module and all modules that it imports, as paths in app/page/web."""
     found = [module]
     for each in found:
         folder = (WEB / each).parent
@@ -148,7 +150,7 @@ def _needed(module: str) -> list[str]:
 
 
 def _module(path: str) -> str:
-    """A module as an address, with what it imports by names of the import map."""
+    """Return a module as a data URL, with imports renamed as in the import map."""
     folder = (WEB / path).parent
 
     def named(found: re.Match[str]) -> str:
@@ -163,11 +165,11 @@ def _packed(data: bytes) -> str:
 
 
 def _in_html(content: object) -> str:
-    """JSON that no HTML can be found in."""
+    """Format JSON such that it contains no HTML."""
     return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def save_page(asked: tuple[Path, Path], *_: object) -> None:
-    """Write the page of a run's folder into a file."""
+    """Write the player of a run's folder into an HTML file, as a task."""
     folder, out = asked
     out.write_text(player_alone(folder), encoding="utf-8")

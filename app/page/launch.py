@@ -1,4 +1,4 @@
-"""Start the page: flags, weights and examples, then the models warm up behind it."""
+"""Start of the page: configuration, services and server; models are loaded in the background."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ PORT_TAKEN = (
 log = logging.getLogger(__name__)
 _is_ending = threading.Event()
 FIRST_S = 6.0
-"""In which a browser that was opened at once is left both cores for what it shows first."""
+"""Time (s) for which the warm-up leaves both cores to a browser that opened at once."""
 
 LOOK_S = 0.02
-"""Between two looks at the queue for who waits in it; nothing here tells Gradio of progress."""
+"""Interval (s) at which the queue looks for waiting events; Gradio's progress is not used."""
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 CHECK_BYTES, CHECK_S = 2 * 10**9, 60.0
-"""Memory and time that the check of an upload may take, or a motion in another form."""
+"""Memory (bytes) and time (s) for the check of an upload, or for the conversion of a motion."""
 PATIENT_S = 960.0
-"""What is drawn while others work may be silent for so long."""
+"""Longest time (s) without progress of videos rendered in the background."""
 END_WITHIN_S = 15.0
-"""Of a signal; what visitors have left is then removed at the next start."""
+"""Time (s) from a signal to the forced exit; leftover files are then removed at the next start."""
 
 
 def configured(
@@ -66,16 +66,21 @@ def configured(
 
 
 def parse_config(argv: list[str] | None = None) -> AppConfig:
-    """Flags and environment as one checked configuration. Raises `RunError` when a value cannot be
-    used."""
+    """Parse flags and environment into a checked configuration; raises RunError."""
     configured.__doc__ = text.TAGLINE
     return read_flags(configured, "app.py", sys.argv[1:] if argv is None else argv)()
 
 
 def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
-    """Serve the page from threads of this process; its address is ``local_url`` of the result.
-    Models are read as soon as it is up, rather than at the first run. Raises `RunError` or
-    `CheckpointError` if the weights cannot be offered, `OSError` if the port is taken."""
+    """Serve the page from threads of this process, at ``local_url`` of the result.
+
+    Args:
+        is_warmed_up: whether models are loaded in the background rather than at the first run.
+
+    Raises:
+        RunError, CheckpointError: if the weights cannot be used.
+        OSError: if the port is taken.
+    """
     check_port(config)
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
     if config.proxies:  # uvicorn reads it
@@ -219,8 +224,10 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
 
 @contextmanager
 def without_stubs() -> Iterator[None]:
-    """Gradio's parts believed to be of no file: at every start it would write of each anew how
-    editors see it, which is half of the time that its import takes."""
+    """Prevent Gradio from writing type stubs of its components, within the block.
+
+    It writes all of them at every start, which takes half of the time of its import.
+    """
     file_of = inspect.getfile
 
     def none_of_parts(thing: Any) -> str:
@@ -236,7 +243,7 @@ def without_stubs() -> Iterator[None]:
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Entry of ``python app.py``."""
+    """Run ``python app.py``."""
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
         config = own_folders(parse_config(argv))
@@ -251,7 +258,7 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def check_port(config: AppConfig) -> None:
-    """Ask for the port before anything is made; raises `OSError` if another program has it."""
+    """Check that the port is free, before anything else is done; raises OSError."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -263,7 +270,7 @@ def check_port(config: AppConfig) -> None:
 
 
 def own_folders(config: AppConfig) -> AppConfig:
-    """The configuration with a folder of this process alone, which is removed when it ends."""
+    """Return the configuration with a temporary folder of this process, removed at its end."""
     from app.page.visitors.files import claim_folder
 
     temp = claim_folder(config.temp)
@@ -278,7 +285,7 @@ def own_folders(config: AppConfig) -> AppConfig:
 
 
 def _end(number: int, frame: object) -> None:
-    """End, once: who asks again would only keep it from removing what visitors have left."""
+    """End the program, ignoring further signals, which would only interrupt the clean-up."""
     _is_ending.set()
     for each in _ENDING:
         signal.signal(each, signal.SIG_IGN)
@@ -289,7 +296,7 @@ def _end(number: int, frame: object) -> None:
 
 
 def _remove(folder: Path) -> None:
-    """Also what comes in between, from uploads that were let in before the end began."""
+    """Remove a folder, repeatedly, as uploads in progress may still add files."""
     for _ in range(20):
         shutil.rmtree(folder, ignore_errors=True)
         if not folder.exists():
@@ -298,7 +305,7 @@ def _remove(folder: Path) -> None:
 
 
 def _warm_up(worker: Worker) -> None:
-    """First of all what a visitor sees first, the stage; a failure shows where it is wanted."""
+    """Prepare the viewer's files, then start the worker; errors are reported by the first run."""
     try:
         from app.page.routes.media import prepare
 

@@ -1,5 +1,4 @@
-"""The page: its layout and what a click does. It knows neither torch nor GL, only a callable that
-does a run."""
+"""Page with its layout and event handlers, which import neither torch nor OpenGL."""
 
 from __future__ import annotations
 
@@ -24,14 +23,15 @@ _FORM = f"document.getElementById('{_FORM_ID}')"
 _BEGIN_LOADING = (
     f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); {_FORM}.inert = true; }}"
 )
-"""The form cannot be used until the run of a link has filled it in, which would replace what a
-visitor puts there meanwhile."""
+"""JavaScript that disables the form until the run of a link has filled it in, which would replace
+the visitor's own input."""
 _END_LOADING = f"() => {{ {_FORM}.inert = false; document.documentElement.dataset.ready = ''; }}"
-"""``<html data-ready>`` tells scripts that the page is filled in."""
+"""JavaScript that enables the form and sets ``<html data-ready>``, which tells scripts that the
+page is ready."""
 
 
 def build_app(services: Services) -> gr.Blocks:
-    """The whole page."""
+    """Build the page."""
     with gr.Blocks(
         title=text.TITLE,
         analytics_enabled=False,

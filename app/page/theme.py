@@ -1,4 +1,4 @@
-"""Colours and type of the page: a Gradio theme without fonts from the network."""
+"""Colours and typography of the page: a Gradio theme without fonts from the network."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CSS = _FOLDER / "page.css"
 PLAYER_CSS = tuple(
     _FOLDER / name for name in ("player.css", "stage.css", "tiers.css", "editing.css")
 )
-"""All that the player needs, besides the theme."""
+"""Style sheets that the player needs in addition to the theme."""
 HEAD_CSS = (
     _FOLDER / "frame.css",
     *PLAYER_CSS,
@@ -35,12 +35,12 @@ HEAD_CSS = (
 
 
 def head_style() -> str:
-    """`HEAD_CSS` for the head of the page, where Gradio does not rewrite it."""
+    """Return `HEAD_CSS` as HTML for the head of the page, where Gradio does not rewrite it."""
     return "".join(f"<style>{path.read_text()}</style>" for path in HEAD_CSS)
 
 
 def make_theme() -> Base:
-    """Quiet greys with one blue, system fonts, soft corners; light and dark."""
+    """Make a theme of greys with one blue, system fonts and rounded corners; light and dark."""
     sans = ["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "sans-serif"]
     return Base(
         primary_hue=_LAGOON,

@@ -1,8 +1,8 @@
-"""Tasks in processes of their own, with limits of memory, time and silence.
+"""Worker processes for tasks, with limits on memory, run time and time without progress.
 
-A task is a function of a request, an ear for events, and what says whether to stop; it is found by
-its name in the process, which reads the models once and is kept for the next task. It is ended when
-it does not hear a cancel at once, takes too long, says nothing new for long, or has grown much.
+A task is a function of a request and callbacks, imported by name in the worker. The worker loads
+the models once and is reused; it is replaced if it ignores a cancellation, exceeds a limit or has
+grown.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ Found = TypeVar("Found")
 Task = Callable[[Asked, Ear], Found]
 
 GRACE_S = 10.0
-"""How long a process may go on after it was told to stop. It is not asked while a figure is drawn,
-which takes seconds; its successor takes 20 s of a core to read the models."""
+"""Time (s) that a process has to react to a cancellation. It does not check while a figure is
+drawn, which takes seconds; a new process takes 20 s of a core to load the models."""
 GROWN_BYTES = 10**9
-"""A process that is larger by this than before its task is not kept."""
+"""Memory growth (bytes) during a task after which the process is replaced."""
 _POLL_S = 0.05
 
 TOO_LONG = (
@@ -54,17 +54,17 @@ AGAIN = "start it again, which is done by a fresh process"
 
 @dataclass(frozen=True)
 class Limits:
-    """Of one task."""
+    """Limits of one task; exceeding any of them ends the process."""
 
     memory_bytes: int = 4 * 10**9
-    """Above what the process has before it."""
+    """Memory (bytes) in addition to that of the process before the task."""
     seconds: float = 2 * 3600.0
     silent_s: float = 240.0
-    """Without any progress."""
+    """Longest time without progress (s)."""
 
 
 class Worker:
-    """Does tasks, one at a time, in a process of its own. Safe to use from several threads."""
+    """Process that does one task at a time; its methods are thread-safe."""
 
     def __init__(
         self,
@@ -73,12 +73,13 @@ class Worker:
         niceness: int = 0,
         is_kept: bool = True,
     ) -> None:
-        """
+        """Configure the process, which is started at its first use.
+
         Args:
-            warm: weights and body that the process reads before its first task; None reads what a
-                task needs when it needs it.
-            niceness: 19 works only while nobody else wants to.
-            is_kept: whether the process stays for the next task.
+            warm: weights and body to load before the first task; None loads them when a task needs
+                them.
+            niceness: scheduling priority; 19 uses only idle time.
+            is_kept: whether the process is reused for the next task.
         """
         self._limits = limits
         self._warm = warm
@@ -88,19 +89,19 @@ class Worker:
         self._turn = threading.Lock()
         self._child: Child | None = None
         self._is_fit = False
-        """Whether it can take another task."""
+        """True if the process can take another task."""
 
     def start(self) -> None:
-        """So that the first visitor need not wait for that."""
+        """Start the process and load the models, so that the first run does not wait for them."""
         with self._turn:
             self._ready()
 
     def do(self, task: Task[Asked, Found], request: Asked, ear: Ear = DEAF) -> Found:
-        """Do a task, which is a function of a module, as soon as the one before is done.
+        """Do a task as soon as the previous one is done.
 
         Raises:
-            Cancelled: when the task has stopped after ``ear`` said so, within `GRACE_S`.
-            RunError: with the sentence of what went wrong, or the limit that was met.
+            Cancelled: if the task stopped within `GRACE_S` of its cancellation, or was ended.
+            RunError: with the sentence of the error, or of the exceeded limit.
             FaultElsewhere: for a fault of the program.
         """
         while not ear.should_cancel():
@@ -120,12 +121,12 @@ class Worker:
                 self._turn.release()
 
     def close(self) -> None:
-        """End the process, whatever it does."""
+        """End the process, even during a task."""
         self._is_closed = True
         self._drop()
 
     def _ready(self) -> Child:
-        """The process, or another in its place."""
+        """Return the process, replaced if it has ended or is unfit."""
         child = self._child
         if child is None or not (self._is_fit and child.is_alive()):
             self._drop()
@@ -180,11 +181,11 @@ class Worker:
 
 
 _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
-"""What torch says in a RuntimeError."""
+"""Parts of torch's RuntimeError messages for missing memory."""
 
 
 def main() -> None:
-    """Of the process: take work as it comes, and read what all of it needs while there is none."""
+    """Run the worker process: do tasks, and load the models in small steps in between."""
     channel, needed = parent_channel()
     works = heard(channel)
     lock = threading.Lock()
@@ -210,7 +211,7 @@ def main() -> None:
 
 
 def _as_told(error: Exception) -> Exception:
-    """As the page needs it: a cancel, a sentence or a fault."""
+    """Convert an exception to a cancellation, a sentence or a fault for the page."""
     if isinstance(error, Cancelled):
         return error.with_traceback(None)  # which would hold what the task had
     if any(words in str(error) for words in _NO_MEMORY):
@@ -222,7 +223,7 @@ def _as_told(error: Exception) -> Exception:
 
 
 def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
-    """In small parts; a failure shows at the first run."""
+    """Load the models in small steps; errors are reported by the first run."""
     import app.run.pipeline  # noqa: F401
     from app.run import models
 
@@ -234,8 +235,10 @@ def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
 
 
 def _limit_memory(more_bytes: int | None) -> int:
-    """Let this process, and what it starts, take so much more, at most up to the hard limit that it
-    was started with; returns what it has taken."""
+    """Limit the additional memory of this process and its children; return the memory in use.
+
+    The hard limit that the process was started with is never exceeded.
+    """
     taken = _data_bytes()
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     limit = hard
@@ -247,7 +250,7 @@ def _limit_memory(more_bytes: int | None) -> int:
 
 
 def _data_bytes() -> int:
-    """What the system counts towards that limit; 0 where it does not tell."""
+    """Return the memory that counts towards RLIMIT_DATA; 0 if the system does not report it."""
     try:
         lines = Path("/proc/self/status").read_text().splitlines()
     except OSError:

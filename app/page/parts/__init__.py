@@ -1,1 +1,1 @@
-"""What pieces of the page are made of; imports nothing else of the page."""
+"""Building blocks of the page; they import nothing else of the page."""

@@ -1,7 +1,6 @@
-"""The fields of a form, each under the name of what it asks for, and what is sent for them, read as
-the ask declares it.
+"""Form fields named after the request fields that they set, and validation of their values.
 
-A browser sends what the page's fields give; a program may send anything.
+A browser sends the values of the page's fields; a program may send anything.
 """
 
 from __future__ import annotations
@@ -26,15 +25,19 @@ _KINDS = {
     gr.Slider: float,
     gr.Textbox: str,
 }
-"""What parts give; others a text, or the name of a file."""
+"""Types of the values of Gradio components; those of others are text or a file name."""
 Fields = Mapping[str, Any]
-"""Parts of the page."""
+"""Gradio components by name of the field."""
 
 
 def values_of(request: type[Any], form: Fields, values: Sequence[Any]) -> dict[str, Any]:
-    """Return what a form asks for, by the names of its fields, from what was sent in their order; a
-    field that is empty has the request's default. Raises `RunError` if a value has another type
-    than its field, is NaN or far too long, or cannot be asked for."""
+    """Validate the values of a form, and return them by field name.
+
+    Empty fields get the defaults of the request.
+
+    Raises:
+        RunError: if a value has the wrong type, is NaN, too long or not accepted by the request.
+    """
     sent = dict(zip(form, values, strict=False))
     sent = {name: sent.get(name, part.value) for name, part in form.items()}
     kinds: dict[str, Any] = {name: (_kind(part), ...) for name, part in form.items()}
@@ -47,7 +50,7 @@ def values_of(request: type[Any], form: Fields, values: Sequence[Any]) -> dict[s
 
 
 def _kind(part: Any) -> Any:
-    """What a part gives."""
+    """Return the type of a component's value."""
     if getattr(part, "file_count", "") == "multiple" or getattr(part, "multiselect", False):
         return list[str] | None
     offered = getattr(part, "choices", None) or ()
@@ -57,7 +60,7 @@ def _kind(part: Any) -> Any:
 
 
 def _read(part: Any, value: Any, request: type, name: str) -> Any:
-    """Return a value as the request has it."""
+    """Convert a value to the type of the request's field."""
     if isinstance(part, gr.File | gr.Audio):
         paths = tuple(map(Path, [value] if isinstance(value, str) else value or ()))
         return paths if _kind(part) != str | None else next(iter(paths), None)
@@ -73,7 +76,7 @@ def _read(part: Any, value: Any, request: type, name: str) -> Any:
 
 
 def _has(hint: Any, kind: type) -> bool:
-    """Return whether a type is among those of a hint."""
+    """Check whether a type is among those of a type hint."""
     return hint is kind or any(_has(each, kind) for each in get_args(hint))
 
 
@@ -86,8 +89,10 @@ def _whole(part: Any, value: float | None) -> int:
 
 
 def named_fields(run: Callable[..., Iterator[Any]], form: Fields) -> Callable[..., Iterator[Any]]:
-    """``run`` with one parameter for each field, of which all but the first may be left out: Gradio
-    names the parameters of the page's API by them."""
+    """Return ``run`` with a named parameter for each field, all optional but the first.
+
+    Gradio takes the names of the API's parameters from them.
+    """
 
     def named(request: gr.Request, *values: Any) -> Iterator[Any]:
         yield from run(request, *values)

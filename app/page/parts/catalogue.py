@@ -1,5 +1,5 @@
-"""What the page can offer, read without loading a model: systems, speakers, examples, points,
-strengths."""
+"""Choices of the page, read without loading a model: systems, speakers, examples, tracked points,
+guidance scales."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ MAX_DEFAULT_SYSTEMS = 3
 
 @dataclass(frozen=True)
 class Catalogue:
-    """The choices that the page shows."""
+    """Choices of the page."""
 
     systems: tuple[str, ...]
     speakers: tuple[str, ...]
     trained_on: str
-    """How much of what, for a sentence; empty for random weights."""
+    """Amount and kind of the training data, as part of a sentence; empty for random weights."""
     examples: tuple[Path, ...] = ()
-    """Speech that comes with the app."""
+    """Speech files that come with the app."""
     samplers: tuple[str, ...] = ()
-    """Of all its systems."""
+    """Names of the samplers of all systems."""
     usual_steps: str = ""
-    """How many steps systems take where nothing is asked for, for a person."""
+    """Default number of sampling steps of the systems, as text."""
 
     @property
     def system_choices(self) -> list[tuple[str, str]]:
-        """Of each system the name that a form shows, and its whole name."""
+        """Label and full name of each system."""
         return [(label, name) for name, label in short_names(self.systems).items()]
 
 
 def about_systems(systems: Sequence[str]) -> dict[str, str]:
-    """What each is, in a sentence, by the name that a form shows."""
+    """Return a sentence about each system by its label."""
     return {
         label: family_of(name).about.get(name, "") for name, label in short_names(systems).items()
     }
 
 
 def groups_of(systems: Sequence[str]) -> dict[str, list[str]]:
-    """The names that a form shows, by the title of what they belong to."""
+    """Return the labels of the systems by title of their group."""
     ladders = [family.ladder for family in families() if family.ladder is not None]
     rungs = {rung.system for ladder in ladders for rung in ladder.rungs}
     own = {*planning_systems(), *(each.system for ladder in ladders for each in ladder.beside)}
@@ -67,7 +67,7 @@ def groups_of(systems: Sequence[str]) -> dict[str, list[str]]:
 
 
 def read_catalogue(weights: Path, examples: tuple[Path, ...] = ()) -> Catalogue:
-    """Systems and speakers from the cards beside the weights in ``weights``.
+    """Read systems and speakers from the model cards in a folder of weights.
 
     Raises:
         RunError: if there is no system in that folder.
@@ -97,17 +97,17 @@ def _usual_steps(system: str) -> str:
 
 
 def example_title(path: Path) -> str:
-    """``a_long_drive.wav`` is offered as "A long drive"."""
+    """Format the name of an example: ``a_long_drive.wav`` becomes "A long drive"."""
     return path.stem.replace("_", " ").capitalize()
 
 
 def point_choices() -> list[tuple[str, str]]:
-    """Fingertips, then joints, each by the name a person reads."""
+    """Return title and name of each tracked point, fingertips first."""
     return [(point_title(point), point) for point in (*TIP_VERTICES, *JOINT_NAMES)]
 
 
 def _trained_on(cards: list[Card]) -> str:
-    """How much of what; told from the cards, so that other weights are described as they are."""
+    """Describe the training data according to the model cards, which hold for any weights."""
     cards = [card for card in cards if card.whose is None]  # not those of others
     hours = [card.training_hours for card in cards]
     if max(hours, default=0.0) == 0.0 or not any(card.steps for card in cards):
@@ -120,13 +120,13 @@ def _trained_on(cards: list[Card]) -> str:
 
 
 def default_systems(systems: Sequence[str]) -> list[str]:
-    """All systems where they are few, else three of them, the usual ones first."""
+    """Return the systems that are ticked by default, at most three, the usual ones first."""
     usual = [name for name in usual_systems("run") if name in systems]
     chosen = [*dict.fromkeys((*usual, *systems))][:MAX_DEFAULT_SYSTEMS]
     return [name for name in systems if name in chosen]
 
 
 def strength_choices(*values: float) -> list[tuple[str, float | str]]:
-    """Labels and values of a field that offers these, and first of all nothing: the usual one."""
+    """Return labels and values of guidance scales, the default first."""
     named = ((text.GUIDANCE_NAMES.get(value, f"{value:g}"), value) for value in values)
     return [("as suits each system", ""), *named]

@@ -1,4 +1,4 @@
-"""The page's own pieces of HTML: pure functions from values to escaped markup; words explained."""
+"""HTML of the page, made by pure functions from values, and tooltips for technical terms."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _WORDS = re.compile(
 
 
 def explained(sentence: str) -> str:
-    """HTML of a sentence whose words of the field can be pointed at, each the first time."""
+    """Format a sentence as HTML, with a tooltip on the first use of each technical term."""
     seen: set[str] = set()
 
     def mark(found: re.Match[str]) -> str:
@@ -47,7 +47,7 @@ def explained(sentence: str) -> str:
 
 
 def header(trained_on: str) -> str:
-    """Title, what the app is for, and what its weights are; empty means untrained ones."""
+    """Format the page's header: title, purpose and training data, empty for untrained weights."""
     banner = text.DEMO_WEIGHTS.format(data=escape(trained_on)) if trained_on else text.UNTRAINED
     return (
         f'<header class="masthead"><h1>{escape(text.TITLE)}</h1>'
@@ -57,18 +57,16 @@ def header(trained_on: str) -> str:
 
 
 def step(number: int, title: str) -> str:
-    """A numbered heading of the form."""
     return f'<h2 class="step"><span aria-hidden="true">{number}</span>{escape(title)}</h2>'
 
 
 def heading(title: str, explanation: str = "") -> str:
-    """Heading of one part of the results."""
     below = f"<p>{explained(explanation)}</p>" if explanation else ""
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
 def heads(labels: Mapping[str, str]) -> str:
-    """Of a table's columns, by whole name."""
+    """Format the header cells of a table, with full names as tooltips."""
     return "".join(
         f'<th scope="col" title="{escape(name)}">{escape(label)}</th>'
         for name, label in labels.items()
@@ -76,13 +74,12 @@ def heads(labels: Mapping[str, str]) -> str:
 
 
 def row(title: str, cells: Iterable[str]) -> str:
-    """Of a table."""
     told = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
     return f'<tr><th scope="row">{escape(title)}</th>{told}</tr>'
 
 
 def table(name: str, corner: str, head: str, body: str, foot: str = "") -> str:
-    """Which scrolls where it is too wide; head, body and foot are HTML."""
+    """Format a table that scrolls if it is too wide; head, body and foot are HTML."""
     return (
         f'<div class="scroll" role="region" aria-label="{escape(name)}" tabindex="0"><table>'
         f'<thead><tr><th scope="col">{escape(corner)}</th>{head}</tr></thead>'
@@ -93,7 +90,7 @@ def table(name: str, corner: str, head: str, body: str, foot: str = "") -> str:
 def status(
     line: str, fractions: Mapping[Stage, float], details: Mapping[Stage, str], stages=STAGES
 ) -> str:
-    """The stages of a run with how far each is, under one plain sentence."""
+    """Format a status line and the progress of a run's stages."""
     rows = []
     for stage in stages:
         fraction = fractions.get(stage)
@@ -114,17 +111,16 @@ def status(
 
 
 def sentence_status(line: str) -> str:
-    """The status line alone."""
     return f'<div class="status" role="status" aria-live="polite"><p>{escape(line)}</p></div>'
 
 
 def idle_status(line: str) -> str:
-    """The status line before the first run; it gives way to an example that plays."""
+    """Format the status line before the first run; CSS hides it while the example plays."""
     return f'<div class="status idle"><p>{escape(line)}</p></div>'
 
 
 def error_message(sentence: str) -> str:
-    """Why a run stopped; stays on the page until the next run."""
+    """Format the reason of a failed run."""
     return (
         f'<div class="message error" role="alert">{_ICON_ERROR}<div>'
         f"<b>{escape(text.FAILED_TITLE)}</b><p>{escape(sentence)}</p></div></div>"
@@ -132,12 +128,11 @@ def error_message(sentence: str) -> str:
 
 
 def refusal(sentence: str) -> str:
-    """Why an upload cannot be used; nothing of one that can."""
     return f'<p class="refusal" role="alert">{escape(sentence)}</p>' if sentence else ""
 
 
 def verdict(numbers: str, judgement: str) -> str:
-    """What the numbers of a run say, above its videos; nothing of no numbers."""
+    """Format the verdict of a run; empty if there are no numbers."""
     if not numbers:
         return ""
     below = f"<p>{explained(judgement)}</p>" if judgement else ""
@@ -145,7 +140,7 @@ def verdict(numbers: str, judgement: str) -> str:
 
 
 def notes_folded(notes: Sequence[str]) -> str:
-    """What was done to the input, or is left out, in a run that went well; opened on a click."""
+    """Format the notes of a successful run, folded; empty without any."""
     if not notes:
         return ""
     items = "".join(f"<p>{escape(note)}</p>" for note in notes)
@@ -156,7 +151,6 @@ def notes_folded(notes: Sequence[str]) -> str:
 
 
 def note(sentence: str) -> str:
-    """What a page that has just been opened has to say."""
     return (
         f'<div class="message note" role="note">{_ICON_INFO}<div>'
         f"<b>{escape(text.NOTES_TITLE)}</b><p>{escape(sentence)}</p></div></div>"
@@ -174,7 +168,7 @@ _ICON_ERROR = (
 
 
 def mount(module: str, function: str) -> str:
-    """JavaScript for `gr.HTML` that hands its element to a module of app/page/web."""
+    """Return JavaScript for `gr.HTML` that passes its element to a module of app/page/web."""
     return (
         f'import(new URL("web/{module}", document.baseURI))'
         f".then(({{ {function} }}) => {function}(element, props, watch));"
@@ -184,8 +178,13 @@ def mount(module: str, function: str) -> str:
 def arrange_chips(
     field: str, about: Mapping[str, str], groups: Mapping[str, Sequence[str]]
 ) -> None:
-    """Have the choices of a field, named by its id, stand in groups, each of which its title ticks
-    as a whole, and say of each label what it is when a pointer rests on it."""
+    """Arrange the choices of a field in groups with a tooltip for each.
+
+    Args:
+        field: element id of the field.
+        about: tooltips by label.
+        groups: labels by title; clicking a title ticks its whole group.
+    """
     gr.HTML(
         {"field": field, "about": dict(about), "groups": dict(groups)},
         html_template="",
@@ -196,10 +195,7 @@ def arrange_chips(
 
 
 def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
-    """Scroll to the part of the page that shows what a click begins.
-
-    Called before the click is given its run: a browser does one after the other.
-    """
+    """Scroll to the status of a run on a click; call this before attaching the run to it."""
     button.click(
         None,
         js=f'() => {{ import(new URL("web/begun.js", document.baseURI))'
@@ -209,19 +205,18 @@ def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
 
 
 def told_part(elem_id: str | None = None, module: str = "", function: str = "") -> gr.HTML:
-    """HTML that is hidden until there is any, handed to a module where one is named."""
+    """Make an HTML component that is hidden while empty, optionally mounted by a module."""
     how = {"js_on_load": mount(module, function), "apply_default_css": False} if module else {}
     return gr.HTML("", visible=False, elem_id=elem_id, **how)
 
 
 def shown(html: str) -> Any:
-    """An update of an HTML part that is hidden while it is empty."""
+    """Return the update of an HTML component that is hidden while it is empty."""
     return gr.update(value=html, visible=bool(html))
 
 
 def player_part(prefix: str) -> gr.HTML:
-    """A player in lock-step, whose value is a `Showing` as a dictionary; without rows it takes no
-    room."""
+    """Make a player component, whose value is that of a `Showing`; it is hidden without rows."""
     return gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',
@@ -232,8 +227,8 @@ def player_part(prefix: str) -> gr.HTML:
 
 
 PRIVATE: dict[str, Any] = {"api_visibility": "private", "show_progress": "hidden"}
-"""By the page alone: no program calls it, and nothing spins while it works."""
+"""Event options of functions that only the page calls, without a progress indicator."""
 AT_ONCE: dict[str, Any] = {"queue": False, **PRIVATE}
-"""Before all that waits."""
+"""Event options of functions that run outside of the queue."""
 Updates = dict[Any, Any]
-"""By part of the page what it shows from now on."""
+"""New values by component."""

@@ -1,1 +1,1 @@
-"""What a run looks like on the page: player, tables, figures, files; may import routes."""
+"""Results of a run on the page: player, tables, figures and files; may import routes."""

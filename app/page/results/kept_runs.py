@@ -1,7 +1,7 @@
-"""Runs that have ended, as any browser can be shown them, each behind a link that opens it again.
+"""Finished runs that any browser can open by a link.
 
-The link holds 256 random bits. Whoever has it sees the run and can save it, as its folder in a zip
-or as a page of its own; a browser's own runs are listed for it alone, by the page's cookie.
+The link holds 256 random bits. Everyone who has it can open and save the run, as a zip of its
+folder or as an HTML page; the list of a browser's own runs needs the page's cookie.
 """
 
 from __future__ import annotations
@@ -34,27 +34,27 @@ from app.run.many.opened import copied_run
 from app.run.output.run_folder import TABLES, RunRecord, file_of
 
 PARAMETER = "run"
-"""Of the page's address."""
+"""Query parameter of the page's URL."""
 RUN_ROUTE = "/media/run"
-"""Below which a run is had as a file, by its token."""
+"""Route of downloads of a run, followed by its token."""
 EDITED = "generate"
-"""The tab whose player has the editor of gestures."""
+"""Tab with the plan editor."""
 _MAX_STEM = 60
 
 
 @dataclass(eq=False)
 class KeptRun:
-    """One run that can be opened again."""
+    """Finished run that can be opened again."""
 
     job: Job
     showing: Showing
-    """For the browser that asked for it."""
+    """Player data for the browser that started the run."""
     form: Mapping[str, Any] = field(default_factory=dict)
-    """Values of the form that asked for it, by field, as far as whoever opens it may have them."""
+    """Values of the form that started the run, by field, as far as others may see them."""
     ended: float = field(default_factory=time.time)
     token: str = ""
     clips: dict[str, KeptRun] = field(default_factory=dict)
-    """Of several that are one run all of them, this one too, by name."""
+    """All runs by clip, including this one, if a run has several clips; otherwise empty."""
 
     @property
     def record(self) -> RunRecord:
@@ -62,7 +62,7 @@ class KeptRun:
 
     @property
     def folder(self) -> Path:
-        """All of it, of several clips too."""
+        """Folder of the run, or of the runs of all clips."""
         return self.showing.folder.parent if self.clips else self.showing.folder
 
     @property
@@ -72,8 +72,7 @@ class KeptRun:
     def updates(
         self, parts: ResultParts, showing: Showing | None = None, *, begins: bool = False
     ) -> Updates:
-        """Everything that a tab shows of it, as ``showing`` where that is for another browser;
-        where it ``begins`` it plays at once."""
+        """Return the updates of a tab that opens the run; with ``begins``, it plays at once."""
         showing = showing or self.showing
         record, notes = showing.record, map(page_sentence, showing.record.notes)
         is_done, why = record.state == "done", without_folders(record.sentence)
@@ -95,8 +94,7 @@ class KeptRun:
         }
 
     def downloads(self, showing: Showing) -> str:
-        """All of it as a file, which the page opens again, and as one that plays anywhere; and its
-        single files."""
+        """Format the links to the zip, the HTML page and single files."""
         files = [showing.folder / name for name in self.record.files if "/" not in name]
         files += [self.folder / name for name in TABLES if self.clips]
         listed = files_listed(filter(Path.is_file, files), showing.address)
@@ -114,7 +112,7 @@ class KeptRun:
 
 
 def told_so_far(showing: Showing, parts: ResultParts) -> Updates:
-    """Player, numbers and figures of a run, whether it has ended or not."""
+    """Return the updates of player, verdict, metrics and figures of a run, finished or not."""
     record = showing.record
     files = (file_of(showing.folder, name) for name in record.files)
     figures = figures_html(filter(None, files), showing.address, record.says)
@@ -129,7 +127,7 @@ def told_so_far(showing: Showing, parts: ResultParts) -> Updates:
 
 
 class KeptRuns(Kept[KeptRun]):
-    """All runs that can be opened again."""
+    """Store of finished runs by token."""
 
     def __init__(self, keep_s: float) -> None:
         super().__init__()
@@ -138,7 +136,7 @@ class KeptRuns(Kept[KeptRun]):
     def keep_run(
         self, job: Job, showings: Mapping[str, Showing], form: Mapping[str, Any] | None = None
     ) -> KeptRun:
-        """Keep a run, or those of several clips by name; returns the first that has any motion."""
+        """Store a run, or those of several clips by name; return the first with any motion."""
         kept = {clip: KeptRun(job, each, form or {}) for clip, each in showings.items()}
         for run in kept.values():
             run.clips = kept if len(kept) > 1 else {}
@@ -149,23 +147,21 @@ class KeptRuns(Kept[KeptRun]):
         return next((run for run in runs if run.record.is_moving), runs[0])
 
     def edited(self, name: str, cookie: str) -> KeptRun | None:
-        """The run of that name whose plans this browser may edit."""
+        """Return the run of a name if this browser may edit its plans, or None."""
         runs = [run for run in self.all() if run.showing.name == name and run.showing.editing]
         mine = (run for run in runs if not run.job.cookie or is_same(run.job.cookie, cookie))
         return next(mine, None)
 
     def of(self, cookie: str) -> list[KeptRun]:
-        """A browser's own, the newest first; of several clips the first."""
+        """Return a browser's own runs, the newest first, with one for all clips of a run."""
         firsts = [run for run in self.all() if next(iter(run.clips.values()), run) is run]
         mine = [run for run in firsts if is_same(run.job.cookie, cookie)]
         return sorted(mine, key=lambda run: run.ended, reverse=True)
 
     def html(self, cookie: str, *opened: KeptRun) -> str:
-        """The link of the run that is shown, or of two beside each other, and the list of the
-        browser's own; empty without any.
+        """Format the link of the opened runs and the list of the browser's own; empty without any.
 
-        app/page/web/runs.js copies the link, sees that two are ticked, and writes times as the
-        browser's clock has them.
+        app/page/web/runs.js copies the link, limits the selection to two, and formats local times.
         """
         mine, jobs = self.of(cookie), [run.job for run in opened]
         items = "".join(_item(run, run.job in jobs, len(mine) > 1) for run in mine)
@@ -191,8 +187,14 @@ class KeptRuns(Kept[KeptRun]):
 
 
 def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media) -> str:
-    """Keep a run that the page's owner names, its folder or its zip, for every visitor; returns its
-    token. Raises `RunError` if it is none."""
+    """Store a run named by the page's owner for every visitor, and return its token.
+
+    Args:
+        path: folder of the run, or its zip.
+
+    Raises:
+        RunError: if there is no run.
+    """
     folder = copied_run(path, temp)
     showings = showings_in(folder, media.share(folder, ""), temp.name)
     is_made = next(iter(showings.values())).record.kind == "generated"
@@ -201,13 +203,12 @@ def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media) -> str:
 
 
 def address_of(*runs: KeptRun) -> str:
-    """Of one run, or of two beside each other; relative to the page."""
+    """Return the URL of one run, or of a comparison of two, relative to the page."""
     return "?" + "&".join(f"{PARAMETER}={run.token}" for run in runs)
 
 
 def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:
-    """The shortest way to what most want to see: a run beside the one before, of the same speech
-    where there is one."""
+    """Format the link to a comparison with the previous run, of the same speech if possible."""
     (shown, *others) = opened
     before = [run for run in mine if run.ended < shown.ended and run.job is not shown.job]
     if others or not before:
@@ -239,8 +240,11 @@ def _item(run: KeptRun, is_shown: bool, is_ticked_off: bool) -> str:
 def saving_route(
     kept: KeptRuns, made: MadeFiles, ending: str, task: Callable[..., object], below: str = ""
 ) -> APIRoute:
-    """Serve runs in one form, of all that there is of them when they are asked for; the task writes
-    it, asked by the run's folder and the file."""
+    """Make the route that serves finished runs in one file format.
+
+    Args:
+        task: writes the file; its request is the run's folder and the path of the file.
+    """
 
     async def answer(token: str) -> Response:
         run = await run_in_threadpool(kept.find, token)
@@ -253,6 +257,6 @@ def saving_route(
 
 
 def file_name(title: str, ending: str = ".zip") -> str:
-    """Of a run's file, from what the run is called."""
+    """Make a file name from the title of a run."""
     stem = re.sub(r"[^\w .,+-]+", "-", title).strip(" .-")[:_MAX_STEM]
     return f"{stem or 'run'}{ending}"

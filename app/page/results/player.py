@@ -1,4 +1,4 @@
-"""What the page's player shows of one run: its folder, with the addresses of one browser."""
+"""Data of the page's player for one run: the content of its folder with the URLs of one browser."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ if TYPE_CHECKING:
     from app.run.takes.edits import Offer
 
 NOTHING: dict[str, Any] = {}
-"""What a player shows before there is anything."""
+"""Value of an empty player."""
 _SHOWN: tuple[RowKind, ...] = ("motion", "frames", "plan", "video")
 
 
 @dataclass(eq=False)
 class Showing:
-    """Reads what `run.json` says, again and again while the run goes on."""
+    """Player data of a run, read from its `run.json` whenever that changes."""
 
     folder: Path
     address: Address
     name: str = ""
-    """By which an editor of gestures asks for it."""
+    """Name by which the plan editor refers to the run."""
     is_drawn: bool = False
-    """Whether each row will have a video."""
+    """True if each row will have a video."""
     editing: dict[str, Any] | None = None
-    """What the player's editor of gestures says; None where nothing can be edited."""
+    """State of the plan editor; None if nothing can be edited."""
     _read: tuple[tuple[int, int], RunRecord] | None = None
 
     @property
     def record(self) -> RunRecord:
-        """What its folder says by now. Raises `RunError` if it says nothing."""
+        """Current record of the run; raises RunError if there is none."""
         told = (self.folder / RUN).stat() if (self.folder / RUN).exists() else None
         key = (told.st_ino, told.st_mtime_ns) if told else (0, 0)
         if self._read is None or self._read[0] != key:
@@ -67,18 +67,18 @@ class Showing:
         return (self.folder / RUN).is_file()
 
     def file(self, kind: RowKind, name: str) -> Path | None:
-        """Of a row."""
+        """Return the path of a row's file of the given kind, or None."""
         row = self.record.row(name)
         return None if row is None else file_of(self.folder, row.files.get(kind))
 
     def performed(self) -> list[str]:
-        """The run's own rows that move by a plan that their system was given."""
+        """Return the names of the run's original rows whose system follows a gesture plan."""
         return [
             row.name for row in self.record.rows if "performed" in row.files and row.take is None
         ]
 
     def timeline(self) -> dict[str, Any]:
-        """What stands under the bodies; empty where nothing has come."""
+        """Return the timeline of the run, empty if there is none yet."""
         path = file_of(self.folder, self.record.timeline)
         try:
             return {} if path is None else read_checked(path, dict[str, Any], MAX_RUN_BYTES)
@@ -93,20 +93,18 @@ class Showing:
         state: str = "",
         offers: Sequence[Offer] = (),
     ) -> None:
-        """Have the editor of gestures say something beside all that it knows; its state is
-        ``working`` while a take is made, and offers are what can be done instead."""
+        """Set the message, state (``working`` during a take) and offers of the plan editor."""
         told = [{"label": one.label, "edits": [e.told() for e in one.edits]} for one in offers]
         self.editing = {"said": sentence, "refused": is_refused, "state": state, "offers": told}
 
     def for_browser(self, address: Address) -> Showing:
-        """The same for another, who sees the run and changes nothing of it."""
+        """Return a copy for another browser, which cannot edit the run."""
         other = copy(self)
         other.address, other.editing = address, None
         return other
 
     def value(self) -> dict[str, Any]:
-        """For the player; ``begins`` says that it plays as soon as it can, for who waits for it,
-        and ``running`` that more of it is being made."""
+        """Return the player's value; ``begins`` plays it at once, ``running`` announces more."""
         record = self.record
         beside = {"audio": record.sound, "timeline": record.timeline}
         is_running = record.state == "running"
@@ -124,7 +122,7 @@ class Showing:
         }
 
     def _edited(self, said: dict[str, Any]) -> dict[str, Any]:
-        """With what edits can start from."""
+        """Return the state of the plan editor, with the rows that can be edited."""
         known = {}
         for row in self.record.rows:
             if told := self.file("told", row.name):
@@ -161,27 +159,26 @@ class Showing:
 def showings_in(
     folder: Path, address: Address, name: str, is_drawn: bool = False
 ) -> dict[str, Showing]:
-    """Of the run in a folder by no name, or of those of several clips by theirs; arguments as of
-    `Showing`."""
+    """Return the player data of a folder's run under "", or of several clips by name."""
     runs = runs_in(folder)
     return {clip: Showing(run, address, f"{name}{clip}", is_drawn) for clip, run in runs.items()}
 
 
 def _assumed(row: Row) -> dict[str, Any]:
-    """What chips are told: the kind of its file, as `Assumptions` has it, and its reading."""
+    """Return the interpretation of a row's file for the player, with the file's kind."""
     read = [{**each, "why": page_sentence(each["why"])} for each in row.assumed]
     return {"kind": f"*{row.ending}", "read": read}
 
 
 def first_look(media: Media) -> tuple[dict[str, Any], str]:
-    """Value of the player and HTML that stands in the place of results, for a page that opens."""
+    """Return the player's value and the HTML question of the example on a newly opened page."""
     value = Showing(FIRST_LOOK, media.share(FIRST_LOOK, "")).value()
     plays = {**value, "plays": True, "guess": True, "running": False, "begins": False}
     return plays, question(json.loads((FIRST_LOOK / FACTS).read_text()))
 
 
 def question(facts: dict[str, Any]) -> str:
-    """What to look for, with the answer folded away, and the way to something of one's own."""
+    """Format the question about the example, with the answer folded."""
     jerk, (system,) = facts["jerk_m_s3"], facts["provenance"]["weights"]
     answer = text.LOOK_ANSWER.format(
         row=TREMBLING,

@@ -1,4 +1,4 @@
-"""Where a tab shows what comes of a run, from top to bottom, and its figures, large on click."""
+"""Components that show the results of a run in a tab, and HTML of figures and files."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ from renderer.figures.style import CONTENTS_ENDING, FORMS
 
 
 class ResultParts:
-    """The parts of one tab; what has nothing to show yet is hidden."""
+    """Result components of one tab; empty ones are hidden."""
 
     def __init__(self, prefix: str = "", ready: str = text.READY) -> None:
         self.message = told_part(prefix + "message")
         self.status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
         self.look = told_part(prefix + "look")
-        """The question about the example that plays before the first run."""
+        """Question about the example that plays before the first run."""
         self.clips = gr.HTML("", visible=False, apply_default_css=False, elem_id=prefix + "clips")
-        """What is told of several clips together."""
+        """Table over several clips."""
         self.clip = gr.Radio([], label="Shown below", visible=False, elem_id=prefix + "clip")
-        """Which of them is shown below, by the token of its run."""
+        """Selection of the clip shown below, by the token of its run."""
         self.player = player_part(prefix)
         with gr.Row(elem_classes="seen-video"):
             self.seen = told_part(prefix + "seen")
-            """How far a video of what the stage shows is, and the way to it."""
+            """Progress of a video of the viewer, and its link."""
             how: dict[str, Any] = {"visible": False, "size": "sm", "scale": 0, "min_width": 90}
             self.seen_cancel = gr.Button(text.CANCEL, elem_id=prefix + "seen-cancel", **how)
         self.seen_start = gr.Button(elem_classes="seen-start told-elsewhere")
-        """Pressed by the stage."""
+        """Hidden button clicked by the viewer."""
         self.take_start = gr.Button(elem_classes="take-start told-elsewhere")
-        """Pressed by the editor of gestures."""
+        """Hidden button clicked by the plan editor."""
         self.verdict = told_part(prefix + "verdict")
         self.runs = told_part(prefix + "runs", "runs.js", "mountRuns")
-        """The link to the run that is shown, and the visitor's others."""
+        """Link to the opened run, and list of the visitor's own."""
         self.figures = told_part(prefix + "figures")
         self.numbers = told_part(prefix + "numbers", "measures.js", "mountMeasures")
         self.downloads = told_part(prefix + "downloads")
@@ -56,7 +56,7 @@ NO_WORDS: Mapping[str, str] = {}
 def figures_html(
     files: Iterable[Path], address: Address, sentences: Mapping[str, str] = NO_WORDS
 ) -> str:
-    """The figures among some files, each with what the numbers say of it."""
+    """Format the figures among some files, each with the findings of the metrics."""
     figures: dict[str, dict[str, Path]] = {}
     for path in files:
         stem, _, ending = path.name.rpartition(".")
@@ -76,8 +76,7 @@ def figures_html(
 
 
 def _addresses(paths: Mapping[str, Path], address: Address) -> dict[str, str]:
-    """Where a figure is had in each form: its file, or what the form is drawn from when it is
-    asked for."""
+    """Return the URL of a figure in each format; missing formats are drawn on request."""
     urls = {form: address(paths[form]) for form in FORMS if form in paths}
     if CONTENTS_ENDING in paths:
         contents = address(paths[CONTENTS_ENDING])
@@ -106,12 +105,12 @@ def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], ca
 
 
 def saved_link(url: str, name: str, words: str = "") -> str:
-    """To a file, under that name."""
+    """Format a link that downloads a file under a name."""
     return f'<a href="{escape(url)}" download="{escape(name)}">{escape(words or name)}</a>'
 
 
 def files_listed(paths: Iterable[Path], address: Address) -> str:
-    """Single files, folded away."""
+    """Format links to single files, folded."""
     items = "".join(
         f"<li>{saved_link(address(path), path.name)}<span>{_size(path.stat().st_size)}</span></li>"
         for path in paths

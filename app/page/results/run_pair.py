@@ -1,4 +1,4 @@
-"""Two runs that have ended, beside each other: what was asked for, numbers, and in one player."""
+"""Comparison of two finished runs: settings, metrics, and all motions in one player."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_VIDEOS = 12
 
 
 def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie: str) -> Updates:
-    """What a tab shows to the browser of this cookie, which opens both."""
+    """Return the updates of a tab that opens a comparison in the browser of a cookie."""
     runs = a.showing, b.showing
     pair = RunPair(*(run.for_browser(media.share(run.folder, cookie)) for run in runs))
     links = "".join(
@@ -43,36 +43,36 @@ def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie:
 
 
 class RunPair:
-    """The earlier run is A, the later one B."""
+    """Comparison of two runs: A is the earlier one, B the later one."""
 
     def __init__(self, a: Showing, b: Showing) -> None:
         self.showings, self.runs = (a, b), (a.record, b.record)
         first, second = (run.speech_sha256 for run in self.runs)
         self.has_one_speech = bool(first) and first == second
-        """Whether both were given the same file of sound."""
+        """True if both runs have the same speech file."""
         recorded, again = (run.numbers.get(REFERENCE_NAME) for run in self.runs)
         self.has_one_reference = recorded is not None and recorded == again
-        """Whether both stand beside the same recording: its numbers are the same."""
+        """True if both runs have the same reference motion, as its metrics are equal."""
         names = [[row.name for row in run.rows] for run in self.runs]
         systems = [[name for name in own if name != REFERENCE_NAME] for own in names]
         in_a, in_b = (REFERENCE_NAME if REFERENCE_NAME in own else "" for own in names)
         self.pairs = [*pairs_of(*systems), (in_a, "" if self.has_one_reference else in_b)]
-        """Names of what stands beside what, the reference last; one that is shared is A's."""
+        """Names of motions that are compared, the reference last; A has a shared one."""
 
     def name(self, name: str, letter: str) -> str:
-        """Of a motion among those of both."""
+        """Return the name of a motion among those of both runs."""
         is_shared = name == REFERENCE_NAME and self.has_one_reference
         return name if is_shared else f"{name} ({letter})"
 
     def head(self) -> str:
-        """The settings that differ, in one sentence, what the speech says of them, and all."""
+        """Format the settings that differ, a sentence on the speech, and all settings."""
         return (
             f"<b>{escape(told_settings(*self.runs))}</b><p>{escape(self.told_speech())}</p>"
             f"{_settings_table(*self.runs)}"
         )
 
     def told_speech(self) -> str:
-        """Whether the speech is the same, and what that means."""
+        """Return a sentence on whether the speech is the same, and what that means."""
         a, b = (run.settings for run in self.runs)
         first, second = a.get(SPEECH, NONE), b.get(SPEECH, NONE)
         if not self.has_one_speech:
@@ -81,7 +81,7 @@ class RunPair:
         return text.PAIR_ONLY_SEED if only_chance else text.PAIR_ONE_SPEECH.format(speech=first)
 
     def table(self) -> str:
-        """The numbers of both and their difference, motion by motion."""
+        """Format the metrics of both runs and their differences, motion by motion."""
         columns: list[Column] = []
         *systems, references = self.pairs
         for pair in (references, *systems):
@@ -105,8 +105,7 @@ class RunPair:
         return table_of(columns, " and ".join(points), text.PAIR_LEGEND)
 
     def player(self) -> dict[str, Any]:
-        """Both in lock-step: under the one speech that they have, or under either's, as somebody
-        chooses."""
+        """Return the player's value for both runs, with one sound or a choice of two."""
         values = [showing.value() for showing in self.showings]
         lines = [showing.timeline() for showing in self.showings]
         rows = self._rows(values)
@@ -131,7 +130,7 @@ class RunPair:
         return value | first | ({"sounds": sounds} if len(sounds) > 1 else {})
 
     def _rows(self, values: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-        """A beside B, motion by motion; of too many the first."""
+        """Return the rows of both runs, motion by motion, up to the maximum."""
         rows: list[dict[str, Any]] = []
         for names in self.pairs:
             for name, letter, run, value in zip(names, "AB", self.runs, values, strict=True):
@@ -154,8 +153,7 @@ class RunPair:
     def _timeline(
         self, lines: Sequence[dict[str, Any]], heard: int, names: Sequence[str], is_shared: bool
     ) -> dict[str, Any]:
-        """One time line of both, of the motions that have a row, under the sound of one of them, or
-        the sound that they share."""
+        """Merge the timelines of both runs for motions that have a row, with the sound of one."""
         curves, worst = {}, []
         for line, letter in zip(lines, "AB", strict=True):
             curves |= {self.name(name, letter): curve for name, curve in line["curves"].items()}
@@ -170,7 +168,7 @@ class RunPair:
 
 
 def told_settings(a: RunRecord, b: RunRecord) -> str:
-    """The settings that differ, in one sentence."""
+    """Return a sentence on the settings that differ."""
     differ = differing(a.settings, b.settings)
     brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
     if len(brought) != 1:
@@ -187,8 +185,10 @@ def _against(differ: Mapping[str, tuple[str, str]]) -> str:
 
 
 def pairs_of(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
-    """What stands beside what: equal names, and of the others those that are the only one of their
-    run; an empty name where there is nothing to stand beside."""
+    """Pair the motions of two runs by name; a single remaining motion of each run is paired too.
+
+    An empty name stands for a missing partner.
+    """
     only_a, only_b = (
         [name for name in own if name not in other] for own, other in ((a, b), (b, a))
     )
@@ -209,7 +209,7 @@ def _as_address(timeline: Mapping[str, Any]) -> str:
 
 
 def worst_of_both(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The worst of them, without overlap."""
+    """Return the worst seconds without overlap."""
     kept: list[dict[str, Any]] = []
     for each in sorted(seconds, key=lambda one: -one["jerk_m_s3"]):
         if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
@@ -218,7 +218,7 @@ def worst_of_both(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _settings_table(a: RunRecord, b: RunRecord) -> str:
-    """Every setting of both, those that differ first."""
+    """Format a table of all settings of both runs, differing ones first."""
     names = list({**a.settings, **b.settings})
     differ = {name for name in names if a.settings.get(name, NONE) != b.settings.get(name, NONE)}
     rows = "".join(

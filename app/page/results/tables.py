@@ -1,5 +1,5 @@
-"""The tables of the page: all measures of a run, raw and filtered, between which
-app/page/web/measures.js switches; the clips of one run; and sets of clips."""
+"""HTML tables of metrics: of a run, raw and filtered (switched by app/page/web/measures.js); of the
+clips of one run; of sets of clips."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from model.storage.harmless import csv_text
 
 @dataclass(frozen=True)
 class Column:
-    """One motion of a table, or how far two of them lie apart."""
+    """Column of a table: a motion, or the difference of two."""
 
     name: str
     label: str
-    """What its head says."""
+    """Text of the column's header."""
     numbers: Numbers
     kind: Literal["", "reference", "difference"] = ""
 
@@ -49,7 +49,7 @@ class Column:
         return f' class="{self.kind}"' if self.kind else ""
 
     def less(self, other: Column, name: str, label: str) -> Column:
-        """By how much another motion has less."""
+        """Return the difference to another motion as a column."""
         differences: dict[Version, dict[str, float]] = {
             version: {
                 key: value - other.numbers[version][key]
@@ -62,7 +62,7 @@ class Column:
 
 
 def measures_table(run: RunRecord) -> str:
-    """The reference first, then the systems; a row for each measure that any of them has."""
+    """Format the metrics of a run: the reference first, a row for each available metric."""
     labels = short_names(name for name in run.numbers if name != REFERENCE_NAME)
     columns = [
         Column(name, labels.get(name, name), numbers, "reference" if name == REFERENCE_NAME else "")
@@ -76,7 +76,7 @@ def measures_table(run: RunRecord) -> str:
 
 
 def table_of(columns: Sequence[Column], point: str, legend: str, above: str = "") -> str:
-    """A part of the page: heading, what stands above, switches with a legend, and the table."""
+    """Format a table of metrics with its heading, legend and switches."""
     numbers = [
         (measure, column, version, value)
         for measure in MEASURES
@@ -151,7 +151,7 @@ def _cell(measure: Measure, column: Column, near: Mapping[Version, Sequence[str]
 
 
 def _finding(found: Told, label: str) -> str:
-    """With a button that goes to where it is worst, wherever there is a player."""
+    """Format a finding, with a button that seeks to its worst time."""
     go = ""
     if found.at is not None:
         tenths = round(10 * found.at)
@@ -165,7 +165,7 @@ def _finding(found: Told, label: str) -> str:
 
 
 def _findings(run: RunRecord) -> str:
-    """What stands out in the motions, the gravest few apart, and in which nothing does."""
+    """Format the findings of a run: the most severe first, the others folded."""
     if not run.gravest:
         return ""
     ordered = [*run.gravest, *(each for each in run.findings if each not in run.gravest)]
@@ -176,14 +176,14 @@ def _findings(run: RunRecord) -> str:
 
 
 def _listed(title: str, items: Sequence[str], most: int, more: str) -> str:
-    """The first few, and the others folded away; all are HTML."""
+    """Format a list of HTML items, folded after the first few."""
     rest = "".join(items[most:])
     folded = f"<details><summary>{more}</summary><ul>{rest}</ul></details>" if rest else ""
     return f'<div class="findings">{title}<ul>{"".join(items[:most])}</ul>{folded}</div>'
 
 
 def title_of(records: Sequence[RunRecord]) -> str:
-    """Of a run, or of several clips that are one."""
+    """Return the title of a run, or of the runs of several clips."""
     if len(records) < 2:
         return records[0].title
     asked = records[0].settings.get("systems", "")
@@ -191,7 +191,7 @@ def title_of(records: Sequence[RunRecord]) -> str:
 
 
 def clips_html(runs: Mapping[str, RunRecord]) -> str:
-    """Of runs by clip, each system's headline number in every clip; empty of one run alone."""
+    """Format each system's headline metric by clip; empty for a single run."""
     if len(runs) < 2:
         return ""
     point = next(iter(runs.values())).point
@@ -229,12 +229,15 @@ COUNTED = (
 WORST_FIRST = "Worst clips first: most kinds of findings, of equal ones the jerkiest"
 SETS_TABLE = "Mean over clips [95 % interval]"
 MOST_SHOWN = 5
-"""Worst clips that are seen unfolded."""
+"""Maximum number of worst clips that are not folded."""
 
 
 def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, links: str) -> str:
-    """All that is told of sets, as `app.run.many.motions.Sets.told` has it, by the names of their
-    systems, the reference last; with the figure of their spread and links to what can be saved."""
+    """Format the results of sets, as in `app.run.many.motions.Sets.told`, with figure and links.
+
+    Args:
+        systems: names of the systems, the reference last.
+    """
     clips = told["clips"]
     told_count = COUNTED.format(
         clips=counted(len(clips), "clip"), sets=counted(len(systems), "set")
@@ -247,7 +250,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
 
 
 def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Every clip by what is said of it, the worst first."""
+    """Return label and name of every clip, the worst first."""
     worst: dict[str, str] = {
         each["clip"]: f"{each['clip']}: {kinds_told(each['kinds'])}" for each in told["worst"]
     }

@@ -1,3 +1,1 @@
-"""What a browser may ask the server for beside Gradio: guard, media, live sound;
-may import visitors.
-"""
+"""Routes of the server in addition to Gradio's: guard, media, live sound; may import visitors."""

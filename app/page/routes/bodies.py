@@ -1,7 +1,7 @@
-"""Limits on the bodies of requests, for every route but that of uploads, which has its own.
+"""Limits on request bodies, for every route but that of uploads, which has its own.
 
-They are held against a body before any route parses it: Gradio writes one error for each wrong
-item of a list, and makes a file for each file that a call names.
+They are checked before any route parses a body: Gradio writes one error for each wrong item of a
+list, and makes a file for each file that a call names.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from starlette.types import Message, Receive, Scope
 UPLOAD_ROUTE = "/gradio_api/upload"
 MAX_BODY_BYTES = 10**6
 MAX_ITEMS = 250
-"""Most items of any list, and most files that a call may name."""
+"""Maximum number of items in any list, and of files in a call."""
 MAX_VALUES = 10_000
-"""Most values of a call, however they are nested."""
+"""Maximum number of values in a call, nested ones included."""
 _MAX_DEPTH = 32
 _MAX_UNREAD_BYTES = 10**8
-"""Of a body that is too large: a client that still sends would not hear the answer."""
+"""Number of bytes read of a body that is too large; a client that still sends would miss the
+answer."""
 TOO_LARGE = "A request may have {limit:,} bytes here; this one has more. Upload files as files."
 TOO_MANY_ITEMS = "A list may have {limit} items here; one of this request has {count}."
 TOO_MANY_FILES = "A request may name {limit} files; this one names more."
@@ -32,14 +33,14 @@ TOO_DEEP = "This request is nested too deeply."
 
 @dataclass
 class BodyError(Exception):
-    """A body that no route is given, with the sentence and status of the answer."""
+    """Refusal of a request body, with the sentence and status of the answer."""
 
     sentence: str
     status: int = 413
 
 
 async def read_body(scope: Scope, receive: Receive) -> Receive:
-    """Read a request's body and return a ``receive`` that gives it to the route.
+    """Read a request's body, and return a ``receive`` that passes it to the route.
 
     Raises:
         BodyError: for a body beyond the limits.
@@ -66,7 +67,7 @@ async def read_body(scope: Scope, receive: Receive) -> Receive:
 
 
 def _replay(first: Message, receive: Receive) -> Receive:
-    """Return a ``receive`` that gives one message before all that come."""
+    """Return a ``receive`` that yields one message before all later ones."""
     waiting = [first]
 
     async def replay() -> Message:
@@ -76,11 +77,10 @@ def _replay(first: Message, receive: Receive) -> Receive:
 
 
 def check_values(body: bytes) -> None:
-    """Check how many values, list items and files a body of JSON holds; of anything else the route
-    tells.
+    """Check the number of values, items and files in a JSON body; others are left to the route.
 
     Raises:
-        BodyError: for too many of them.
+        BodyError: if there are too many.
     """
     try:
         unchecked = [(json.loads(body), 0)] if body else []
@@ -107,5 +107,5 @@ def check_values(body: bytes) -> None:
 
 
 def _is_file(value: Any) -> bool:
-    """Check whether Gradio takes a value for an uploaded file."""
+    """Check whether Gradio treats a value as an uploaded file."""
     return isinstance(value, Mapping) and "path" in value

@@ -1,7 +1,7 @@
-"""What stands before every route: who may ask, and from which page; faults become sentences.
+"""Access control in front of every route, and conversion of faults to sentences.
 
-Requests for another host name are refused, since a name that an attacker owns can be made to point
-here; so are requests that another site's page makes, whatever they ask for.
+Requests for another host name are refused, since an attacker's domain name can be made to resolve
+to this server; so are requests from pages of other sites.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from model.storage.checked import why
 
 log = logging.getLogger(__name__)
 OWN_ROUTES = ("/media/", "/live/", "/study/", "/visitor", "/leave")
-"""Gradio asks for a login before its own routes; these stand beside them."""
+"""Routes in addition to Gradio's own, for which Gradio checks no login."""
 UNUSED_ROUTES = ("/gradio_api/component_server", "/gradio_api/process_recording")
-"""Gradio has them for parts that this page has not; they take files that nobody counts."""
+"""Routes of Gradio components that this page does not have; they accept files without limits."""
 PROXY_ROUTE = "/gradio_api/proxy="
-"""Of Gradio, for pages of others within this one, which has none."""
+"""Route of Gradio for pages of other servers, which this page does not embed."""
 _SPACES = ("https://huggingface.co", "https://*.hf.space")
-"""Where a hosted space is shown in a frame."""
+"""Sites that show a hosted space in a frame."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 _ANYWHERE = ("0.0.0.0", "::")
@@ -54,19 +54,15 @@ NO_PROXY = "This page fetches no pages of others; ask for them at their own addr
 
 
 class HostNames:
-    """The names under which the page answers."""
+    """Host names of the page."""
 
     def __init__(self, bound: str, more: Collection[str] = ()) -> None:
-        """
-        Args:
-            bound: address that the server listens on.
-            more: other names, as people type them.
-        """
+        """Collect the host names: the listening address ``bound``, local ones, and ``more``."""
         self._names = {name.lower() for name in (*_LOCAL, bound, *more, _space())}
         self._any_address = bound in _ANYWHERE
 
     def __contains__(self, host: str) -> bool:
-        """Whether a Host header names this page; a port is not looked at."""
+        """Check whether a Host header names this page, with any port."""
         name = _name_of(host)
         if name in self._names:
             return True
@@ -78,13 +74,15 @@ class HostNames:
 
 
 def _space() -> str:
-    """The name of a hosted Gradio space."""
+    """Return the host name of a hosted Gradio space, or localhost."""
     return os.environ.get("SPACE_HOST") or "localhost"
 
 
 def framing(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
-    """Headers of every answer: nothing is taken for another type than it says, and none but these
-    sites may show the page in a frame, where clicks can be led astray."""
+    """Return security headers for every answer.
+
+    They forbid content sniffing, and frames on any sites but these, where clicks can be hijacked.
+    """
     hosts = _SPACES if os.environ.get("SPACE_HOST") else ()
     policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
     headers = [(b"content-security-policy", policy.encode("ascii"))]
@@ -104,8 +102,10 @@ def _name_of(host: str) -> str:
 def guarded(
     names: HostNames, embedders: Collection[str] = (), *, has_proxy: bool = False
 ) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
-    """A lifespan that puts the guard before all of an app, its CORS headers among it. A proxy that
-    was named is believed under which of the page's names it was asked."""
+    """Return a lifespan that puts the guard in front of an app, including its CORS headers.
+
+    X-Forwarded-Host is trusted with a proxy if it is one of the page's names.
+    """
     is_believed = has_proxy or bool(os.environ.get("SPACE_HOST"))
 
     @contextlib.asynccontextmanager
@@ -119,7 +119,7 @@ def guarded(
 
 @dataclass(frozen=True)
 class Guard:
-    """Refuses what must not come in; everything else goes on to the app."""
+    """ASGI middleware that refuses requests which must not reach the app."""
 
     inner: ASGIApp
     app: Any
@@ -153,7 +153,7 @@ class Guard:
             await self.inner(scope, receive, framed)
 
     def _refusal(self, scope: Scope) -> tuple[str, int] | None:
-        """A sentence and its status, of a foreign host or page, or of a visitor who must log in."""
+        """Return a sentence and a status for a wrong host, origin or route, or a missing login."""
         headers, path = Headers(scope=scope), scope["path"]
         host = headers.get("host", "")
         if host not in self.names:
@@ -174,7 +174,7 @@ class Guard:
         return None
 
     def _forget_forwarded(self, scope: Scope) -> None:
-        """Take out what anyone may claim of the page's address: Gradio makes links of it."""
+        """Remove untrusted forwarding headers, from which Gradio makes links."""
         is_https = scope["scheme"] in ("https", "wss")  # as a proxy has said that is trusted
 
         def is_good(name: bytes, value: bytes) -> bool:
@@ -196,8 +196,7 @@ class Guard:
 
 
 def _take_off_root_path(scope: Scope) -> None:
-    """Let routes find a path below --root-path whether a proxy has removed it or not. A mounted
-    folder is found only where neither path nor ``root_path`` has it."""
+    """Remove --root-path if a proxy has not; with it, a mounted folder would not be found."""
     root, path = urlsplit(scope.get("root_path", "")).path, scope["path"]
     if root and f"{path}/".startswith(f"{root}/"):
         scope["path"] = path[len(root) :] or "/"
@@ -205,7 +204,7 @@ def _take_off_root_path(scope: Scope) -> None:
 
 
 def is_from_page(origin: str | None, host: str | None) -> bool:
-    """Whether a browser says that a page of this very server asks."""
+    """Check whether an Origin header names this server."""
     try:
         netloc = urlsplit(origin or "").netloc
     except ValueError:
@@ -222,7 +221,7 @@ async def _refuse(sentence: str, status: int, scope: Scope, receive: Receive, se
 
 
 async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: Send) -> None:
-    """Answer as Gradio's own routes do, so that its page and its client show the sentence."""
+    """Answer in the format of Gradio's routes, whose page and client show the sentence."""
     told = {"detail": error.sentence, "error": error.sentence}
     answer = JSONResponse(told, status_code=error.status, headers={"Connection": "close"})
     await answer(scope, receive, send)
@@ -231,15 +230,14 @@ async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: S
 UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."
 WRONG_CALL = "This function cannot be called so: {why}"
 _MAX_WHY, _MAX_READ = 300, 3000
-"""Characters of a reason that are told, and that are looked at."""
+"""Maximum length of a reason (characters), when shown and when read."""
 _NO_TEXT = "Invalid UTF-8 sequence received from client."
 _find, _call = route_utils.get_fn, route_utils.call_process_api
 _OWN_FUNCTIONS = str(Path(__file__).parents[1])
 
 
 def tell_wrong_calls() -> None:
-    """Let Gradio answer to a number or name of no function with status 404, and to a call that a
-    function cannot have with a sentence, and a line in the log."""
+    """Make Gradio answer to unknown functions with status 404, to invalid calls with a sentence."""
 
     def get_fn(*arguments: Any, **named: Any) -> Any:
         try:
@@ -273,7 +271,7 @@ def _wrong_call(reason: str) -> gr.Error:
 
 
 def quieten_sockets() -> None:
-    """Let the server close a socket that sends no text where text is due without a traceback."""
+    """Prevent a traceback in the log for a WebSocket that sends invalid text."""
     logger = logging.getLogger("uvicorn.error")
     if _is_no_fault not in logger.filters:
         logger.addFilter(_is_no_fault)

@@ -1,8 +1,8 @@
-"""The way of a live session between browser and server: a WebSocket beside Gradio's own routes.
+"""WebSocket route of live sessions, in addition to Gradio's own routes.
 
-The first message of the browser is what it asks for, as JSON; then it sends sound. The server sends
-the session's token and pace, then frames, and at the end one sentence. A page of another origin is
-not let in: browsers send a WebSocket's cookies whatever page opens it.
+The first message of the browser is its request as JSON; then it sends sound. The server sends the
+session's token and window timing, then frames, and at the end one sentence. A page of another
+origin is refused, as browsers send cookies with a WebSocket whatever page opens it.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ SPEAK_ROUTE = "/live/speak"
 EXAMPLE_ROUTE = "/live/example"
 MAX_ASK_BYTES = 1000
 SILENT_S = 20.0
-"""Without any message for so long, the browser has gone."""
+"""Time (s) without any message after which the browser counts as disconnected."""
 GONE = "Nothing was heard from the browser for {seconds:.0f} s; start again."
 FOREIGN = 4403
-"""Closes a WebSocket that another site's page has opened."""
+"""Close code for a WebSocket that another site's page has opened."""
 Message = bytes | str | dict[str, Any]
 _MOST_UNSENT = 600
-"""Messages to a browser that takes none; about a minute."""
+"""Maximum number of messages that wait for a browser, about a minute."""
 
 
 def live_routes(sessions: LiveSessions) -> list[BaseRoute]:
-    """Serve the sessions, and sound to try it with."""
+    """Return the routes of live sessions and of example speech."""
 
     async def speak(socket: WebSocket) -> None:
         if not is_from_page(socket.headers.get("origin"), socket.headers.get("host")):
@@ -94,7 +94,7 @@ async def _ask(socket: WebSocket) -> object:
 
 
 async def _hear(socket: WebSocket, sessions: LiveSessions, number: int) -> None:
-    """Sound, until the visitor goes or stops."""
+    """Pass sound and style changes to the session until the visitor stops."""
     while True:
         try:
             message = await asyncio.wait_for(socket.receive(), SILENT_S)
@@ -110,7 +110,7 @@ async def _hear(socket: WebSocket, sessions: LiveSessions, number: int) -> None:
 
 
 def _object(told: str) -> object:
-    """JSON from a browser; None of anything else."""
+    """Parse JSON from a browser; None for anything else."""
     try:
         return json.loads(told) if len(told) <= MAX_ASK_BYTES else None
     except (ValueError, RecursionError):
@@ -118,13 +118,13 @@ def _object(told: str) -> object:
 
 
 async def _send(socket: WebSocket, unsent: asyncio.Queue[Message]) -> None:
-    """Frames and what is told of them, until a sentence ends it."""
+    """Send frames and other messages, up to and including the final sentence."""
     while await _sent(socket, await unsent.get()):
         pass
 
 
 async def _sent(socket: WebSocket, message: Message) -> bool:
-    """Send it; whether it was not the sentence that ends it."""
+    """Send a message; return false if it was the final sentence."""
     if isinstance(message, str):
         await _end(socket, message)
     elif isinstance(message, bytes):

@@ -1,13 +1,11 @@
-"""Files of a run that the player fetches, and a motion as other programs read it, made when asked
-for.
+"""Routes of a run's files for the player, and of exports for other programs, made on request.
 
-A browser must be able to ask for a part of a file, or it cannot seek in a video. The address begins
-with 256 random bits, which are those of one folder. It is told to the page that started the run
-alone; where that browser keeps the page's cookie, the cookie is asked for as well. It dies with the
-folder.
+Files are served with range requests, without which a browser cannot seek in a video. The URL begins
+with 256 random bits of one folder, known only to the page that started the run; if that browser
+keeps the page's cookie, the cookie is required as well. The URL expires with the folder.
 
-Files for other programs are made of one that the page has given an address, motion always with the
-open body: the mesh of a licensed one is not handed to visitors.
+Exports are made of a file with a URL, motion always with the open body: the mesh of a licensed one
+is not given to visitors.
 """
 
 from __future__ import annotations
@@ -51,16 +49,16 @@ SHOWN_TYPES: Mapping[str, str] = {
     ".json": "application/json",
     ".png": "image/png",
 }
-"""What a page shows; everything else is only ever downloaded."""
+"""MIME types of the files that a page shows; all others are only downloaded."""
 PAGE_TYPES: Mapping[str, str] = {
     ".mp4": "video/mp4",
     ".html": "text/html",
     ".js": "text/javascript",
     ".css": "text/css",
 }
-"""Of a page for participants, which opens as one."""
+"""MIME types of the files of a participants' page, which opens as a page."""
 Address = Callable[[Path], str]
-"""Where a browser gets a file, relative to the page."""
+"""Function from a file to its URL, relative to the page."""
 
 
 class _Shared(NamedTuple):
@@ -69,12 +67,17 @@ class _Shared(NamedTuple):
 
 
 class Media(Kept[_Shared]):
-    """Folders whose files one browser may fetch."""
+    """Store of folders whose files a browser may fetch."""
 
     def share(self, folder: Path, cookie: str, types: Mapping[str, str] = SHOWN_TYPES) -> Address:
-        """Gives its files, now and later, their addresses, of which one of these types is shown
-        rather than saved; of one that is replaced by another file it changes. A browser that keeps
-        no cookie is asked for the address alone."""
+        """Return a function that gives the current and later files of a folder their URLs.
+
+        The URL of a file changes when the file is replaced. A browser without a cookie needs only
+        the URL.
+
+        Args:
+            types: MIME types of files that are shown rather than downloaded.
+        """
         token = self.keep(_Shared(folder, types), folder, cookie or None)
 
         def address(path: Path) -> str:
@@ -84,7 +87,7 @@ class Media(Kept[_Shared]):
         return address
 
     def at(self, address: str, cookie: str) -> Path | None:
-        """The file of an address that the page has given this browser."""
+        """Return the file of a URL that this browser may fetch, or None."""
         path, _, _ = address.partition("?")
         route, _, rest = path.partition("/")
         token, _, name = rest.partition("/")
@@ -92,7 +95,7 @@ class Media(Kept[_Shared]):
         return found and found[0]
 
     def file(self, token: str, name: str, cookie: str) -> tuple[Path, str | None] | None:
-        """The file, with its type where it is shown; None where there is none for this browser."""
+        """Return the path of a file, with its MIME type if it is shown; None without access."""
         shared = self.find(token, cookie)
         if shared is None:
             return None
@@ -105,13 +108,14 @@ class Media(Kept[_Shared]):
 
 
 class MadeFiles:
-    """Makes files when they are asked for, one at a time, as each takes memory, and sends them."""
+    """Exports made on request, one at a time as each takes memory, and sent as downloads."""
 
     def __init__(self, temp: Path, do: Callable[[Callable[..., object], Any], object]) -> None:
-        """
+        """Configure the exports.
+
         Args:
-            temp: folder where a file lies until it is sent.
-            do: does a task, in a process of its own, that writes where its request says.
+            temp: folder of a file until it is sent.
+            do: runs a task in a worker process.
         """
         self._temp, self._do = temp, do
         self._turns: anyio.CapacityLimiter | None = None  # made within the loop that it is of
@@ -119,11 +123,11 @@ class MadeFiles:
     async def answer(
         self, task: Callable[..., object], request: Callable[[Path], object], name: str
     ) -> Response:
-        """
+        """Make a file and return it as a download, so that the browser never opens it as a page.
+
         Args:
-            request: of the task, for a file there.
-            name: under which the file is saved, always, so that nothing of it is opened as a page
-                of this server.
+            request: makes the task's request for a path.
+            name: name of the download.
         """
         self._turns = self._turns or anyio.CapacityLimiter(1)
         folder = Path(tempfile.mkdtemp(dir=self._temp))
@@ -146,21 +150,21 @@ class MadeFiles:
 
 
 ENDINGS = {"glb": ".glb", "bvh": ".bvh", "blender": ".blender.npz"}
-"""By what is asked for behind the address of a motion; app/page/web/stage/files.js has them too."""
+"""Suffixes of motion exports by value of the URL's parameter, as in app/page/web/stage/files.js."""
 PLAN_ENDINGS = {
     "json": ".json",
     "textgrid": ".TextGrid",
     "elan": ".eaf",
     "markers": MARKERS_SUFFIX,
 }
-"""The same of a plan."""
+"""Suffixes of gesture plan exports by value of the URL's parameter."""
 PLAN_SUFFIX = ".plan.json"
 FIGURE_ENDINGS = {"svg": ".svg", "pdf": ".pdf"}
-"""The same of a figure's contents."""
+"""Suffixes of figure exports by value of the URL's parameter."""
 
 
 class _Modules(StaticFiles):
-    """The page's own, of which a browser asks each time whether they have changed."""
+    """JavaScript modules of the page; a browser checks every time whether they have changed."""
 
     def file_response(self, *how: Any, **named: Any) -> Response:
         response = super().file_response(*how, **named)
@@ -169,8 +173,7 @@ class _Modules(StaticFiles):
 
 
 def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
-    """Serve the player's files, as they are or as other programs read them, the page's own modules,
-    and the body that browsers move, its builds, and the numbers by which they draw as videos do."""
+    """Return the routes of the player's files, exports, the page's modules, and body data."""
 
     async def file(token: str, name: str, request: Request) -> Response:
         found = await run_in_threadpool(media.file, token, name, cookie_of(request))
@@ -220,8 +223,10 @@ FETCHED = (
 
 
 def researcher_route(private: Kept[Path]) -> APIRoute:
-    """Serve the researcher's part of a study once, to the browser that made it: never an output of
-    Gradio, whose files anyone with the address may read, and deleted before its first byte is sent.
+    """Make the route that serves the researcher's part once, to the browser that made the study.
+
+    It is never an output of Gradio, whose files anyone with the URL may read, and it is deleted
+    before its first byte is sent.
     """
 
     def researcher(token: str, request: Request) -> Response:
@@ -244,7 +249,7 @@ def researcher_route(private: Kept[Path]) -> APIRoute:
 
 
 def _route(path: str, make: Callable[[], bytes], media_type: str) -> APIRoute:
-    """Of what the stage asks for once."""
+    """Make the route of data that the viewer fetches once."""
 
     def answer() -> Response:
         headers = {"Cache-Control": "private, max-age=600"}
@@ -254,14 +259,14 @@ def _route(path: str, make: Callable[[], bytes], media_type: str) -> APIRoute:
 
 
 def prepare() -> None:
-    """Make what the first page would wait for."""
+    """Make the data that the first page would wait for."""
     body_glb()
     stage_facts()
 
 
 @functools.cache
 def stage_facts() -> bytes:
-    """The numbers as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
+    """Return the viewer's constants as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
     from app.run.display import FULL_SPEED_M_S
     from app.run.requests.parts import DEFAULT_TRACKED_POINT
     from conventions.views import BUILDS, CUTOFF_HZ, MAX_TURN_RAD
@@ -288,4 +293,4 @@ OF_STAGES: Mapping[str, tuple[Callable[[], bytes], str]] = {
     "stage/facts.json": (stage_facts, "application/json"),
     "stage/builds.bin": (builds, "application/octet-stream"),
 }
-"""What every stage asks for once."""
+"""Functions that make the data which every viewer fetches once, and MIME types, by route."""

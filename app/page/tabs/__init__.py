@@ -1,1 +1,1 @@
-"""The tabs: of each its form and its runs; may import results and what lies below."""
+"""Tabs of the page, with their forms and runs; may import results and everything below."""

@@ -1,4 +1,5 @@
-"""The tab "Live": speak, and a body moves; and a run is made of the last minute."""
+"""Tab "Live", in which a body moves to the visitor's live speech, and the last minute can be kept
+as a run."""
 
 from __future__ import annotations
 
@@ -24,13 +25,16 @@ _MAX_TOKEN = 100
 
 
 class LiveRunner(RunRunner):
-    """Keeps what a visitor has spoken and seen."""
+    """Runner that makes a run of the last minute of a live session."""
 
     tab = "live"
 
     def asked(self, job: Job, values: Sequence[Any]) -> GenerateRequest:
-        """Sound, motion and plan of the last minute, laid into the job's folder. Raises `RunError`
-        if there is nothing to keep."""
+        """Write the last minute into the job's folder, and return its request.
+
+        Raises:
+            RunError: if there is nothing to keep.
+        """
         token = values[0] if isinstance(values[0], str) else ""
         kept = self._services.live.keep(token[:_MAX_TOKEN], job.cookie, job.folder)
         config = self._services.config
@@ -50,8 +54,7 @@ _TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
 
 
 def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
-    """Lay out the tab inside the current context and wire it; returns where it shows the last
-    minute."""
+    """Lay out and wire the tab in the current context; return its result components."""
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     gr.HTML(
         offered(services.catalogue),
@@ -73,7 +76,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
 
 
 def offered(catalogue: Catalogue) -> dict[str, Any]:
-    """What the browser lets a visitor choose; what is usual stands first."""
+    """Return the choices of the browser's live form, defaults first."""
     live = [name for name in catalogue.systems if name not in family_of(name).whole_speech]
     usual = usual_systems("live")
     systems = sorted(live, key=lambda name: name not in usual)

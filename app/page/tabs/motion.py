@@ -1,4 +1,4 @@
-"""The form of the tab "Motion", and from its fields to the run that they ask for."""
+"""Form of the tab "Motion", and its conversion to a request."""
 
 from __future__ import annotations
 
@@ -43,18 +43,17 @@ ORDER = (
     *("reference", "joint", "start_frame", "transcript", "guidance", "words"),
     *("has_video", "plan", "clips", *FIGURE),
 )
-"""In which programs give what the form asks for."""
+"""Order of the form's fields in the API."""
 SEED_LIMIT = 2**31 - 1
 LAST_FRAME = 10**6
-"""That a figure may begin at; the motion is shorter."""
+"""Limit of the first frame of a figure; motions are shorter."""
 PAGE_VIDEOS = 12
 
 
 def ask_from_form(
     told: Mapping[str, Any], folder: Path, catalogue: Catalogue, config: AppConfig
 ) -> GenerateRequest:
-    """The run that a form asks for, as `values_of` gives it. Raises `RunError` with a sentence for
-    the visitor."""
+    """Make the request of a form from the result of `values_of`; raises RunError."""
     told = with_panels(told)
     speeches = (*filter(None, [told["speech"]]), *told.pop("clips"))
     if not speeches:
@@ -89,8 +88,10 @@ def ask_from_form(
 
 
 def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, Any]:
-    """What fills the form in again where the run's link is opened: all but files that a run does
-    not show. What is spoken stays in the run's folder, under its own name."""
+    """Return the values that fill the form in when the run's link is opened.
+
+    Files are omitted, except for speech, which is copied into the run's folder under its name.
+    """
     sent = dict(zip(form, values, strict=False))
     kept = {
         name: value
@@ -106,7 +107,7 @@ def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, 
 
 
 def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
-    """Raises `RunError` where a form cannot have several."""
+    """Check several speeches, and that no field is set that needs a single one; raises RunError."""
     if len(speeches) > MAX_CLIPS:
         raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
     if any(told[name] is not None for name in ("reference", "transcript", "plan")):
@@ -122,7 +123,7 @@ def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
 
 @dataclass(frozen=True)
 class FormParts:
-    """The fields by what they ask for (`GenerateRequest`), and the buttons."""
+    """Fields of a form by field of `GenerateRequest`, and its buttons."""
 
     fields: Fields
     start: gr.Button
@@ -130,7 +131,7 @@ class FormParts:
 
 
 def build_form(services: Services) -> FormParts:
-    """The left column: speech, systems, settings, and the buttons."""
+    """Lay out the form: speech, systems, settings and buttons."""
     catalogue, config = services.catalogue, services.config
     of: dict[str, Any] = {}
     gr.HTML(markup.step(1, "Speech"))
@@ -251,7 +252,7 @@ def build_form(services: Services) -> FormParts:
 
 
 def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
-    """What Figure 6 shows, and how wide it is printed."""
+    """Lay out the fields of Figure 6."""
     of: dict[str, Any] = {}
     of["figure_panels"] = gr.CheckboxGroup(
         choices=[(f"{letter} {what}", letter) for letter, what in FIGURE_PANELS.items()],
@@ -272,13 +273,16 @@ def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
 
 
 def with_panels(told: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a form's values with all panels of Figure 6 where none is ticked."""
+    """Return a form's values, with all panels of Figure 6 if none is ticked."""
     return {**told, "figure_panels": told["figure_panels"] or tuple(FIGURE_PANELS)}
 
 
 def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) -> None:
-    """Buttons that fill in the speech. Not `gr.Examples`, whose copies are made once, at the start,
-    and are swept like any upload."""
+    """Lay out buttons that fill in an example as speech.
+
+    Unlike the copies of `gr.Examples`, which are made once at the start and are then deleted as old
+    uploads, each click makes a new one.
+    """
     offered = gr.Dataset(
         components=[gr.Textbox(visible=False)],
         samples=[[example_title(path)] for path in examples],
@@ -296,7 +300,7 @@ def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) ->
 
 
 def fresh_copy(path: Path, folder: Path) -> Path:
-    """A copy that is as new as an upload would be, and is kept for as long."""
+    """Copy a file, so that its age is that of an upload, and return the copy."""
     folder.mkdir(parents=True, exist_ok=True)
     copy = folder / path.name
     partial = copy.with_name(f".{secrets.token_hex(8)}.partial")

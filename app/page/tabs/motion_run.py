@@ -1,4 +1,4 @@
-"""The runs of the tab "Motion" as updates of the page, and what a fresh page shows."""
+"""Runs of the tab "Motion" as updates of the page, and the opening of the page."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest
 
 STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
-"""Videos are drawn behind it."""
+"""Stages that a run shows; videos are rendered in the background."""
 
 
 @dataclass
 class StageLine:
-    """How far a run is, stage by stage, as a line with its bars."""
+    """Progress of a run by stage, formatted as a status line with bars."""
 
     stages: Sequence[Stage] = STAGES_OF_STAGE
     started: float = field(default_factory=time.monotonic)
     fractions: dict[Stage, float] = field(default_factory=dict)
     details: dict[Stage, str] = field(default_factory=dict)
     clip: str = ""
-    """Of several, which it is at."""
+    """Current clip, if there are several."""
 
     def html(self, events: Sequence[Event]) -> str:
-        """After these events."""
+        """Update the progress with events, and format it as HTML."""
         for event in events:
             if isinstance(event, Progress):
                 if event.clip != self.clip:
@@ -71,7 +71,7 @@ class StageLine:
 
 
 class RunRunner(TabRunner):
-    """Does runs, of generated motion or of given, and shows them in the results of a tab."""
+    """Runner of generated or imported motion, with results in a tab."""
 
     outlives = True
 
@@ -82,7 +82,7 @@ class RunRunner(TabRunner):
         self._parts = parts
         self.outputs: list[Any] = [*parts.all, form.start, form.cancel]
         self._waiting: set[str] = set()
-        """Visitors who have clicked, and whose run has not begun."""
+        """Visitors who have clicked, and whose run has not started."""
 
     def wire(
         self,
@@ -91,7 +91,7 @@ class RunRunner(TabRunner):
         also: Sequence[Callable[..., Any]] = (),
         **how: Any,
     ) -> None:
-        """Have the form's buttons begin and end runs, which begin on other events also."""
+        """Attach runs to the form's buttons, and to other events."""
         form = self._form
         reveal_on_click(form.start, self._status)
         # Listeners of a click are served in turn: this before the run.
@@ -105,14 +105,14 @@ class RunRunner(TabRunner):
         page.unload(self.videos.left)
 
     def after(self, event: Any, fields: Fields | Sequence[Any], **how: Any) -> Any:
-        """Run, and then draw what is to be drawn behind the stage."""
+        """Attach a run to an event, followed by the rendering of videos in the background."""
         run = self.begins_on(event, fields, outputs=self.outputs, **how)
         self.videos.follow(run)
         return run
 
     @abstractmethod
     def asked(self, job: Job, values: Sequence[Any]) -> AnyRun:
-        """Raises `RunError` when the form asks for what cannot be."""
+        """Return the request of a form; raises RunError if it is invalid."""
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         self._waiting.discard(job.visitor)
@@ -126,8 +126,11 @@ class RunRunner(TabRunner):
     def perform(
         self, job: Job, request: AnyRun, form: Mapping[str, Any]
     ) -> Generator[Updates, None, None]:
-        """A run that fails keeps what it has, if that is any motion. Raises `Exception` of a run
-        that has left nothing."""
+        """Run a request, and yield updates; a failed run that has left any motion is kept.
+
+        Raises:
+            Exception: from a run that has left nothing.
+        """
         services, parts = self._services, self._parts
         address = services.media.share(job.folder, job.cookie)
         showings = partial(
@@ -207,13 +210,13 @@ class RunRunner(TabRunner):
         return {**hidden, **{part: shown("") for part in (*told, parts.downloads)}}
 
     def waits(self, request: gr.Request) -> Updates:
-        """From the click until its turn has come."""
+        """Show that the run waits for its turn."""
         self._waiting.add(visitor_of(request))
         line = markup.sentence_status("Waiting for its turn.")
         return {self._status: line, **self._buttons(is_running=True)}
 
     def refused(self, request: gr.Request) -> Updates:
-        """The run has failed, or found the queue full."""
+        """Release the buttons after a failed run, or if the queue is full."""
         self._waiting.discard(visitor_of(request))
         return self._buttons(is_running=False)
 
@@ -233,7 +236,7 @@ class RunRunner(TabRunner):
 
 
 class GenerateRunner(RunRunner):
-    """Generates motion for a visitor's speech."""
+    """Runner that generates motion for a visitor's speech."""
 
     tab = "generate"
 
@@ -244,17 +247,17 @@ class GenerateRunner(RunRunner):
 
 
 class Opening:
-    """The run whose link led to the page, in the tab that it came from, or two beside each other;
-    else the example. And in each tab the visitor's runs."""
+    """Updates of a page that opens: the run of a link, a comparison of two, or the example; and the
+    visitor's runs."""
 
     def __init__(
         self, services: Services, tabs: gr.Tabs, places: Mapping[str, ResultParts], form: Fields
     ) -> None:
-        """
+        """Configure the updates.
+
         Args:
-            places: by the id of a tab where it shows results; the first is that of all runs whose
-                own tab is not among them.
-            form: the first tab's, to be filled in as the run was asked for.
+            places: result components by tab; runs of other tabs are shown in the first.
+            form: fields of the first tab, filled in with the values of an opened run.
         """
         self._services = services
         self._kept = services.kept
@@ -295,7 +298,7 @@ class Opening:
         }
 
     def chooses(self, parts: ResultParts) -> None:
-        """Have another clip of a run shown where it is chosen."""
+        """Attach the selection of another clip of an opened run."""
 
         def choose(token: str, request: gr.Request) -> Updates:
             run = self._kept.find(token)

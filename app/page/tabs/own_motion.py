@@ -1,4 +1,4 @@
-"""The tab of the page that measures and compares motion files of a visitor's own."""
+"""Tab that measures and compares a visitor's own motion files."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ ORDER = (
     *("motions", "recorded", "joint", "start_frame", "window", "overlap", "shown", "has_video"),
     *("words", "told", "channel", *FIGURE),
 )
-"""In which programs give what the form asks for."""
+"""Order of the form's fields in the API."""
 SETS = (".zip", ".tgz", ".gz", ".tar")
-"""Endings of sets; ``.tar.gz`` is one of which browsers know the end alone."""
+"""Suffixes of archives; browsers see only the end of ``.tar.gz``."""
 FILES_HELP = (
     "Any files: motions (.npz, .npy, .bvh), their speech, its words (.TextGrid, subtitles, or "
     "English as .txt), zips of clips. No order is needed: each is known by what is in it."
@@ -70,7 +70,7 @@ INTRODUCTION = (
 
 
 def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
-    """Lay out the tab inside the current context and wire it; returns where it shows results."""
+    """Lay out and wire the tab in the current context; return its result components."""
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
@@ -106,7 +106,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
 
 
 def build_own_form(services: Services) -> FormParts:
-    """The left column."""
+    """Lay out the form."""
     of: dict[str, Any] = {}
     of["motions"] = services.file(
         "files",
@@ -170,8 +170,7 @@ def build_own_form(services: Services) -> FormParts:
 
 
 def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
-    """Which motion is the recorded one, as a name says it; which are shown, where not all fit; and
-    a channel where there is sound."""
+    """Update the choices of files: the recorded motion by its name, shown motions, and channels."""
     paths = list(dict.fromkeys(paths or ()))[: MAX_FILES + len(ONE_EACH)]
     kinds = {path: kind_of(path) for path in map(Path, paths)}
     names = display_names([stem_of(path) for path, kind in kinds.items() if kind == "motions"])
@@ -185,24 +184,24 @@ def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
 
 
 ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech", "transcript": "words"}
-"""Of which one goes with all motions."""
+"""Kinds of files of which there is one for all motions."""
 ONE_FILE = "One file of {what} goes with all motions; {count} were given."
 NO_REFERENCE = "There is no motion {name!r} among the files; choose the recorded one anew."
 NO_SETS = "A zip goes beside zips: give the motions as zips as well, one for each system."
 SetsParts = tuple[gr.HTML, gr.Dropdown]
-"""Where sets are shown, and which of their clips is opened."""
+"""Components for the results of sets and for the selection of a clip."""
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
 SHOWN: dict[str, Any] = {**PAGE_DISPLAY, "size": 512, "max_frames": 108_000}
-"""Of all files of a run an hour; the command line has no such limit."""
+"""Fields of every request of this tab; the limit is an hour of frames, which the command line
+lacks."""
 MAX_NAME = 60
-"""Characters of a file's name that figures and tables show."""
+"""Maximum length of a file's name in figures and tables (characters)."""
 
 
 def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRequest:
-    """The measuring that a form asks for, of files or of zips, as `values_of` gives it. Raises
-    `RunError` with a sentence for the visitor."""
+    """Make the request of a form from the result of `values_of`; raises RunError."""
     told = with_panels(told)
     told |= as_they_are(told["motions"], told.pop("recorded"))
     motions, reference, speech = told["motions"], told["reference"], told["speech"]
@@ -232,8 +231,11 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRe
 
 
 def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
-    """What of an ask some files are, as is seen from them, of which one may be named as recorded.
-    Raises `RunError` where there is no such, or more than one speech or text."""
+    """Assign files to the request's fields by their kind; raises RunError if that is not unique.
+
+    Args:
+        recorded: name of the recorded motion, if there is one.
+    """
     if len(files) > MAX_FILES + len(ONE_EACH):
         raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(files)))
     by_kind: dict[FileKind, list[Path]] = {"motions": [], "sounds": [], "transcript": []}
@@ -258,12 +260,12 @@ def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
 
 
 def has_sets(motions: Sequence[Path]) -> bool:
-    """Whether zips of clips are to be measured."""
+    """Check whether archives of clips are measured."""
     return any(map(is_packed, motions)) and not is_one_run(motions)
 
 
 def display_names(stems: Sequence[str]) -> tuple[str, ...]:
-    """Each file's stem, cut short; of equal ones the later are numbered."""
+    """Return shortened, unique names of files."""
     names: list[str] = []
     for stem in stems:
         name = printable(stem)[:MAX_NAME] or "motion"
@@ -277,7 +279,7 @@ def display_names(stems: Sequence[str]) -> tuple[str, ...]:
 
 
 class OwnMotionRunner(RunRunner):
-    """Measures motion files that a visitor brings, or zips of many."""
+    """Runner that measures motion files of a visitor, or archives of many."""
 
     tab = "own_motion"
 
@@ -332,7 +334,7 @@ class OwnMotionRunner(RunRunner):
 
 
 class ClipRunner(RunRunner):
-    """Opens a clip of measured sets: a run like any other, under the sets that stay."""
+    """Runner that opens a clip of measured sets as a run, below the sets."""
 
     tab = "own_motion"
 
@@ -363,7 +365,7 @@ class ClipRunner(RunRunner):
 def asked_of(
     files: Mapping[str, Path], speech: Path | None, job: Path, config: AppConfig
 ) -> DiagnoseRequest:
-    """The measuring of motions that have names already, the reference among them."""
+    """Make the request for motions with known names, including the reference."""
     motions = {name: path for name, path in files.items() if name != REFERENCE_NAME}
     values = {"motions": tuple(motions.values()), "names": tuple(motions), "speech": speech}
     values |= {"reference": files.get(REFERENCE_NAME), "has_video": True}

@@ -1,5 +1,5 @@
-"""What serves all visitors of a page, one of each, as tabs ask for it; and from the turn of a run,
-which Gradio's queue decides, to its end, as updates of the page: what all tabs do alike."""
+"""Services that all tabs share, and the base of runners, which turn a queued click into updates of
+the page."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ PAGE_DISPLAY: dict[str, Any] = {
     "close_ups": CLOSE_UPS,
     "size": 640,
 }
-"""How runs are shown here: the player has every close-up, and shows those that are wanted."""
+"""Video options of all runs of the page; the player has every close-up, and shows a selection."""
 
 
 def page_request(
     kind: type[Request], values: Mapping[str, Any], config: AppConfig, job: Path
 ) -> Request:
-    """Make a request of a form's values and of what this page sets for every request."""
+    """Make a request from a form's values and the settings of this page."""
     own = {
         "out": job / "results",
         "weights": config.weights,
@@ -64,32 +64,31 @@ def page_request(
 
 @dataclass(frozen=True)
 class Services:
-    """Of one page."""
+    """Services of one page."""
 
     config: AppConfig
     catalogue: Catalogue
     jobs: Jobs
     worker: Worker
-    """Does all runs."""
+    """Worker of all runs."""
     videos: Worker
-    """Draws what nobody waits for."""
+    """Worker of videos in the background."""
     gate: Worker
-    """Checks uploads before there is a run: nobody should wait for another's to hear that a file is
-    silent."""
+    """Worker that checks uploads, so that no check waits for a run."""
     kept: KeptRuns
     live: LiveSessions
     media: Media = field(default_factory=Media)
     private: Kept[Path] = field(default_factory=Kept)
-    """Folders of researchers' parts that wait to be fetched."""
+    """Folders of researchers' parts that have not been fetched yet."""
     first_look: tuple[dict[str, Any], str] | None = None
-    """What plays before the first run, and what is said beside it."""
+    """Player's value and question of the example before the first run."""
     opened: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""
 
     def file(
         self, kind: UploadKind, label: str, file_types: list[str], elem_id: str, **options: Any
     ) -> gr.File:
-        """A watched field for files; ``options`` are Gradio's."""
+        """Make a watched file field; ``options`` are those of `gr.File`."""
         field = gr.File(
             label=label, file_types=file_types, type="filepath", elem_id=elem_id, **options
         )
@@ -97,8 +96,7 @@ class Services:
         return field
 
     def watch(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
-        """Say under a field, as soon as something is put there, why it cannot be used; called right
-        after the field."""
+        """Check files put into a field, and show errors below it; call this right after it."""
         refusal = gr.HTML("", visible=False, elem_id=f"{field.elem_id}-refusal")
         field.change(
             lambda value: shown(markup.refusal(self._refusal(kind, value))),
@@ -126,15 +124,17 @@ Found = TypeVar("Found")
 _REFRESH_S = 0.25
 _SOON_S = 0.05
 Told = Callable[[list[Event]], Updates]
-"""What each batch of news shows, which may be empty; no updates leave the tab as it is."""
+"""Function from a batch of events to updates; empty ones leave the tab unchanged."""
 
 
 def follow(
     do: Callable[[Ear], Found], job: Job, told: Told, as_it_is: Updates
 ) -> Generator[Updates, None, Found]:
-    """Do a run in a thread of its own; updates several times a second until it has ended, then its
-    result, or whatever it raises. Whoever closes this, as Gradio does when the visitor has
-    cancelled or gone, stops the run with its job."""
+    """Do a run in a thread, and yield updates several times a second until its end.
+
+    Returns the result, or raises the run's exception. Closing the generator, as Gradio does when
+    the visitor has cancelled or gone, cancels the run with its job.
+    """
     events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
     outcome: dict[str, Any] = {}
 
@@ -159,7 +159,7 @@ def follow(
 
 
 def _batch(events: queue.SimpleQueue[Event | None]) -> tuple[list[Event], bool]:
-    """The news of a quarter of a second, and whether they were the last."""
+    """Return the events of a quarter of a second, and whether the run has ended."""
     batch: list[Event] = []
     deadline = time.monotonic() + _REFRESH_S
     while (left := deadline - time.monotonic()) > 0:
@@ -176,32 +176,36 @@ def _batch(events: queue.SimpleQueue[Event | None]) -> tuple[list[Event], bool]:
 
 
 def last_share(events: Sequence[Event]) -> float | None:
-    """How far a run of one stage is, as its last news of that says; None without any."""
+    """Return the fraction done of a run with one stage; None without any progress event."""
     shares = [event.fraction for event in events if isinstance(event, Progress)]
     return shares[-1] if shares else None
 
 
 class TabRunner(ABC):
-    """Turns a click whose turn has come into a run, and the run into updates of the tab."""
+    """Runner of a tab's tasks: a click at the head of the queue becomes a run with updates of the
+    tab."""
 
     tab: ClassVar[str]
     is_told: ClassVar[bool] = True
-    """Whether the tab itself says why a run has failed."""
+    """True if the tab itself shows the reason of a failure."""
     outlives: ClassVar[bool] = False
-    """Whether a run stands in the visitor's runs, and so goes on if its page loses the connection.
-    """
+    """True if a run is listed among the visitor's runs, and continues when its page loses the
+    connection."""
 
     def __init__(self, services: Services, status: gr.HTML) -> None:
         self._services = services
         self._status = status
         self._unfinished: set[str] = set()
-        """Visitors whose tab shows a run that has begun."""
+        """Visitors whose tab shows an unfinished run."""
 
     def begins_on(
         self, event: Callable[..., Any], fields: Fields | Sequence[Any], **how: Any
     ) -> Any:
-        """Run in its turn after an event, such as ``button.click``, of a form, as programs fill it
-        in too, or of parts; returns Gradio's own of that."""
+        """Attach queued runs to an event, such as ``button.click``, and return Gradio's dependency.
+
+        Args:
+            fields: fields of a form that is also part of the API, or components.
+        """
         run: Any = self.run
         if isinstance(fields, Mapping):
             run, fields = named_fields(run, fields), [*fields.values()]
@@ -217,8 +221,11 @@ class TabRunner(ABC):
         button.click(self.cancel, outputs=outputs, cancels=runs, **AT_ONCE)
 
     def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
-        """Updates of the tab while a run goes on, for one visitor. Raises `gr.Error` with the
-        sentence that the tab shows too, when the run fails."""
+        """Yield updates of the tab during the run of one visitor.
+
+        Raises:
+            gr.Error: if the run fails, with the sentence that the tab shows too.
+        """
         cookie, visitor = cookie_of(request), visitor_of(request)
         try:
             with (
@@ -247,8 +254,7 @@ class TabRunner(ABC):
             raise gr.Error(sentence, visible=visible, print_exception=False) from error
 
     def cancel(self, request: gr.Request) -> Updates:
-        """The visitor has pressed the button; Gradio takes a run that waits out of its queue, and
-        asks for no more of one that has begun."""
+        """Cancel the visitor's run; Gradio takes it out of the queue, or closes the generator."""
         visitor = visitor_of(request)
         self._services.jobs.cancel(visitor, self.tab)
         if visitor not in self._unfinished:
@@ -257,23 +263,21 @@ class TabRunner(ABC):
         return self.stopped(markup.sentence_status(text.CANCELLED), "")
 
     def idle(self) -> Updates:
-        """As a tab stays whose run has not begun."""
+        """Return the updates of a tab whose run was cancelled before its start."""
         return {self._status: gr.skip()}
 
     @abstractmethod
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        """The tab as a run begins, and then as it goes on until its end. Raises `RunError` before
-        any update when the form asks for what cannot be."""
+        """Yield the updates of a run, the first as it starts; raises RunError before that."""
 
     @abstractmethod
     def stopped(self, status: str, message: str) -> Updates:
-        """After a run that was cancelled or has failed: a line of status, and why it failed, as
-        HTML."""
+        """Return the updates after a cancelled or failed run, with status and message as HTML."""
 
     def done(
         self, job: Job, task: Task[Asked, Found], asked: Asked, told: Told | str = ""
     ) -> Generator[Updates, None, Found]:
-        """A task of the worker's, and what the tab shows meanwhile, or a sentence of ``share``."""
+        """Run a task in the worker with updates from ``told``, or a sentence with ``share``."""
         return self.followed(job, partial(self._services.worker.do, task, asked), told)
 
     def followed(

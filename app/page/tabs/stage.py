@@ -1,5 +1,5 @@
-"""What is done with a run that is shown: its gestures edited and performed again, videos of what
-the stage shows, and the standard ones, drawn last."""
+"""Actions on a run in the viewer: editing its gestures, and rendering videos, of the viewer or in
+the background."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ from app.run.tasks import DRAW_BEHIND, DRAW_SEEN, MAKE_TAKE
 from conventions.rates import FPS
 
 MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
-"""Characters."""
+"""Maximum length of an edit request (characters)."""
 MAX_NAME = 200
 
 
 class Asked(BaseModel):
-    """What a browser asks its editor for, as app/page/web/player/editing.js writes it."""
+    """Request of the plan editor, as written by app/page/web/player/editing.js."""
 
     run: Annotated[str, Field(max_length=MAX_NAME)]
     start: Annotated[str, Field(max_length=MAX_NAME)]
-    """The row whose plan is changed."""
+    """Name of the row whose plan is changed."""
     edits: Any = None
-    """See `edits_of`. None only gets the row ready to be edited."""
+    """Edits as for `edits_of`; an empty list only prepares the row for editing."""
 
     @classmethod
     def of(cls, told: object) -> Asked:
-        """Raises `RunError` if it does not say of which run it is."""
+        """Parse the JSON of the plan editor; raises RunError if it is invalid."""
         try:
             json = told if isinstance(told, str) and len(told) <= MAX_ASKED else ""
             return cls.model_validate_json(json)
@@ -57,7 +57,7 @@ class Asked(BaseModel):
 
 
 class TakesRunner(TabRunner):
-    """Makes the takes of one tab's runs, of which the player's editor tells."""
+    """Runner that generates takes of one tab's runs, with messages in the plan editor."""
 
     tab, is_told = "takes", False
 
@@ -66,7 +66,7 @@ class TakesRunner(TabRunner):
         self._parts = parts
 
     def wire(self) -> None:
-        """Have the editor's button start it."""
+        """Attach runs to the hidden button of the plan editor."""
         self.begins_on(
             self._parts.take_start.click,
             [gr.Textbox(visible=False)],  # which the script fills in
@@ -119,7 +119,7 @@ class TakesRunner(TabRunner):
 
 
 class SeenRunner(TabRunner):
-    """Makes videos of one tab's stage."""
+    """Runner that renders videos of one tab's viewer."""
 
     tab = "seen"
 
@@ -128,7 +128,7 @@ class SeenRunner(TabRunner):
         self._parts = parts
 
     def wire(self, prefix: str = "") -> None:
-        """Have the stage's button start it; ``prefix`` is that of the ids of the tab's parts."""
+        """Attach runs to the viewer's hidden button; ``prefix`` is that of the element ids."""
         parts = self._parts
         outputs = [parts.seen, parts.seen_cancel]
         run = self.begins_on(
@@ -175,7 +175,7 @@ class SeenRunner(TabRunner):
         }
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
-        """What the page has given an address. Raises `RunError` if it is kept no longer."""
+        """Return the file of a URL; raises RunError if it no longer exists."""
         path = self._services.media.at(address, cookie)
         if path is None or path.suffix != suffix:
             raise RunError(text.SEEN_GONE)
@@ -189,24 +189,24 @@ class SeenRunner(TabRunner):
 
 
 def line_of(line: str, share: float | None = None, more: str = "") -> str:
-    """Under the stage, with a bar of the share done where that is known, and HTML behind it."""
+    """Format a status line below the viewer, with a progress bar and further HTML."""
     bar = "" if share is None else f'<progress value="{share:.3f}" max="1"></progress>'
     return f'<div class="seen-told" role="status"><p>{escape(line)}</p>{bar}{more}</div>'
 
 
 @dataclass
 class Remaining:
-    """Estimates the remaining time of work from the rate since its first progress: what comes
-    before, such as the start of a process, tells nothing of the rate."""
+    """Estimator of the remaining time from the rate since the first progress; the time before, such
+    as the start of a process, says nothing about the rate."""
 
     first: tuple[float, float] | None = None
-    """Share and time (s) of the first progress."""
+    """Fraction and time (s) of the first progress."""
 
     def sentence(self, share: float, now: float) -> str:
         """Return the estimate as part of a sentence; empty until a tenth is done.
 
         Args:
-            share: of the work done, 0 to 1.
+            share: fraction done, 0 to 1.
             now: time (s).
         """
         if self.first is None and share > 0.0:
@@ -221,8 +221,8 @@ class Remaining:
 
 
 class VideosBehind:
-    """Draws what a tab's runs have left to be drawn, one visitor's newest run at a time, by a
-    process that works only while nobody else wants to."""
+    """Queue of background videos, for each visitor those of the newest run, rendered by a process
+    with low priority."""
 
     def __init__(self, services: Services, parts: ResultParts, tab: str) -> None:
         self._services = services
@@ -231,22 +231,22 @@ class VideosBehind:
         self._wanted: dict[str, tuple[KeptRun, VideoOptions]] = {}
 
     def want(self, run: KeptRun, video: VideoOptions) -> None:
-        """Draw them as soon as its visitor's page asks; without a page nobody does."""
+        """Request the videos of a run, which start with the next event of its visitor's page."""
         expect_videos(run.showing.folder, video.views)
         kept = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
         self._wanted = kept | {run.job.visitor: (run, video)}
 
     def give_up(self, visitor: str) -> None:
-        """Another run begins: nobody wants the videos of the one before any more."""
+        """Cancel the videos of a visitor's previous run."""
         self._wanted.pop(visitor, None)
         self._services.jobs.cancel(visitor, self._tab)
 
     def left(self, request: gr.Request) -> None:
-        """The visitor has closed the page."""
+        """Cancel the videos when the visitor has closed the page."""
         self.give_up(visitor_of(request))
 
     def follow(self, run: Any) -> None:
-        """Draw after each run of a button's, whose event is ``run``."""
+        """Attach the rendering of videos to the end of each run of an event."""
         parts = self._parts
         run.then(
             self.run,
@@ -258,7 +258,7 @@ class VideosBehind:
         )
 
     def run(self, request: gr.Request) -> Iterator[Updates]:
-        """Updates of the tab while videos of the visitor's last run are drawn, if it wants any."""
+        """Yield updates while requested videos of the visitor's last run are rendered."""
         visitor = visitor_of(request)
         wanted = self._wanted.pop(visitor, None)
         if wanted is None:
@@ -295,6 +295,6 @@ class VideosBehind:
         yield {self._parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
 
     def _line(self, run: KeptRun, sentence: str) -> Updates:
-        """Beside how the run went."""
+        """Append a sentence to the run's final status message."""
         line = markup.sentence_status(f"{run.record.sentence} {sentence}")
         return {self._parts.status: line}

@@ -1,4 +1,4 @@
-"""The tab "User study": a study planned and made, and answers turned into a report."""
+"""Tab "User study", to plan and make a study, and to analyse its answers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ INTRODUCTION = (
 
 
 def build_study_tab(services: Services) -> Fields:
-    """Lay out the tab inside the current context and wire it; returns its form."""
+    """Lay out and wire the study form in the current context; return its fields."""
     catalogue = services.catalogue
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
@@ -61,7 +61,7 @@ def build_study_tab(services: Services) -> Fields:
     )
 
     def examples(given: list[str] | None) -> list[str] | None:
-        """Where there is no speech yet."""
+        """Return the speech files, or copies of the examples if there are none."""
         folder = services.config.cache_folder / "examples"
         return given or [str(fresh_copy(path, folder)) for path in catalogue.examples] or None
 
@@ -88,7 +88,7 @@ def build_study_tab(services: Services) -> Fields:
 
 
 def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
-    """Buttons that fill in a study of the gestures of the system that plans."""
+    """Lay out buttons that fill in example studies on the gestures of the system with plans."""
     if usual_planner() not in catalogue.systems:
         return []
     gr.HTML('<p class="hint">Ready to be made, with the examples unless you upload speech:</p>')
@@ -97,7 +97,7 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
 
 
 def _build_materials(services: Services) -> dict[str, Any]:
-    """What is compared."""
+    """Lay out the fields of what is compared."""
     catalogue, planner = services.catalogue, usual_planner()
     of: dict[str, Any] = {}
     of["title"] = gr.Textbox("How people move when they talk", label="Title (participants see it)")
@@ -135,7 +135,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
 
 
 def _build_settings() -> dict[str, Any]:
-    """How it is shown, and what participants read before they begin."""
+    """Lay out the fields of how videos are shown, and of the participants' information."""
     of: dict[str, Any] = {}
     with gr.Row(elem_classes="pair"):
         of["length_s"] = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
@@ -186,7 +186,7 @@ ANALYSED = "Analysed. The report stands below; its files are the ones to keep."
 
 
 def build_analysis(services: Services) -> None:
-    """Lay out the part inside the current context and wire it."""
+    """Lay out and wire the analysis in the current context."""
     gr.HTML(f'{markup.heading(TITLE)}<p class="hint">{ANALYSIS_INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
         with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
@@ -229,22 +229,25 @@ CHANGES = {
     "smaller": "{ times = { size_m = 0.6 } }",
     "larger": "{ times = { size_m = 1.5 } }",
 }
-"""What can be done to the gestures of the system that plans, as a style of `model.plan.style`."""
+"""Plan edits of the system with plans, as styles of `model.plan.style`."""
 QUESTIONS = {
     "Do words matter?": ("ranking", ["on wrong words"]),
     "How many gestures?": ("rating", ["half as many"]),
     "How large?": ("rating", ["smaller", "larger"]),
 }
-"""Studies ready to be made: a protocol, and changes beside the gestures as planned."""
+"""Example studies: a protocol, and edits that are compared with the unedited gestures."""
 MAX_UPLOADS = 60
 TOO_MANY_UPLOADS = "At most {limit} files can be uploaded; use the command line for more."
 MAX_VIDEO_S = 1800.0
-"""Of all videos of a study that the page makes."""
+"""Maximum total length (s) of a study's videos on the page."""
 
 
 def plan_text(told: Mapping[str, Any]) -> str:
-    """The plan as TOML; files are named relative to it. Raises `RunError` if something is missing
-    that only the page can say well."""
+    """Format the study plan as TOML, with relative file names.
+
+    Raises:
+        RunError: if something is missing whose error message must refer to the page.
+    """
     clips, length_s = told["speeches"], told["length_s"]
     if not clips:
         raise RunError("There is no speech yet: upload at least one file.")
@@ -290,8 +293,7 @@ def plan_text(told: Mapping[str, Any]) -> str:
 
 
 def collect_files(uploads: Iterable[Path], folder: Path) -> None:
-    """Put uploads beside the plan, under the names that it gives them, without a copy of the bytes
-    where the disk is the same. Raises `RunError` if two uploads have the same name."""
+    """Link or copy uploads next to the plan; raises RunError if two have the same name."""
     for path in uploads:
         target = folder / path.name
         if target.exists():
@@ -316,7 +318,7 @@ def _by_system(paths: Iterable[Path]) -> dict[str, dict[str, Path]]:
 
 
 def _text(value: str) -> str:
-    """A TOML string; JSON's escapes are among TOML's."""
+    """Format a TOML string; JSON's escapes are valid in TOML."""
     return json.dumps(value, ensure_ascii=True).replace("\x7f", "\\u007f")
 
 
@@ -338,7 +340,7 @@ PLAN = "The plan (TOML)"
 
 
 class StudyRunner(TabRunner):
-    """Makes studies."""
+    """Runner that makes studies."""
 
     tab = "study"
 
@@ -360,8 +362,7 @@ class StudyRunner(TabRunner):
     def _made(
         self, job: Job, told: Mapping[str, Any], plan: Path, size: str, address: Address
     ) -> Generator[Updates, None, None]:
-        """The participants' part lies with the job, the researcher's in a folder of its own, as all
-        does that it is made of."""
+        """Make the study, the participants' part with the job, the researcher's in private."""
         if not job.cookie:
             raise RunError(NO_COOKIE)
         services, config = self._services, self._services.config
@@ -370,8 +371,7 @@ class StudyRunner(TabRunner):
         bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
 
         def make(ear: Ear) -> Path:
-            """The participants' page. What a run that was stopped has left goes when its process
-            has ended, which may be after the page has gone on."""
+            """Make the participants' page, and clean up when the process has ended."""
             try:
                 for folder in (work, waiting):
                     folder.mkdir(parents=True, mode=0o700)
@@ -413,7 +413,7 @@ class StudyRunner(TabRunner):
 
 
 class PlanRunner(StudyRunner):
-    """Writes the plan alone, without making anything."""
+    """Runner that only writes the study plan."""
 
     def _made(
         self, job: Job, told: Mapping[str, Any], plan: Path, size: str, address: Address
@@ -431,7 +431,7 @@ def _link(elem_id: str, url: str, name: str, words: str) -> str:
 
 
 def _key(token: str, keep_s: float) -> str:
-    """What must not be overlooked, before anything that can be hosted."""
+    """Format the box with the researcher's key, which comes before anything to be hosted."""
     return (
         f'<div class="key" role="note" id="study-researcher"><h3>First: the key, for you alone</h3>'
         f"<p>{KEY_HELP.format(minutes=round(keep_s / 60))}</p>"
@@ -449,7 +449,7 @@ def _preview(address: str) -> str:
 
 
 class AnalysisRunner(StudyRunner):
-    """Analyses answers for a researcher."""
+    """Runner that analyses answers for a researcher."""
 
     tab = "analysis"
 
@@ -471,7 +471,7 @@ class AnalysisRunner(StudyRunner):
 
 
 def framed(report: str) -> str:
-    """A report in a frame of its own, where nothing of it can run: names in it may be anyone's."""
+    """Format a report in a sandboxed frame, as it contains untrusted names."""
     return (
         f'<iframe class="report" sandbox="" title="Report of the study" '
         f'srcdoc="{escape(report, quote=True)}"></iframe>'

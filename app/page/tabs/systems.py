@@ -1,5 +1,5 @@
-"""Systems explained in one screen, as their families tell: ladders with what each rung adds, its
-equation and what to look for, then a sentence on each of the others."""
+"""Tab "Systems": explanations of all systems by their families, with equations and what to look
+for, and experiments."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _DELIMITERS = {"left": "$$", "right": "$$", "display": True}
 
 
 def build_systems_tab(systems: Sequence[str]) -> None:
-    """Lay out the tab inside the current context, for systems of which there are weights."""
+    """Lay out the tab in the current context, for systems that have weights."""
     # Markdown, because Gradio sets formulas in it; the text is our own, so nothing is taken out.
     gr.Markdown(
         ladder(systems), sanitize_html=False, latex_delimiters=[_DELIMITERS], elem_id="ladder"
@@ -47,7 +47,7 @@ def build_systems_tab(systems: Sequence[str]) -> None:
 
 
 def ladder(systems: Sequence[str]) -> str:
-    """The rungs as cards from left to right, with what cannot be run here marked as such."""
+    """Format the ablation steps as cards, and mark those without weights."""
     ladders = [family.ladder for family in families() if family.ladder is not None]
     told = "".join(_ladder(each, systems) for each in ladders)
     explained = [name for each in ladders for name in each.systems]
@@ -72,7 +72,7 @@ def _beside(told: Beside, systems: Sequence[str]) -> str:
 
 
 def _others(others: Sequence[str]) -> str:
-    """Family by family, each with what its family says of it."""
+    """Format the other systems by family."""
     cards = []
     for title in dict.fromkeys(family_of(name).title for name in others):
         rows = "".join(
@@ -101,17 +101,17 @@ MOTION_TYPES = [".npz", ".npy", ".bvh"]
 
 
 class FigureRunner(TabRunner):
-    """A part of the tab."""
+    """Runner of an experiment: a part of the tab with a form and a figure."""
 
     title: ClassVar[str]
     introduction: ClassVar[str]
     verb: ClassVar[str]
-    """On the button that begins."""
+    """Label of the start button."""
     asks: ClassVar[type[Any]]
     measure: ClassVar[Task]
 
     def __init__(self, services: Services, also: Sequence[Callable[..., Any]] = ()) -> None:
-        """Lay out the part here and wire it; it begins on other events also."""
+        """Lay out and wire the part; runs also start on the events in ``also``."""
         self.examples = services.catalogue.examples
         gr.HTML(f'{markup.heading(self.title)}<p class="hint">{self.introduction}</p>')
         with gr.Row(elem_classes="columns"):
@@ -134,7 +134,7 @@ class FigureRunner(TabRunner):
         self.ends_on(cancel, runs, outputs)
 
     def systems(self, catalogue: Catalogue, use: Use) -> gr.CheckboxGroup:
-        """A field of systems, of which those are ticked that are usual for this."""
+        """Make a field of systems, in which those usual for a use are ticked."""
         ticked = [name for name in usual_systems(use) if name in catalogue.systems]
         choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
         chips = gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
@@ -144,12 +144,11 @@ class FigureRunner(TabRunner):
 
     @abstractmethod
     def lay_out(self, catalogue: Catalogue) -> Fields:
-        """The fields."""
+        """Make the fields of the form."""
 
     @abstractmethod
     def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        """What the fields ask for, by fields of the ask. Raises `RunError` with a sentence for the
-        visitor."""
+        """Convert form values to fields of the request; raises RunError for the visitor."""
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         wanted = self.given(values_of(self.asks, self.fields, values)) | {"is_kept": True}
@@ -194,7 +193,7 @@ def _file(label: str, file_types: list[str]) -> gr.File:
 
 
 class MechanismRunner(FigureRunner):
-    """Opens the tab: the paper's argument on two bodies, without a network."""
+    """Runner of the paper's argument on two bodies, without a network; it starts with the tab."""
 
     tab, verb = "mechanism", "Show both bodies"
     title = "The argument in ten seconds: equal noise on local and on global rotations"
@@ -206,10 +205,7 @@ class MechanismRunner(FigureRunner):
     asks, measure = RotationNoiseRequest, SHOW_MECHANISM
 
     def __init__(self, tab: gr.Tab, services: Services) -> None:
-        """
-        Args:
-            tab: that it opens; both bodies move as soon as that is looked at.
-        """
+        """Lay out the part, and start the experiment when ``tab`` is first selected."""
         first = gr.Button(elem_id="mechanism-first", elem_classes="told-elsewhere")
         super().__init__(services, [first.click])
         press = 'import(new URL("web/begun.js", document.baseURI))'
@@ -237,7 +233,7 @@ class MechanismRunner(FigureRunner):
 
 
 class HearingRunner(FigureRunner):
-    """Compares two speeches by two seeds: what speech decides of a motion, and what chance."""
+    """Runner that measures the effect of speech and of the noise seed on motion."""
 
     tab, verb, title = "hearing", "Compare", "Does it hear?"
     introduction = (
@@ -282,7 +278,7 @@ class HearingRunner(FigureRunner):
 
 
 class StepCurveRunner(FigureRunner):
-    """Measures quality against time on this machine."""
+    """Runner that measures quality and speed for several numbers of sampling steps."""
 
     tab, verb, title = "steps", "Measure", "What steps buy, measured here"
     introduction = (

@@ -1,1 +1,1 @@
-"""Who is asking, and the files of each visitor for that visitor alone; may import parts."""
+"""Identity of visitors, their files, uploads and queue; may import parts."""

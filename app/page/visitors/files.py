@@ -1,8 +1,8 @@
-"""Every byte that visitors leave, in one folder of this process, and gone after a while.
+"""Folder of all files that visitors leave, deleted after a while.
 
-A process that is killed leaves its folder behind; the next one to start removes it. Uploads and
-copies for download lie in ``gradio``, the folders of runs in ``jobs``, researchers' parts in
-``private``.
+Each process has its own folder; that of a killed process is removed by the next one to start.
+Uploads and copies for download lie in ``gradio``, the folders of runs in ``jobs``, researchers'
+parts in ``private``.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ log = logging.getLogger(__name__)
 SWEEP_EVERY_S = 60.0
 _LOCK = ".lock"
 _held: list[Any] = []
-"""Open lock files, for as long as the process lives."""
+"""Lock files that stay open while the process lives."""
 
 
 def claim_folder(parent: Path) -> Path:
-    """A new folder of this process in ``parent``; what ended processes left there is removed."""
+    """Make a locked folder of this process in ``parent``, and remove those of ended processes."""
     parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     parent.chmod(0o700)
     with (parent / _LOCK).open("w") as gate:
@@ -56,7 +56,7 @@ def _is_held(lock: Path) -> bool:
 
 
 def uploads_of(values: Iterable[Any], cache: Path) -> list[Path]:
-    """The folders in which Gradio keeps the uploads among a form's values, each its own."""
+    """Return Gradio's folders of the uploads among a form's values."""
     found: list[Path] = []
     for value in values:
         if isinstance(value, list):
@@ -67,15 +67,14 @@ def uploads_of(values: Iterable[Any], cache: Path) -> list[Path]:
 
 
 def touch(folders: Iterable[Path]) -> None:
-    """Keep them as if they had come now."""
+    """Reset the age of files."""
     for folder in folders:
         with suppress(OSError, ValueError):  # a reader says that it is gone
             os.utime(folder)
 
 
 def sweep(root: Path, keep_s: float, in_use: Iterable[Path] = ()) -> None:
-    """Delete what was last touched longer ago than it is kept, but for what is in use. What cannot
-    be deleted is logged and keeps nothing else from being deleted."""
+    """Delete files older than ``keep_s`` that are not in use; failures are logged."""
     before, kept = time.time() - keep_s, set(in_use)
     for entry in (each for part in ("jobs", "private", "gradio") for each in _entries(root / part)):
         if entry in kept or _last_touched(entry) >= before:
@@ -90,7 +89,7 @@ def sweep(root: Path, keep_s: float, in_use: Iterable[Path] = ()) -> None:
 
 
 def keep_swept(root: Path, keep_s: float, in_use: Callable[[], Iterable[Path]]) -> None:
-    """Sweep now and then for as long as the process lives, whatever one sweep may meet."""
+    """Sweep periodically in a thread while the process lives; exceptions are logged."""
     every_s = min(SWEEP_EVERY_S, keep_s / 4)
 
     def sweep_for_ever() -> None:
@@ -105,7 +104,7 @@ def keep_swept(root: Path, keep_s: float, in_use: Callable[[], Iterable[Path]]) 
 
 
 def _entries(folder: Path) -> list[Path]:
-    """The content of a folder; nothing of one that is missing or cannot be read."""
+    """Return the content of a folder; empty if it is missing or cannot be read."""
     try:
         return list(folder.iterdir())
     except OSError:
@@ -113,7 +112,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 def _last_touched(path: Path) -> float:
-    """What is gone already was touched in no time to come."""
+    """Return the modification time of a path; infinity if it does not exist."""
     try:
         return path.lstat().st_mtime
     except OSError:
@@ -122,31 +121,30 @@ def _last_touched(path: Path) -> float:
 
 @dataclass(eq=False)
 class Job:
-    """One visitor's run."""
+    """Run of one visitor."""
 
     visitor: str
     tab: str
-    """The part of the page that starts it, and whose button stops it."""
+    """Part of the page that starts the run, and whose button cancels it."""
     folder: Path
     cookie: str = ""
-    """Of the visitor's browser; empty for one that keeps none."""
+    """Cookie of the visitor's browser; empty without one."""
     outlives: bool = False
-    """Whether it goes on if its page loses the connection, as it can be opened again later."""
+    """True if the run continues when its page loses the connection, as it can be opened later."""
     beside: list[Path] = field(default_factory=list)
-    """What is kept beside its folder: what the visitor has given it to work with."""
+    """Further paths that the run uses, such as uploads."""
     _stopped: threading.Event = field(default_factory=threading.Event)
 
     def cancel(self) -> None:
         self._stopped.set()
 
     def is_cancelled(self) -> bool:
-        """Whether its visitor, or the end of the page, has stopped it."""
+        """Check whether the visitor, or the end of the page, has cancelled the run."""
         return self._stopped.is_set()
 
 
 class Jobs:
-    """All runs of this process that have begun and not ended, in folders below ``root``, beside
-    which uploads lie in ``gradio``."""
+    """Unfinished runs of this process, with folders in ``root``."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
@@ -163,9 +161,11 @@ class Jobs:
         *,
         outlives: bool = False,
     ) -> Iterator[Job]:
-        """A job in a folder that only this process's user can enter; it stays for the downloads.
-        Its folder and the uploads among the values of a form are kept until the job ends, and then
-        for as long as new ones."""
+        """Open a job with a private folder for the block; the folder stays for downloads.
+
+        The folder and the uploads among a form's values are not deleted during the job, and start
+        to age at its end.
+        """
         uploads = uploads_of(values, self._root.with_name("gradio"))
         folder = self._root / secrets.token_hex(16)
         job = Job(visitor, tab, folder, cookie, outlives, uploads)
@@ -182,26 +182,26 @@ class Jobs:
             touch([job.folder, *job.beside])
 
     def cancel(self, visitor: str = "", tab: str = "") -> None:
-        """Stop the runs that the visitor started in that tab; without any, every run."""
+        """Cancel the runs that a visitor started in a tab; without arguments, all runs."""
         with self._lock:
             for job in self._jobs:
                 if not visitor or (job.visitor, job.tab) == (visitor, tab):
                     job.cancel()
 
     def leave(self, visitor: str, cookie: str) -> None:
-        """Stop all runs of a page that is closed, as its own browser says."""
+        """Cancel all runs of a page that is closed, if its own browser says so."""
         with self._lock:
             for job in self._jobs:
                 if job.visitor == visitor and job.cookie in ("", cookie):
                     job.cancel()
 
     def outlives(self, visitor: str) -> bool:
-        """Whether a run of a page goes on without it, as nobody has stopped it."""
+        """Check whether a page has a run that continues without it."""
         with self._lock:
             own = [job for job in self._jobs if job.visitor == visitor]
             return any(job.outlives and not job.is_cancelled() for job in own)
 
     def in_use(self) -> list[Path]:
-        """Folders and uploads of runs that have not ended."""
+        """Return folders and uploads of unfinished runs."""
         with self._lock:
             return [path for job in self._jobs for path in (job.folder, *job.beside)]

@@ -1,8 +1,8 @@
-"""Gradio's queue with turns for those only who still listen, and few for any one address.
+"""Gradio's queue, restricted to events with a connected listener, and to few per address.
 
-An event is begun when its browser or program listens for what comes of it; one that nobody has
-listened for within a few seconds is dropped. A run that has begun and whose page loses its
-connection, as on a phone that locks, goes on until somebody else waits.
+An event starts if its browser or program listens for the results; one without a listener for a few
+seconds is dropped. A run that has started and whose page loses its connection, as on a phone that
+locks, continues until somebody else waits.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from app.page.visitors.visitors import address_of, cookie_of
 
 LEAVING_ROUTE = "/leave"
 RUNS, CHECKS = "run", "check"
-"""Names of the queues (Gradio's `concurrency_id`) of runs and of checks of uploads."""
+"""Gradio's `concurrency_id` of runs and of checks of uploads."""
 MAX_OF_ADDRESS, MAX_CHECKS_OF_ADDRESS = 4, 16
 HEARD_WITHIN_S = 10.0
-"""Time within which somebody must listen for an event that waits."""
+"""Time (s) without a listener after which a waiting event is dropped."""
 MAX_SESSIONS = 2000
-"""Most pages whose messages are held."""
+"""Maximum number of pages whose messages are stored."""
 FULL = "{count} others wait already; try again in a while."
 FULL_OF_ADDRESS = "{count} wait already from your address, the most that may; wait for one of them."
 
 
 class Messages(asyncio.Queue):
-    """Messages to one page, with how many listen for them."""
+    """Messages to one page, with the number of their listeners."""
 
     num_listening = 0
 
@@ -47,34 +47,35 @@ class Messages(asyncio.Queue):
 
 
 class _AllMessages(LRUCache):
-    """Messages by page, each new queue of which is a `Messages`."""
+    """Messages by page, in queues of type `Messages`."""
 
     def __setitem__(self, session: str, queue: asyncio.Queue) -> None:
         super().__setitem__(session, queue if isinstance(queue, Messages) else Messages())
 
 
 class Turns(queueing.Queue):
-    """Queue of one page; used from Gradio's loop alone, as its base class is."""
+    """Event queue of one page, used only from Gradio's event loop, as its base class is."""
 
     def __init__(self, jobs: Jobs, max_waiting: int, **options: Any) -> None:
-        """
+        """Make the queue.
+
         Args:
-            max_waiting: most events that wait, without checks of uploads.
-            options: those of Gradio's queue.
+            max_waiting: maximum number of waiting events, without checks of uploads.
+            options: options of Gradio's queue.
         """
         super().__init__(max_size=None, **options)
         self.max_waiting = max_waiting
         self.pending_messages_per_session = _AllMessages(MAX_SESSIONS)
         self._jobs = jobs
         self._abandoned: set[str] = set()
-        """Ids of events that go on without a page."""
+        """Ids of events that continue without a page."""
         self._checked = ""
-        """Address whose upload was checked last."""
+        """Address of the last checked upload."""
 
     async def push(
         self, body: Any, request: fastapi.Request, username: str | None
     ) -> tuple[Any, Any, Any]:
-        """Take in an event unless too many wait already, in all or from its address."""
+        """Accept an event unless too many wait, in total or from its address."""
         if body.fn_index is not None:
             kind = route_utils.get_fn(self.blocks, None, body).concurrency_id
             self._drop_unheard()
@@ -92,7 +93,7 @@ class Turns(queueing.Queue):
         return await super().push(body, request, username)
 
     def get_events(self) -> tuple[list[Event], bool, str] | None:
-        """Return the event that is begun now, if there is any."""
+        """Return the event to start now, if there is one."""
         self._drop_unheard()
         queues = list(self.event_queue_per_concurrency_id.values())
         random.shuffle(queues)
@@ -111,22 +112,23 @@ class Turns(queueing.Queue):
         return None
 
     def _next_of(self, queue: EventQueue) -> Event | None:
-        """Return the first event that somebody listens for; of checks, one of another address than
-        that of the last, if there is any."""
+        """Return the first event with a listener; checks alternate between addresses."""
         heard = [event for event in queue.queue if self._is_heard(event)]
         others = [event for event in heard if not _is_from(event, self._checked)]
         return next(iter((others if queue.concurrency_id == CHECKS else []) or heard), None)
 
     def send_message(self, event: Event, event_message: Any) -> None:
-        """Send a message to the event's page, if that is there."""
+        """Send a message to the event's page if it is connected."""
         if event._id not in self._abandoned:
             super().send_message(event, event_message)
 
     async def clean_events(
         self, *, session_hash: str | None = None, event_id: str | None = None
     ) -> None:
-        """Let go of the events of a page that has lost its connection: those that wait are taken
-        out, those that have begun end, but for a run that outlives its page."""
+        """Remove the events of a page that has lost its connection.
+
+        Waiting ones are dropped, started ones ended, except for a run that outlives its page.
+        """
 
         def is_meant(event: Event) -> bool:
             return event.session_hash == session_hash or event._id == event_id
@@ -145,7 +147,7 @@ class Turns(queueing.Queue):
             self.pending_messages_per_session.pop(session_hash, None)
 
     def _end_abandoned(self, kind: str) -> None:
-        """End the events of one queue that go on without a page, as somebody waits for them."""
+        """End the events of a queue that continue without a page, as somebody else waits."""
         for event in self._begun():
             if event.concurrency_id == kind and event._id in self._abandoned:
                 event.alive = False
@@ -164,7 +166,7 @@ class Turns(queueing.Queue):
         return [event for events in self.active_jobs for event in events or ()]
 
     def _is_heard(self, event: Event) -> bool:
-        """Check whether somebody listens for what comes of an event."""
+        """Check whether an event has a listener."""
         messages = self.pending_messages_per_session.get(event.session_hash)
         return isinstance(messages, Messages) and messages.num_listening > 0
 
@@ -175,7 +177,7 @@ class Turns(queueing.Queue):
                 self._remove(event)
 
     def _remove(self, event: Event) -> None:
-        """Take an event out that waits, and all that is held for its page if that was the last."""
+        """Remove a waiting event, and the stored messages of its page if it was the last."""
         self.event_queue_per_concurrency_id[event.concurrency_id].queue.remove(event)
         self.event_ids_to_events.pop(event._id, None)
         ids = self.pending_event_ids_session.get(event.session_hash, set())
@@ -190,7 +192,7 @@ def _is_from(event: Event, address: str) -> bool:
 
 
 def leaving_route(jobs: Jobs) -> APIRoute:
-    """Serve the last word of a page that is closed on purpose: its runs end at once."""
+    """Make the route for the notification that a page was closed, which ends its runs."""
 
     async def leave(request: fastapi.Request) -> fastapi.Response:
         jobs.leave((await request.body()).decode("latin-1"), cookie_of(request))

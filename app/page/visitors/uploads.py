@@ -1,4 +1,4 @@
-"""Uploads within their limits; those that break off, or find no room, leave nothing."""
+"""Limits on uploads; interrupted ones, and those without disk space, leave no files."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from app import text
 from app.errors import is_disk_full
 
 MAX_FILES = 250
-"""In one request."""
+"""Maximum number of files in one request."""
 MAX_BODY_BYTES = 2 * 10**9
-"""The same."""
+"""Maximum size of one request (bytes)."""
 MAX_FIELD_BYTES = 1 << 16
-"""Of a field that is no file, which is held in memory."""
+"""Maximum size (bytes) of a field that is no file, which is held in memory."""
 _CHECK_BYTES = 1 << 24
-"""Of an upload between two looks at the disk."""
+"""Number of uploaded bytes between two checks of the disk."""
 _PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048
 TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; send the others after them."
 TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; send the others after them."
@@ -31,12 +31,12 @@ FIELD_TOO_LONG = "A field that is no file may have {limit} bytes, and one of thi
 
 
 class TidyParser(route_utils.GradioMultiPartParser):
-    """Gradio's parser of uploads, which leaves nothing of one that breaks off or finds no room."""
+    """Gradio's upload parser with limits, which removes interrupted uploads."""
 
     root: ClassVar[Path]
-    """Where uploads lie."""
+    """Folder of uploads."""
     min_free_bytes: ClassVar[int]
-    """Of the disk, which is never filled further."""
+    """Disk space (bytes) that always stays free."""
     _num_files = _num_bytes = _checked_bytes = 0
 
     def on_headers_finished(self) -> None:
@@ -70,8 +70,7 @@ class TidyParser(route_utils.GradioMultiPartParser):
             raise error
 
     def _see_room(self, num_bytes: int) -> None:
-        """Raises `MultiPartException` where so much more is too much for a request, or for the
-        disk."""
+        """Check that more bytes fit the request and the disk; raises MultiPartException."""
         if self._num_bytes + num_bytes > MAX_BODY_BYTES:
             raise MultiPartException(TOO_MUCH_AT_ONCE.format(limit=MAX_BODY_BYTES / 1e9))
         if shutil.disk_usage(self.root).free < self.min_free_bytes + num_bytes:
@@ -81,7 +80,10 @@ class TidyParser(route_utils.GradioMultiPartParser):
     async def _within_limits(
         self, stream: AsyncGenerator[bytes, None]
     ) -> AsyncGenerator[bytes, None]:
-        """What comes, and of many small parts a few at a time: others have their turn between."""
+        """Yield the stream with limits, in small pieces if it has many small parts.
+
+        Other tasks get their turn between the pieces.
+        """
         async for chunk in stream:
             self._num_bytes += len(chunk)
             if self._num_bytes - self._checked_bytes > _CHECK_BYTES:
@@ -95,8 +97,7 @@ class TidyParser(route_utils.GradioMultiPartParser):
 
 
 def keep_uploads_tidy(root: Path, min_free_bytes: int) -> None:
-    """Let Gradio parse uploads by `TidyParser`, and make no empty file for each file of a call,
-    which it would leave beside the upload and never use."""
+    """Make Gradio use `TidyParser`, and prevent the unused empty file that it makes for each."""
     TidyParser.root, TidyParser.min_free_bytes = root, min_free_bytes
     route_utils.GradioMultiPartParser = TidyParser
     unused = SimpleNamespace(NamedTemporaryFile=lambda **_: SimpleNamespace())

@@ -1,4 +1,5 @@
-"""Who is asking: one open page by Gradio's name for it, one browser by a cookie of ours."""
+"""Identity of visitors: one open page by Gradio's session, one browser by a cookie; objects behind
+random tokens."""
 
 from __future__ import annotations
 
@@ -19,13 +20,15 @@ _COOKIE_BYTES = 32
 
 
 def visitor_of(request: gr.Request) -> str:
-    """Gradio's name for one open page; a caller without one is a visitor of its own."""
+    """Return Gradio's session hash of an open page; a random name for a caller without one."""
     return request.session_hash or secrets.token_hex(8)
 
 
 def address_of(request: gr.Request | HTTPConnection) -> str:
-    """The machine that asks, as far as this server can see it. Of an IPv6 address it is the network
-    of 64 bits: whoever has one address of that has all of them."""
+    """Return the client's address, or the network of 64 bits of an IPv6 address.
+
+    Whoever has one address of such a network has all of them.
+    """
     client = getattr(request, "client", None)  # of a caller within the program there is none
     host = client.host if client else ""
     try:
@@ -40,18 +43,17 @@ def address_of(request: gr.Request | HTTPConnection) -> str:
 
 
 def cookie_of(request: gr.Request | fastapi.Request) -> str:
-    """What tells one browser from all others; empty for one that keeps no cookie."""
+    """Return the cookie that identifies a browser; empty without one."""
     return request.cookies.get(COOKIE, "")
 
 
 def is_same(first: str, second: str) -> bool:
-    """Whether two cookies are equal, in a time that does not tell how much of them is; one that is
-    empty is nobody's."""
+    """Check in constant time whether two cookies are equal; an empty one equals none."""
     return bool(first) and secrets.compare_digest(first.encode(), second.encode())
 
 
 def visitor_route() -> APIRoute:
-    """Serve the cookie to a browser that has none yet."""
+    """Make the route that gives a browser its cookie."""
 
     def visitor(request: fastapi.Request) -> fastapi.Response:
         response = fastapi.Response(status_code=204, headers={"Cache-Control": "no-store"})
@@ -73,15 +75,17 @@ _TOKEN_BYTES = 32
 
 
 class Kept(Generic[Thing]):
-    """Which thing lies behind which token. Safe to use from several threads."""
+    """Thread-safe store of objects behind random tokens."""
 
     def __init__(self) -> None:
         self._kept: dict[str, tuple[Path, str | None, Thing]] = {}
         self._lock = threading.Lock()
 
     def keep(self, thing: Thing, files: Path, cookie: str | None) -> str:
-        """Let a browser have it for as long as its files are there; returns the token, of 256
-        random bits, each time the same. No cookie asks for none, an empty one lets nobody have it.
+        """Store an object while its files exist, and return its token of 256 random bits.
+
+        The same object gets the same token. A cookie of None allows every browser, an empty one
+        none.
         """
         entry = files, cookie, thing
         with self._lock:
@@ -92,7 +96,7 @@ class Kept(Generic[Thing]):
         return token
 
     def find(self, token: str, cookie: str = "") -> Thing | None:
-        """None when there is none for this browser, or no longer."""
+        """Return the object of a token; None without access, or when its files are gone."""
         with self._lock:
             files, owner, thing = self._kept.get(token, (Path(), "", None))
         if not files.exists() or not (owner is None or is_same(owner, cookie)):
@@ -100,13 +104,13 @@ class Kept(Generic[Thing]):
         return thing
 
     def take(self, token: str, cookie: str) -> Thing | None:
-        """What nobody can have again; a token tried in vain stays good for its owner."""
+        """Remove and return the object of a token; with a wrong cookie, the token stays valid."""
         found = self.find(token, cookie)
         with self._lock:
             return found if self._kept.pop(token if found else "", None) else None
 
     def all(self) -> list[Thing]:
-        """Whoever may have it."""
+        """Return the stored objects of all browsers."""
         with self._lock:
             kept = list(self._kept.values())
         return [thing for files, _, thing in kept if files.exists()]

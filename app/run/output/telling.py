@@ -63,7 +63,7 @@ def say(sentence: str) -> None:
 
 
 def name_file(path: Path) -> None:
-    """Write the path of a file to standard output; control characters are escaped on a terminal."""
+    """Write the path of a file to standard output; a terminal gets no control characters."""
     out = sys.stdout
     if isinstance(out, io.TextIOWrapper):
         out.reconfigure(errors="surrogateescape")  # a name may be no text at all
@@ -72,7 +72,7 @@ def name_file(path: Path) -> None:
 
 
 class LogLines(logging.Formatter):
-    """Log formatter that escapes control characters."""
+    """Log formatter that replaces control characters."""
 
     def format(self, record: logging.LogRecord) -> str:
         return "\n".join(map(printable, super().format(record).split("\n")))
