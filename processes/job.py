@@ -30,7 +30,7 @@ class Job:
     """Function that writes the result atomically."""
 
     def do(self) -> None:
-        """Do the work, unless another worker has done it meanwhile.
+        """Do the work, unless another worker has done it.
 
         Numpy uses one thread: threads of many workers would wait for each other on the same cores,
         and the last digits would depend on their number.

@@ -1,5 +1,5 @@
-"""Parallel execution of jobs, each once: by processes of this machine, or by a Dask cluster whose
-workers see the same files. Dask is optional; see ``requirements-cluster.txt``."""
+"""Parallel execution of jobs, each once: by processes of this machine, or by a Dask cluster with
+workers that see the same files. Dask is optional; see ``requirements-cluster.txt``."""
 
 import asyncio
 import logging
@@ -36,7 +36,7 @@ class JobPool:
     """Number of workers with one thread each (default: all cores); one works in the calling
     process."""
     scheduler: str | None = None
-    """Address or scheduler file of a Dask scheduler whose workers see the same files; replaces the
+    """Address or scheduler file of a Dask scheduler with workers that see the same files; replaces the
     processes."""
 
     def do_all(
@@ -190,7 +190,7 @@ def do_by_cluster(
         ) from error
     failed: dict[str, Exception] = {}
     try:
-        # A key of its own for each call: Dask would take equal keys of two callers for one job.
+        # A unique key for each call: Dask would take equal keys of two callers for one job.
         running = {
             client.submit(_do, job, key=f"{job.name}-{time.time_ns()}", pure=False): job
             for job in jobs

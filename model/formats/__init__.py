@@ -1,1 +1,1 @@
-"""Motion files of other tools, with all that was assumed of them told; may import motion."""
+"""Motion files of other tools, read with a report of all assumptions; may import motion."""

@@ -1,9 +1,8 @@
-"""BVH: our own files (`renderer.files`), and any skeleton of two legs, a trunk and two arms.
+"""BVH files: our own (`renderer.files`), and any skeleton with two legs, a trunk and two arms.
 
-Limbs and fingers are recognised by the names of their joints, and by the tree and the lengths of
-bones where names say nothing. The rest pose says which way is up and forward; where its limbs and
-fingers rest at other angles than ours that is made up for: their bones point in the world as the
-file's do.
+Limbs and fingers are identified by the names of their joints, or by the tree and the lengths of
+bones if the names are unclear. The rest pose determines which way is up and forward. Differences
+between its limb and finger angles and ours are compensated: bones point as in the file.
 """
 
 from __future__ import annotations
@@ -50,23 +49,24 @@ _FINGER_NAMES = {
     "ring": "ring|handr(?=[0-9]|$)",
     "pinky": "pink|handp(?=[0-9]|$)",
 }
-"""Regular expressions; ``RHandM1`` is BEAT's."""
+"""Regular expressions of finger names; ``RHandM1`` is BEAT's."""
 
 
 @dataclass(frozen=True)
 class LimbNames:
-    """Regular expressions of the joints of a limb, against names without case, marks and spaces."""
+    """Regular expressions of a limb's joints, matched with lower-case names without punctuation."""
 
     end: str
-    """Wrist or ankle."""
+    """Pattern of the wrist or ankle."""
     lower: str
-    """Elbow or knee."""
+    """Pattern of the elbow or knee."""
     upper: str
-    """Shoulder or hip joint, by names that mean nothing else."""
+    """Pattern of unambiguous names of the shoulder or hip joint."""
     either: str
-    """The upper or the lower part, by what stands beside: ``LeftUpLeg`` and ``LeftLeg``."""
+    """Pattern of the upper or the lower part, depending on the others: ``LeftUpLeg`` and
+    ``LeftLeg``."""
     before: str
-    """The joint before the limb, or the upper part where nothing else is: ``LeftShoulder``."""
+    """Pattern of the joint before the limb, or else of the upper part: ``LeftShoulder``."""
 
 
 ARM = LimbNames(
@@ -78,16 +78,16 @@ LEG = LimbNames(
     "leg", "hip",
 )  # fmt: skip
 SIMILAR_LENGTHS = 0.8
-"""Two pairs of bones whose lengths have at least this ratio: which of them is the limb cannot be
-told by lengths (CMU: 0.88; our body: 0.77)."""
+"""Ratio of the lengths of two pairs of bones above which the limb is uncertain (CMU: 0.88; our
+body: 0.77)."""
 _STEEP_DEG = 60.0
-"""A limb that rests so far from ours may be twisted about itself, which nothing tells."""
+"""Angle from our rest direction above which a limb's twist is uncertain (degrees)."""
 Found = dict[str, list[int]]
-"""By joint of ours, theirs whose rotations together are it."""
+"""Indices of the file's joints for each of ours, with rotations that are combined."""
 
 
 def read_bvh(path: Path, told: dict[str, str]) -> Draft:
-    """A motion of the joints that it has; the face stays at rest.
+    """Read a motion with the joints that the file has; the face stays at rest.
 
     Raises:
         MotionError: for damaged files, and skeletons that are no person's.
@@ -153,16 +153,16 @@ def _tell(draft: Draft, skeleton: _Skeleton, found: Found, turns: dict[str, Rota
 
 
 class _Skeleton:
-    """The joints of a file, and which of ours they are."""
+    """The joints of a file, and their assignment to ours."""
 
     def __init__(self, joints: list[Joint], name: str) -> None:
         self._joints = joints
         self._name = name
         self.doubts: list[str] = []
-        """Joints that neither names nor lengths tell for sure."""
+        """Joints that neither names nor lengths identify with certainty."""
         self._children: list[list[int]] = [[] for _ in joints]
         self.rest = np.zeros((len(joints), 3))
-        """Places at rest, in the file's axes."""
+        """Joint positions (J, 3) in the rest pose, in the file's axes."""
         for index, joint in enumerate(joints):
             self.rest[index] = joint.offset
             if joint.parent >= 0:
@@ -175,7 +175,7 @@ class _Skeleton:
         self._labels = _plain_labels([joint.name for joint in joints])
 
     def found(self) -> tuple[Found, bool]:
-        """Which of ours they are, and whether they are our own by name or by structure.
+        """Return the assignment of joints, and whether all joints have our names.
 
         Raises:
             MotionError: if they are no body's.
@@ -186,7 +186,7 @@ class _Skeleton:
         return self._by_structure(), False
 
     def _by_structure(self) -> Found:
-        """Two limbs and a trunk from the pelvis, two limbs and a neck from the upper trunk."""
+        """Assign joints by the tree: two legs and a trunk at the pelvis, arms at the chest."""
         forks = (at for at in self._down(0) if len(self._limbs(at)) >= 3)
         pelvis = next((at for at in forks if self._trunk(at) is not None), 0)
         trunk = self._trunk(pelvis)
@@ -231,27 +231,25 @@ class _Skeleton:
         )
 
     def _down(self, index: int) -> list[int]:
-        """From a joint along the largest branch."""
+        """Return the path from a joint along the largest branches."""
         path = [index]
         while self._children[path[-1]]:
             path.append(max(self._children[path[-1]], key=lambda each: self._sizes[each]))
         return path
 
     def _limbs(self, index: int) -> list[int]:
-        """Children of a joint on which at least two joints more hang."""
+        """Return the children of a joint with at least two descendants each."""
         return [each for each in self._children[index] if self._sizes[each] >= 3]
 
     def _trunk(self, pelvis: int) -> int | None:
-        """The branch from which arms go: the one that divides again."""
+        """Return the branch with the arms: the one that divides again."""
         for each in sorted(self._limbs(pelvis), key=lambda each: -self._sizes[each]):
             if any(len(self._limbs(at)) >= 2 for at in self._down(each)[:-1]):
                 return each
         return None
 
     def _mirrored(self, limbs: list[int], names: LimbNames) -> tuple[int, int]:
-        """Return the two branches with the names of such a limb, or else of the most similar
-        lengths.
-        """
+        """Return the two branches with such a limb's names, or else of the most similar lengths."""
         pattern = re.compile(f"{names.end}|{names.lower}")
         named = [
             each
@@ -264,7 +262,7 @@ class _Skeleton:
         return min(combinations(limbs, 2), key=lambda two: self._apart(*two))
 
     def _apart(self, one: int, other: int) -> float:
-        """By how much two branches differ in length; the neck's is no arm."""
+        """Compute the difference in length of two branches; infinite for the neck's."""
         if any(re.search(r"neck|head", self._labels[each]) for each in (one, other)):
             return np.inf
         lengths = [
@@ -280,7 +278,7 @@ class _Skeleton:
         return path[::-1]
 
     def _sided(self, two: tuple[int, int], left: np.ndarray) -> tuple[int, int]:
-        """Left and right, by name or else by where feet point."""
+        """Order two branches left and right, by name, or else by the direction of the feet."""
         swapped = (two[1], two[0])
         for order in (two, swapped):
             sides = [_side(self._joints[each].name, self._labels[each]) for each in order]
@@ -289,9 +287,7 @@ class _Skeleton:
         return two if (self.rest[two[0]] - self.rest[two[1]]) @ left > 0 else swapped
 
     def _limb(self, start: int, side: str, names: tuple[str, ...], known: LimbNames) -> Found:
-        """Find the joints of an arm or a leg by name, or else by length: the two bones whose sum is
-        longest are upper arm and forearm, thigh and shin.
-        """
+        """Find a limb's joints by name, or else by length: the two longest consecutive bones."""
         path = [at for at in self._down(start) if not re.search("twist|roll", self._labels[at])]
         places = self.rest[path]
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
@@ -309,14 +305,12 @@ class _Skeleton:
             shin = places[end] - places[end - 1]
             steps = self.rest[beyond] - places[end]
             far = np.linalg.norm(steps, axis=1) * np.linalg.norm(shin)
-            ball = int(np.argmax(steps @ shin < 0.8 * far))  # no heel below the ankle; else 0
+            ball = int(np.argmax(steps @ shin < 0.8 * far))  # not a heel below the ankle; else 0
             found[f"{side}_{after}"] = [toes[0] if toes else beyond[ball]]
         return found
 
     def _named_limb(self, path: list[int], names: LimbNames) -> tuple[int, int, int] | None:
-        """Return where on a path the upper part, the lower part and the end of a limb begin, by
-        name.
-        """
+        """Find where a limb's upper part, lower part and end start on a path, by name."""
 
         def of(pattern: str, stop: int) -> list[int]:
             return [at for at in range(stop) if re.search(pattern, self._labels[path[at]])]
@@ -335,7 +329,7 @@ class _Skeleton:
         return (uppers[0], lower, end) if uppers else None
 
     def _longest(self, lengths: np.ndarray, middle: str) -> tuple[int, int, int]:
-        """Return where the two consecutive bones with the longest sum begin and end."""
+        """Return the start, middle and end of the two consecutive bones with the longest sum."""
         sums = lengths[:-1] + lengths[1:]
         first = int(np.argmax(sums))
         if np.delete(sums, first).max(initial=0.0) > SIMILAR_LENGTHS * sums[first]:
@@ -349,8 +343,11 @@ class _Skeleton:
         return found | ({"neck": heads[:end]} if end else {})
 
     def _fingers(self, wrist: int, side: str, ahead: np.ndarray) -> Found:
-        """By names with numbers, else by chains: of a name, or the thumb's starts nearest and the
-        others' in a row."""
+        """Find finger joints by names with numbers, or else by chains.
+
+        Chains are named, or ordered: the thumb starts nearest to the wrist, the others lie in a
+        row.
+        """
         found: Found = {}
         for finger, spelling in _FINGER_NAMES.items():
             for at in range(wrist + 1, wrist + self._sizes[wrist]):
@@ -390,8 +387,10 @@ class _Skeleton:
         return 0 if any("finger0" in label for label in labels) else 1
 
     def _upright(self, found: Found) -> tuple[np.ndarray, np.ndarray, float]:
-        """Up along the trunk, to the left across it, and how far legs hang below it, to 1; where
-        there are none, how little arms rise."""
+        """Return up along the trunk, left across it, and the cosine between legs and down.
+
+        Without legs the last value tells how far the arms are below the shoulders.
+        """
         at = {name: self.rest[theirs[0]] for name, theirs in found.items() if theirs}
         parts = ("hip", "shoulder") if "left_hip" in at else ("shoulder",)
         across = sum((at[f"left_{e}"] - at[f"right_{e}"] for e in parts), np.zeros(3))
@@ -411,13 +410,13 @@ class _Skeleton:
         return up, across, hang if np.linalg.norm(across) > 1e-6 else 0.0
 
     def stands(self, found: Found) -> bool:
-        """Whether its rest pose is one of a person who stands."""
+        """Check whether the rest pose is that of a standing person."""
         return self._upright(found)[2] >= 0.5
 
     def begin_at_rest(
         self, rows: Float[np.ndarray, "T C"], world: list[Rotation]
     ) -> list[Rotation]:
-        """Take the first frame for the rest pose; returns what turns joints from it on."""
+        """Use the first frame as the rest pose, and return rotations relative to it."""
         for index, joint in enumerate(self._joints):
             step = self._step(joint, rows[:1])
             step = np.array(joint.offset) if step is None else step[0]
@@ -426,7 +425,7 @@ class _Skeleton:
         return [each * each[0].inv() for each in world]
 
     def to_ours(self, found: Found, draft: Draft) -> Rotation:
-        """The turn of the file's axes to ours: y up and facing z, in quarters."""
+        """Return the rotation, in quarter turns, from the file's axes to ours: y up, facing z."""
         up, across, hang = self._upright(found)
         if hang < 0.5:
             raise MotionError(
@@ -454,7 +453,7 @@ class _Skeleton:
             ("facing", faces, "xyz".replace(stands[-1], ""), faces == "z" or stands != "y"),
         )
         for kind, value, axes, is_ours in tells:
-            others = tuple(axis for axis in AXES if axis[-1] in axes)  # with which it can be
+            others = tuple(axis for axis in AXES if axis[-1] in axes)  # possible together with it
             if draft.told.get(kind) in AXES:
                 draft.assume(kind, value, "as you say", "told", others)
             elif by_rest == "unsure" or not is_ours:
@@ -463,7 +462,7 @@ class _Skeleton:
         return Rotation.from_matrix(np.stack([x, y, z]))
 
     def moved(self, rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
-        """World rotation of each joint."""
+        """Compute the world rotation of each joint."""
         world: list[Rotation] = []
         for joint in self._joints:
             at = [i for i, each in enumerate(joint.channels) if each.endswith("rotation")]
@@ -478,7 +477,7 @@ class _Skeleton:
     def way(
         self, index: int, rows: Float[np.ndarray, "T C"], world: list[Rotation]
     ) -> Float[np.ndarray, "T 3"] | None:
-        """Where a joint is, by the positions of all joints up to it; None where there are none."""
+        """Compute a joint's positions from position channels up to it; None without any."""
         place: np.ndarray | None = None
         for at in self._path(0, index):
             joint = self._joints[at]
@@ -492,7 +491,7 @@ class _Skeleton:
         return place
 
     def _step(self, joint: Joint, rows: Float[np.ndarray, "T C"]) -> np.ndarray | None:
-        """From its parent, in the parent's axes, where a joint has positions."""
+        """Return a joint's offset from its parent in the parent's axes; None without positions."""
         axes = {
             "XYZ".index(each[0]): joint.first + i
             for i, each in enumerate(joint.channels)
@@ -505,7 +504,7 @@ class _Skeleton:
         told = rows[:, list(axes.values())]
         mean = told.mean(axis=0)
         far = np.linalg.norm(mean - offset[known]) > np.linalg.norm(mean)
-        # Nearer to zero than to where it rests, it is told as a step from there.
+        # Positions nearer to zero than to the rest offset are relative to that offset.
         step[:, known] = told + offset[known] if joint.parent >= 0 and far else told
         return step
 
@@ -520,7 +519,7 @@ def _plain(name: str) -> str:
 
 
 def _plain_labels(names: list[str]) -> list[str]:
-    """Names without case, marks and what all of them begin with."""
+    """Simplify names to lower case, without punctuation and their common prefix."""
     plain = [_plain(name) for name in names]
     first, last = min(plain, default=""), max(plain, default="")
     shared = next((i for i, (a, b) in enumerate(zip(first, last)) if a != b), 0)  # noqa: B905
@@ -528,7 +527,7 @@ def _plain_labels(names: list[str]) -> list[str]:
 
 
 def _side(name: str, label: str) -> str:
-    """Left or right by name; nothing where it does not say."""
+    """Return the side in a joint's name, or "" if there is none."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()
     is_left = bool(_LEFT.search(spaced) or label.startswith("left"))
     is_right = bool(_RIGHT.search(spaced) or label.startswith("right"))
@@ -541,7 +540,7 @@ def _side(name: str, label: str) -> str:
 def _poses(
     world: list[Rotation], found: Found, turns: dict[str, Rotation], axes: Rotation
 ) -> Float[np.ndarray, "T 55 3"]:
-    """Our joints' rotations against their parents; one that the file lacks goes with its parent."""
+    """Compute our joints' local rotations; one that the file lacks follows its parent."""
     ours: list[Rotation] = []
     poses = np.zeros((len(world[0]), NUM_JOINTS, 3))
     for joint, parent in enumerate(PARENTS):
@@ -559,7 +558,7 @@ def _poses(
 
 
 def _rest_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Rotation]:
-    """What takes each limb's bone from where it rests with us to where it rests in the file."""
+    """Return rotations from the rest direction of each limb's bone of ours to the file's."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     turns: dict[str, Rotation] = {}
     for start, end in BONES.items():
@@ -580,7 +579,7 @@ def _rest_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Rot
 
 
 def _trunk_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Rotation]:
-    """What takes our trunk and head, which no single bone tells, to how they rest in the file."""
+    """Return rotations from the rest pose of our trunk and head to the file's."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     theirs = {name: places[at[0]] for name, at in found.items() if at}
     ours = {name: rest[JOINT_INDEX[name]] for name in theirs}
@@ -600,7 +599,7 @@ def _trunk_turns(places: Float[np.ndarray, "J 3"], found: Found) -> dict[str, Ro
 
 
 def _scale(places: Float[np.ndarray, "J 3"], found: Found, draft: Draft) -> float:
-    """By what lengths are multiplied, so that the legs are as long as ours."""
+    """Return the factor that makes the legs as long as ours."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     limb, parts = "legs", ("left_hip", "left_knee", "left_ankle")
     if not found.get(parts[0]):

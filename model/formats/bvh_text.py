@@ -1,4 +1,4 @@
-"""The text of a BVH file: its joints and rows of numbers, read as far as nothing is lost."""
+"""Parser of BVH text: joints and rows of numbers, with repairs that lose nothing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from model.storage.npz import MotionError, check_size
 MAX_JOINTS = 400
 MAX_WORD = 200
 MAX_LENGTH = 1e6
-"""Of an offset or position, in whatever unit, and of an angle in degrees."""
+"""Largest offset or position, in any unit, and largest angle in degrees."""
 _CHANNELS = {
     f"{axis}{kind}".lower(): f"{axis}{kind}" for axis in "XYZ" for kind in ("position", "rotation")
 }
@@ -26,32 +26,32 @@ _FUSED = re.compile(r"(?<=[0-9])-(?=[0-9])")
 
 @dataclass
 class Joint:
-    """One joint as the file has it."""
+    """A joint of the file."""
 
     name: str
     parent: int
     offset: tuple[float, ...] = (0.0, 0.0, 0.0)
     channels: list[str] = field(default_factory=list)
     first: int = 0
-    """Its first channel in a row."""
+    """Index of its first channel in a row."""
 
 
 @dataclass
 class Text:
-    """What a file holds."""
+    """Parsed content of a BVH file."""
 
     joints: list[Joint]
     frame_s: float
     rows: Float[np.ndarray, "T channels"]
     said: list[str]
-    """What was made up for, half a sentence each."""
+    """Repairs that were made, each half a sentence."""
 
 
 def read_text(path: Path) -> Text:
-    """Joints, seconds a frame and rows.
+    """Read the joints, the duration of a frame (s) and the rows of a file.
 
     Raises:
-        MotionError: for what is no BVH; it names the line and the reason.
+        MotionError: if it is no BVH; the message names the line and the reason.
     """
     check_size(path)
     try:
@@ -61,12 +61,12 @@ def read_text(path: Path) -> Text:
 
 
 class _Reader:
-    """A file's text while it is read."""
+    """State of parsing a file's text."""
 
     def __init__(self, name: str, text: str) -> None:
         self._name, self._text = name, text
         self._at = 0
-        """Where the word or line begins that is read."""
+        """Position of the current word or line in the text."""
         self._said: list[str] = []
 
     def read(self) -> Text:
@@ -86,7 +86,7 @@ class _Reader:
         return MotionError(f"{self._name} is no readable BVH file: line {line}, {why}.")
 
     def _words(self) -> Iterator[str]:
-        """Of the hierarchy, up to ``MOTION``."""
+        """Yield the words of the hierarchy, up to ``MOTION``."""
         for found in re.finditer(r"[{}]|[^\s{}]+", self._text):
             self._at = found.start()
             if found[0].upper() == "MOTION":
@@ -96,13 +96,13 @@ class _Reader:
         raise self._wrong("there is no MOTION")
 
     def _lines(self) -> Iterator[str]:
-        """All that follow with something in them."""
+        """Yield the remaining lines that are not empty."""
         for found in re.compile(r"\S[^\n]*").finditer(self._text, self._at):
             self._at = found.start()
             yield found[0].rstrip()
 
     def _hierarchy(self) -> list[Joint]:
-        """Joints in the order of the file, which is that of the channels."""
+        """Parse the joints in the order of the file, which is that of the channels."""
         joints: list[Joint] = []
         blocks: list[int] = []
         current, width = -1, 0
@@ -175,8 +175,10 @@ class _Reader:
         return int(frames[1]), frame_s
 
     def _rows(self, lines: Iterator[str], frames: int, channels: int, own: int) -> np.ndarray:
-        """As many as are whole, up to what the file says; of all joints, or of the first
-        skeleton's own alone."""
+        """Parse complete rows, at most as many as stated.
+
+        They are of all joints, or of the first skeleton's alone.
+        """
         first = next(lines, "").split()
         channels = own if len(first) == own else channels
         is_by_line = channels in (len(first), len(self._apart(first)))
@@ -220,7 +222,7 @@ class _Reader:
             return [self._number(word) for word in words]
 
     def _apart(self, words: list[str]) -> list[str]:
-        """Numbers that run together are taken apart where a sign says where."""
+        """Split numbers that run together at their signs."""
         if not any(_FUSED.search(word) for word in words):
             return words
         self._say("numbers that ran together were taken apart at their signs")
@@ -243,7 +245,7 @@ class _Reader:
             self._said.append(what)
 
     def _largest_skeleton(self, joints: list[Joint]) -> list[Joint]:
-        """The largest of several roots, with its channels where they are."""
+        """Return the largest of several skeletons, with its channels unchanged."""
         roots = [index for index, joint in enumerate(joints) if joint.parent < 0]
         if len(roots) == 1:
             return joints

@@ -1,5 +1,5 @@
-"""What the motion itself says of a draft: which way is up and forward, in which units it stands,
-from what its hands are told, where samples were joined, at which rate it goes."""
+"""Properties of a draft that are estimated from its motion: up and forward axes, units, reference
+pose of hands, joints between samples, and the frame rate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LEFT_RELAXED = (
 RELAXED_HANDS: Float[np.ndarray, "30 3"] = np.concatenate(
     [np.array(_LEFT_RELAXED), np.array(_LEFT_RELAXED) * (1, -1, -1)]
 )
-"""Axis-angle of our own relaxed hands, which stand in for the licensed mean hand."""
+"""Axis-angle (30, 3) of our own relaxed hands, a substitute for the licensed mean hand pose."""
 _UNIT = {axis: axis_of(axis) for axis in AXES}
 _UPRIGHT = {
     "y": Rotation.identity(),
@@ -39,18 +39,18 @@ _UPRIGHT = {
     "x": Rotation.from_euler("z", 90, degrees=True),
     "-x": Rotation.from_euler("z", -90, degrees=True),
 }
-"""The turn that makes each of them y."""
+"""Rotations of each up axis to y."""
 _FORWARD_DEG = {"z": 0, "x": -90, "-z": 180, "-x": 90}
-"""The turn about y that makes each of them z."""
+"""Rotations about y of each forward axis to z (degrees)."""
 CURL_FLAT, CURL_OFFSET = 0.18, 0.08
-"""Mean bend of long fingers, radians: hands told from the flat hand have more than the first
-(recordings .22 and more), those told from the mean hand less than the second."""
+"""Mean bend of long fingers (rad) above which hands are relative to the flat hand (recordings .22
+and more), and below which they are relative to the mean hand pose."""
 SLIDES_M_S = 0.8
-"""No motion's stiller foot goes that fast at the median (worst of published ones: .4)."""
+"""Median speed of the slower foot that no motion in metres reaches (worst published one: .4)."""
 FAR = 20.0
-"""Metres from the origin where nobody is filmed, but where centimetres begin."""
+"""Distance from the origin (m) that no recording reaches, but coordinates in centimetres do."""
 _LOOKED_AT = 1800
-"""Frames, from the first, by which feet are judged."""
+"""Number of first frames by which feet are judged."""
 LOWEST_FPS, HIGHEST_FPS = 12.0, 240.0
 _FILLED_IN = (
     f"; frames between were filled in to {FPS} along a smooth curve, so it cannot hold movement"
@@ -61,13 +61,13 @@ _JUMP = 2.5
 
 
 def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) -> Reading:
-    """The motion as ours are, with all that was assumed of it.
+    """Convert a draft to our conventions, with all that was assumed.
 
     Args:
-        mean_hands: of the licensed body, where there is one.
+        mean_hands: mean hand pose of the licensed body, if there is one.
 
     Raises:
-        MotionError: for rates that cannot be made 30, and what the user says that cannot be.
+        MotionError: for rates that cannot be resampled, and impossible values from the user.
     """
     _samples(draft)
     _hands(draft, mean_hands)
@@ -97,7 +97,7 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
 
 
 def _in_step(draft: Draft, motion: Motion) -> Motion:
-    """Moved by the lag that the user tells."""
+    """Shift the motion by the lag that the user states."""
     told = draft.told.get("lag")
     if told is None:
         return motion
@@ -110,8 +110,7 @@ def _in_step(draft: Draft, motion: Motion) -> Motion:
 
 
 def _samples(draft: Draft) -> None:
-    """Several samples of one clip, end to end, are found by jumps of the whole body at equal
-    distances."""
+    """Detect samples of one clip that were joined, by jumps of the body at equal distances."""
     poses = draft.poses[:, :22].reshape(len(draft.poses), -1)
     jumps = np.linalg.norm(np.diff(poses, axis=0), axis=1)
     for count in reversed(_SAMPLES):
@@ -135,14 +134,14 @@ def _samples(draft: Draft) -> None:
 
 
 def curl(poses: Float[np.ndarray, "T 55 3"]) -> float:
-    """Mean bend of the long fingers towards the palm, radians, of hands that are not all zero."""
+    """Compute the mean bend of the long fingers (rad), of hands that are not all zero."""
     hands = ((LEFT_HAND, -1.0), (RIGHT_HAND, 1.0))
     bends = [sign * poses[:, list(hand[:12]), 2] for hand, sign in hands if poses[:, hand].any()]
     return float(np.mean(bends)) if bends else 0.0
 
 
 def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
-    """Whether they are told from the flat hand or from the mean one."""
+    """Decide whether hands are relative to the flat hand or the mean hand pose."""
     told = draft.told.get("hands")
     hands = draft.poses[:, list(HANDS)]
     if "hands" in draft.lacks or (draft.is_scaled and told is None):
@@ -182,7 +181,7 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
 
 
 def _units(draft: Draft) -> None:
-    """By how high the pelvis stands, and by the scale at which feet do."""
+    """Decide the units by the height of the pelvis and the scale at which feet do not slide."""
     if draft.trans is None or draft.is_scaled:
         return
     told = draft.told.get("units")
@@ -195,7 +194,7 @@ def _units(draft: Draft) -> None:
     trans = draft.trans[:_LOOKED_AT]
 
     def slide(scale: float) -> float:
-        """Median speed of the stiller foot, m/s."""
+        """Return the median speed of the slower foot (m/s)."""
         if len(trans) < 2:
             return 0.0
         steps = np.linalg.norm(np.diff(feet + scale * trans[:, None], axis=0), axis=-1)
@@ -222,7 +221,7 @@ def _units(draft: Draft) -> None:
 
 
 def _oddness(far_m: float, speed_m_s: float) -> float:
-    """How far from a person's are where a pelvis stands and how fast it goes."""
+    """Return how implausible a pelvis's distance and speed are for a person."""
     return abs(np.log(max(far_m, 0.3))) + abs(np.log(max(speed_m_s, 1e-4) / 0.08))
 
 
@@ -231,7 +230,7 @@ def _tracks(motion: Motion) -> Tracks:
 
 
 def posture(motion: Motion) -> dict[str, float]:
-    """How upright a body stands along each axis, -1 to 1: its spine, head, shanks and soles."""
+    """Compute how upright a body is along each axis, -1 to 1, by spine, head, shanks and soles."""
     some = motion.part(np.arange(0, motion.num_frames, max(1, motion.num_frames // 100)))
     tracks = _tracks(some)
 
@@ -296,7 +295,7 @@ def _facing(draft: Draft) -> None:
 
 
 def _turn(draft: Draft, turn: Rotation) -> None:
-    """The whole body; the pelvis, which stands at `trans` plus its place in the rest pose, too."""
+    """Rotate the whole body, and its position (`trans` plus the pelvis's rest position)."""
     draft.poses = draft.poses.copy()
     draft.poses[:, 0] = (turn * Rotation.from_rotvec(draft.poses[:, 0])).as_rotvec()
     rest = open_body_skeleton().rest_joints[0].double().numpy()

@@ -1,5 +1,5 @@
-"""What all readers share: a draft of the motion, rotations of any form and number of joints as
-axis-angle, and frame rates."""
+"""Shared parts of the readers: a draft of the motion, conversion of rotation formats and joint sets
+to axis-angle, and resampling."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WIDTHS: dict[int, tuple[Rotations, ...]] = {
     4: ("quaternion-wxyz", "quaternion-xyzw"),
     9: ("matrix",),
 }
-"""Numbers for a joint, and the forms that have as many."""
+"""Rotation formats by the number of values per joint."""
 BODY = tuple(range(22))
 JOINT_SETS: dict[int, tuple[int, ...]] = {
     55: tuple(range(55)),
@@ -35,22 +35,22 @@ JOINT_SETS: dict[int, tuple[int, ...]] = {
     24: BODY,
     22: BODY,
 }
-"""Ours of each number of joints that files have; SMPL's last two, of 24, are hands without
-fingers, and have no place."""
+"""Our joints by the number of joints in files; SMPL's last two of 24 are hands without fingers, and
+are ignored."""
 SET_NAMES = {55: "SMPL-X", 52: "SMPL-H", 53: "SMPL-H and the jaw", 24: "SMPL", 22: "SMPL's body"}
 MOST_RADIANS = 4 * np.pi
-"""A turn of more than two full circles is a number of degrees."""
+"""Largest plausible angle, two full turns; above it, angles are in degrees."""
 _MIXED = [0, 2, 4, 1, 3, 5]
-"""Of two axes told number by number, the one and then the other."""
+"""Column order that separates two interleaved axes."""
 
 
 @dataclass
 class Draft:
-    """A motion while it is being read: what the file holds, and what was assumed so far."""
+    """A motion that is being read: the file's content, and the assumptions so far."""
 
     name: str
     told: dict[str, str]
-    """What the user says of the file, by kind."""
+    """Properties of the file that the user states, by kind."""
     poses: Float[np.ndarray, "T 55 3"]
     fps: float = float(FPS)
     trans: Float[np.ndarray, "T 3"] | None = None
@@ -60,14 +60,14 @@ class Draft:
     assumptions: list[Assumption] = field(default_factory=list)
     lacks: set[Part] = field(default_factory=set)
     is_offset: bool | None = None
-    """Whether hands of this layout usually are offsets from the mean hand; None where it is known
-    that they are not."""
+    """True if hands of this layout are usually offsets from the mean hand pose; None if they are
+    known not to be."""
     chosen: int = 1
-    """Which motion of a batch."""
+    """Number of the motion in a batch, from 1."""
     settled: set[Kind] = field(default_factory=set)
-    """What the reader did after the user's word, so that it is not done again."""
+    """Properties that the reader has set as the user states, not to be applied again."""
     is_scaled: bool = False
-    """Whether `trans` is in metres already, and y is up unless the motion says otherwise."""
+    """True if `trans` is in metres and y is up, unless the motion indicates otherwise."""
 
     def assume(
         self,
@@ -78,13 +78,13 @@ class Draft:
         others: tuple[str, ...] = (),
         is_usual: bool = False,
     ) -> None:
-        """Note one thing."""
+        """Record an assumption."""
         self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
 
     def goes_at(
         self, fps: float, why: str, sure: Sure, others: tuple[str, ...] = USUAL_RATES
     ) -> None:
-        """So many frames a second, unless the user says otherwise."""
+        """Set the frame rate, unless the user states another."""
         is_ours = sure == "stated" and abs(fps - FPS) < 0.01
         told = self.settled_as("rate", f"{fps:g}", why, sure, others, is_ours)
         self.fps = float(told) if "rate" in self.told else fps
@@ -92,7 +92,7 @@ class Draft:
     def turns(
         self, rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...]
     ) -> Float[np.ndarray, "T J 3"]:
-        """Rotations as axis-angle; of which form they are is noted."""
+        """Convert rotations to axis-angle, and record the format assumed."""
         form = _form_of(rows, joints, self.name, self.told.get("rotations"))
         if form not in self.assumptions:
             self.assumptions.append(form)
@@ -107,7 +107,7 @@ class Draft:
         others: tuple[str, ...],
         is_usual: bool = False,
     ) -> str:
-        """What the user says of one thing, or else what was found; it is noted."""
+        """Return the user's value of a property, or else the one detected, and record it."""
         told = self.told.get(kind)
         if told is None:
             self.assume(kind, found, why, sure, others, is_usual)
@@ -116,13 +116,13 @@ class Draft:
         return told
 
     def keep(self, frames: slice) -> None:
-        """These alone."""
+        """Keep only a range of frames."""
         self.poses = self.poses[frames]
         self.trans = None if self.trans is None else self.trans[frames]
         self.expressions = None if self.expressions is None else self.expressions[frames]
 
     def motion(self) -> Motion:
-        """As it stands, with zeros for what there is not."""
+        """Make the motion, with zeros for missing parts."""
         frames = len(self.poses)
         trans = np.zeros((frames, 3)) if self.trans is None else self.trans
         if self.expressions is None:
@@ -135,7 +135,7 @@ class Draft:
 
 @dataclass(frozen=True)
 class Shape:
-    """How an array holds rotations."""
+    """Layout of rotations in an array."""
 
     batch: int
     frames: int
@@ -144,13 +144,13 @@ class Shape:
     is_transposed: bool = False
 
     def rows(self, array: np.ndarray) -> Float[np.ndarray, "B T J width"]:
-        """The array so."""
+        """Reshape an array to this layout."""
         array = array.T if self.is_transposed else array
         return array.reshape(self.batch, self.frames, self.joints, self.width)
 
 
 def shape_of(shape: tuple[int, ...]) -> Shape | None:
-    """As which rotations an array of a shape can be understood; None as none."""
+    """Return the layout of rotations in an array by its shape; None if it fits none."""
     pairs = {(joints, width) for joints in JOINT_SETS for width in WIDTHS}
     flat = {joints * width: (joints, width) for joints, width in pairs}
     match shape:
@@ -175,15 +175,14 @@ def shape_of(shape: tuple[int, ...]) -> Shape | None:
 
 
 def laid_out(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> np.ndarray:
-    """Of these joints, as poses of 55; the others stay at rest."""
+    """Return poses of 55 joints with these ones; the others stay at rest."""
     whole = np.zeros((len(poses), NUM_JOINTS, 3))
     whole[:, list(joints)] = poses[:, : len(joints)]
     return whole
 
 
 def are_positions(rows: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> bool:
-    """Whether rows are places of joints and not turns: their bones are constant, and as long
-    beside each other as a body's."""
+    """Check whether rows are positions, by constant bones in the proportions of a body."""
     places = laid_out(rows[:: max(1, len(rows) // 100)], joints)
     bones = [joint for joint in joints[1:] if PARENTS[joint] in joints]
     lengths = np.linalg.norm(
@@ -199,8 +198,7 @@ def are_positions(rows: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> 
 
 
 def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> float:
-    """Positive where arms hang, elbows, knees and fingers bend as people's do; negative where all
-    bend the other way."""
+    """Score how joints bend: positive as people's arms, knees and fingers do, or negative."""
     curls = [f"{finger}{i}" for finger in ("index", "middle", "ring") for i in (1, 2, 3)]
     signs = {"left_knee": (0, 0.7), "right_knee": (0, 0.7)}
     for side, sign in (("left", -1.0), ("right", 1.0)):
@@ -218,10 +216,10 @@ def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -
 def _form_of(
     rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], name: str, told: str | None
 ) -> Assumption:
-    """As which form rotations are understood.
+    """Decide the format of rotations.
 
     Raises:
-        MotionError: if they cannot be of the form that was told.
+        MotionError: if they cannot have the format that the user states.
     """
     width = rows.shape[-1]
     forms = WIDTHS[width]
@@ -244,7 +242,7 @@ def _form_of(
 
 
 def _form_of_6d(rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name: str) -> Assumption:
-    """Two axes one after the other or turn by turn, and rows or columns of the matrix."""
+    """Decide whether 6D rotations are sequential or interleaved, and rows or columns."""
 
     def apart(six: np.ndarray) -> float:
         a, b = six[..., :3], six[..., 3:]
@@ -295,10 +293,10 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
 
 
 def at_30_fps(motion: Motion, fps: float) -> Motion:
-    """The same motion at 30 frames per second.
+    """Resample a motion to 30 frames per second.
 
-    More frames are thinned by slerp. Fewer are filled in along a cubic spline, which adds no kinks,
-    and jitter that the file cannot have is not in it either.
+    Higher rates are resampled by slerp; lower ones along a cubic spline, which adds neither kinks
+    nor jitter that the file cannot have.
     """
     if abs(fps - FPS) < 0.01:
         return motion

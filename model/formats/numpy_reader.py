@@ -1,4 +1,4 @@
-"""Numpy files: archives of BEAT2, AMASS, SMPL-X parameters and what differs from them, and bare
+"""Numpy files: archives of BEAT2, AMASS, SMPL-X parameters and variants of them, and single
 arrays."""
 
 from __future__ import annotations
@@ -67,8 +67,7 @@ _DIFFSHEG = tuple(
 
 @dataclass(frozen=True)
 class Columns:
-    """A layout of numbers side by side: joints (3 numbers each unless ``width`` says so) or, by
-    name, other things."""
+    """A layout of columns: joints (``width`` numbers each) and named blocks."""
 
     name: str
     blocks: tuple[tuple[tuple[int, ...] | str, int], ...]
@@ -76,7 +75,7 @@ class Columns:
     """See `Draft.is_offset`."""
     lacks: tuple[Part, ...] = ()
     no_place: str = ""
-    """Why a translation in it is not read."""
+    """Reason why its translation is not read."""
     width: int = 3
 
 
@@ -120,7 +119,7 @@ COLUMNS: dict[int, Columns] = {
         width=6,
     ),
 }  # fmt: skip
-"""By number of columns."""
+"""Layouts by the number of columns."""
 NOT_READ = {
     104: "is of Audio2Photoreal's form: 104 angles of a skeleton that is told only by the model "
     "that comes with its checkpoints, with no public list of which angle turns which joint, so "
@@ -144,7 +143,7 @@ NOT_READ = {
     ),
     **dict.fromkeys((80, 128), "holds a mel spectrogram, by its width, and no motion"),
 }
-"""Widths of which no motion can be made, and why."""
+"""Reasons why no motion can be made of arrays, by their width."""
 _SOMA = (
     "is of SOMA's skeleton (NVIDIA's Kimodo and GEM-X) by its {joints} joints, whose rotations "
     "start from another rest pose; turn it into BVH (kimodo_convert FILE.npz FILE.bvh), and give "
@@ -156,7 +155,7 @@ JOINTS_NOT_READ = {
     34: "is of Unitree's G1 by its {joints} joints (Kimodo's form); a robot's hinges are no "
     "person's joints: give the human motion that it was retargeted from, or generate it for SMPL-X",
 }
-"""Numbers of joints of skeletons that are not read, and why."""
+"""Reasons why a skeleton is not read, by its number of joints."""
 _PARAMETER_WIDTHS = (3, 10, 16, 45, 63, 300)
 CONVERT = (
     'python -c "import numpy as n,sys; f=lambda d,p=str(): {k: v for a,b in d.items() for k,v in '
@@ -166,9 +165,9 @@ CONVERT = (
     "d={k: v.item() if getattr(v,'dtype',0)==object and v.ndim==0 else v for k,v in d.items()}; "
     "n.savez('motion.npz', **{k: v for k,v in f(d).items() if v.dtype!=object})\" FILE"
 )
-"""Run by whoever trusts a file of pickled objects: loading them runs what they say."""
+"""Command for users who trust a file of pickled objects: loading runs any code in them."""
 _FARTHEST = 1e5
-"""A hundred metres in millimetres."""
+"""Largest coordinate: a hundred metres in millimetres."""
 _READS = (
     "rotations are (frames, 165), (frames, 55, 3) or of 53, 52, 24 or 22 joints, 3, 4, 6 or 9"
     " numbers each"
@@ -180,7 +179,7 @@ _IN_A_FOLDER = (
 
 
 def read_npz(path: Path, told: dict[str, str]) -> Draft:
-    """Read a BEAT2 npz, or one that differs from it in what can be made up for.
+    """Read a BEAT2 npz, or a variant that can be converted.
 
     Raises:
         MotionError: for all else; one sentence that names the file.
@@ -201,7 +200,7 @@ def _read_parameter_files(files: Mapping[str, Path], name: str, told: dict[str, 
 
 
 def read_npy(path: Path, told: dict[str, str]) -> Draft:
-    """Read a motion of one array, or of an array in a file for each parameter.
+    """Read a motion from one array, or from a file for each parameter.
 
     Raises:
         MotionError: as `model.formats.read.read_any_motion`.
@@ -229,7 +228,7 @@ def read_npy(path: Path, told: dict[str, str]) -> Draft:
 
 
 def _of_array(array: np.ndarray, name: str, told: dict[str, str], key: str = "") -> Draft:
-    """Of one array that holds everything."""
+    """Read a motion from one array that holds everything."""
     named = f"`{key}` of {name}" if key else name
     width = array.shape[-1]
     shape = shape_of(array.shape)
@@ -248,14 +247,12 @@ def _of_array(array: np.ndarray, name: str, told: dict[str, str], key: str = "")
 
 
 def not_read(shape: tuple[int, ...]) -> str:
-    """Return what an array of a skeleton that is not read is, by its number of joints, and what to
-    do; nothing for others.
-    """
+    """Return the reason why an array's skeleton is not read, and what to do, or ""."""
     match shape:
         case (*_, joints, 3, 3) if joints in JOINTS_NOT_READ:
             pass
         case (_, joints, width) if joints in JOINTS_NOT_READ and width in WIDTHS and joints != 30:
-            pass  # 30 joints of 3 numbers are both hands
+            pass  # 30 joints of 3 numbers are two hands
         case _:
             return ""
     return JOINTS_NOT_READ[joints].format(joints=joints)
@@ -319,7 +316,7 @@ def _tell_joints(draft: Draft, joints: tuple[int, ...], why: str) -> None:
 
 
 def _one_of(draft: Draft, batch: np.ndarray) -> np.ndarray:
-    """The motion of a batch that the user chose, or the first."""
+    """Return the motion of a batch that the user chose, or the first."""
     count = len(batch)
     if count == 1:
         return batch[0]
@@ -337,7 +334,7 @@ def _one_of(draft: Draft, batch: np.ndarray) -> np.ndarray:
 
 
 def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_ABS_VALUE) -> None:
-    """Refuse, or bridge where the user says so, frames that hold no numbers; in place.
+    """Refuse frames that are not finite, or interpolate them in place if the user wants it.
 
     Raises:
         MotionError: naming all of them.
@@ -363,7 +360,7 @@ def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_A
 
 
 def stretches(marks: np.ndarray) -> str:
-    """``3, 40-45``: where marks are set."""
+    """Format the ranges of set marks, for example ``3, 40-45``."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(int), [0]])))
     pairs = edges.reshape(-1, 2)
     named = [f"{a}-{b - 1}" if b - a > 1 else str(a) for a, b in pairs[:8]]
@@ -372,7 +369,7 @@ def stretches(marks: np.ndarray) -> str:
 
 @dataclass
 class _Archive:
-    """One archive: its arrays by their plain names, whatever stands before them."""
+    """An archive with its arrays by their plain names, without prefixes."""
 
     archive: zipfile.ZipFile
     name: str
@@ -381,9 +378,9 @@ class _Archive:
     plain: dict[str, str] = field(default_factory=dict)
     """Key of each plain name."""
     choice: Assumption | None = None
-    """Of one of several motions."""
+    """Choice of one of several motions."""
     lengths: dict[str, int] = field(default_factory=dict)
-    """Rows of each parameter that is read."""
+    """Number of rows of each parameter that is read."""
 
     def read(self) -> Draft:
         self.headers = read_headers(self.archive, self.name, names_objects=True)
@@ -412,7 +409,7 @@ class _Archive:
         return draft
 
     def _of_one_length(self, draft: Draft) -> None:
-        """Let a parameter of one row hold for all frames, and cut others to the shortest."""
+        """Extend parameters of one row to all frames, and cut others to the shortest."""
         frames = _num_frames(self.lengths)
         single = [f"`{key}`" for key, length in self.lengths.items() if length == 1]
         if frames > 1 and single:
@@ -432,8 +429,10 @@ class _Archive:
             draft.expressions = _of_length(draft.expressions, frames)
 
     def _choose(self) -> str:
-        """The key of the poses (or of ``global_orient``), after the user's choice where there are
-        several; plain names stand for what is beside it."""
+        """Return the key of the poses (or of ``global_orient``), by the user's choice of several.
+
+        The plain names are set to the arrays that belong to it.
+        """
         found: dict[str, str] = {}
         for names in (POSES, ROOTS):
             for key, (shape, dtype) in self.headers.items():
@@ -468,7 +467,7 @@ class _Archive:
             others = tuple(each for each in found if each)
             why = f"`{found['']}`, beside {', '.join(others)}"
             self.choice = Assumption("motion", printable(found[""]), why, "likely", others)
-        for own in (False, True):  # what is beside no other motion, then what is beside this one
+        for own in (False, True):  # arrays of no other motion, then those of this one
             for key in self.headers:
                 prefix, plain = split_key(key)
                 if prefix == before if own else prefix not in found or not prefix:
@@ -519,7 +518,7 @@ class _Archive:
         return draft
 
     def _of_parts(self) -> Draft:
-        """SMPL-X's parameters side by side; what is not there stays at rest."""
+        """Read a motion from separate SMPL-X parameters; missing ones stay at rest."""
         draft = Draft(self.name, self.told, np.zeros((1, NUM_JOINTS, 3)), is_offset=True)
         found: dict[tuple[int, ...], np.ndarray] = {}
         keys = []
@@ -549,7 +548,7 @@ class _Archive:
         return draft
 
     def _part_rows(self, part: str, array: np.ndarray, joints: int) -> np.ndarray:
-        """(T, joints, numbers) of one part."""
+        """Reshape a part to (T, joints, numbers)."""
         each, over = divmod(int(np.prod(array.shape[1:])), joints)
         if len(array) == 1 and array.ndim > 2 and (over or each not in WIDTHS):
             return self._part_rows(part, array[0], joints)
@@ -578,14 +577,14 @@ class _Archive:
         return read_array(self.archive, key).astype(np.float32)
 
     def _filled(self, plain: str) -> np.ndarray:
-        """An array of at least two axes with something in it; a vector is one row."""
+        """Return an array with at least two axes that is not empty; a vector is one row."""
         array = self._numbers(self.plain[plain])
         if not array.size:
             raise MotionError(f"{self.name}: `{plain}` is empty; it has the shape {array.shape}.")
         return np.atleast_2d(array)
 
     def _array(self, draft: Draft, plain: str, columns: int) -> np.ndarray:
-        """An array with one row for each frame, of the motion that was chosen of a batch."""
+        """Return an array with one row per frame, of the motion that was chosen of a batch."""
         array = self._filled(plain)
         shape = array.shape
         if array.ndim == 3 and array.shape[1] != 1:
@@ -630,7 +629,7 @@ class _Archive:
             draft.assume("shape", "betas", f"the first row of `betas` {shape} was taken", "likely")
 
     def _rate_of(self, plain: str) -> str:
-        """What stands under one of `RATES`, as text."""
+        """Return the value of one of `RATES` as text."""
         key = self.plain[plain]
         shape, dtype = self.headers[key]
         if dtype.kind not in "fiuUS" or int(np.prod(shape)) != 1 or dtype.itemsize > 400:
@@ -639,7 +638,7 @@ class _Archive:
         return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
     def _invalid(self, draft: Draft) -> None:
-        """Tell frames that a mask marks as invalid; those of `MISSING` are bridged."""
+        """Report frames that a mask marks as invalid; those of `MISSING` are interpolated."""
         key = self._find((*VALID, MISSING))
         if key is None or self.headers[self.plain[key]][1].kind not in "buif":
             return
@@ -647,7 +646,7 @@ class _Archive:
         values = read_array(self.archive, self.plain[key]).reshape(-1)[: len(marks)]
         marks[: len(values)] = values == 0
         sure: Sure = "stated"
-        if key == MISSING and marks.mean() > 0.5:  # then zero rather means that none is missing
+        if key == MISSING and marks.mean() > 0.5:  # then zero rather means that nothing is missing
             marks[: len(values)] = values != 0
             sure = "unsure"
         told = self.told.get("frames", "bridge" if key == MISSING else "refuse")
@@ -663,7 +662,7 @@ class _Archive:
 
 
 def _num_frames(lengths: Mapping[str, int]) -> int:
-    """Frames that all parameters have; those of one row hold for any number."""
+    """Return the number of frames that all parameters have; one row fits any number."""
     return min((length for length in lengths.values() if length > 1), default=1)
 
 
@@ -672,7 +671,7 @@ def _of_length(rows: np.ndarray, frames: int) -> np.ndarray:
 
 
 def _bridge(draft: Draft, marks: np.ndarray) -> None:
-    """Interpolate marked frames from those around; at the ends the nearest holds."""
+    """Interpolate marked frames from their neighbours; the nearest is repeated at the ends."""
     good, bad = np.flatnonzero(~marks), np.flatnonzero(marks)
     at = bad.clip(good[0], good[-1])
     if len(good) == 1:
@@ -692,7 +691,7 @@ def _is_motion(shape: tuple[int, ...]) -> bool:
 
 
 def _rate(draft: Draft, stated: dict[str, str]) -> None:
-    """From the file, or as usual."""
+    """Set the frame rate from the file, or the default."""
     numbers: dict[str, float] = {}
     for key, value in stated.items():
         try:
@@ -713,7 +712,7 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
 
 
 def _complete(draft: Draft) -> None:
-    """Say what there is not."""
+    """Record which parts are missing."""
     if draft.expressions is None:
         draft.lacks.add("face")
         if not any(each.kind == "face" for each in draft.assumptions):

@@ -1,6 +1,6 @@
-"""Names of parameters of motion, in archives and as names of files.
+"""Names of motion parameters, in archives and as file names.
 
-What is here needs no array library, so that files can be listed quickly.
+This module needs no array library, so that files can be listed quickly.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ TRANSLATIONS = ("trans", "transl", "translation", "root_trans", "root_translatio
 EXPRESSIONS = ("expressions", "expression", "expr", "exp")
 RATES = ("mocap_frame_rate", "mocap_framerate", "fps", "frame_rate", "framerate")
 VALID = ("is_valid", "valid", "valid_mask")
-"""Masks that are zero in frames whose tracking failed."""
+"""Names of masks that are zero in frames with failed tracking."""
 MISSING = "missing"
-"""Embody-3D's mask, which despite its name is zero in corrupted frames as well."""
+"""Name of Embody-3D's mask, which is, in spite of its name, zero in corrupted frames."""
 PARTS: dict[str, tuple[int, ...]] = {
     "global_orient": (0,),
     "body_pose": _BODY,
@@ -36,16 +36,16 @@ PARTS: dict[str, tuple[int, ...]] = {
     "pose_eye": FACE[1:],
     "pose_hand": HANDS,
 }
-"""SMPL-X's own parameters, then SMPLer-X's and AMASS's names of them, and the joints of each."""
+"""Joints of SMPL-X's own parameters, then of their names in SMPLer-X and AMASS."""
 ROOTS = ("global_orient", "root_orient", "root_pose")
 PARAMETERS = tuple(
     dict.fromkeys((*ROOTS, *PARTS, "betas", *TRANSLATIONS, *EXPRESSIONS, *VALID, MISSING))
 )
-"""What may be a file of its own, the root's first."""
+"""Parameters that may be separate files, the root's first."""
 
 
 def split_key(key: str) -> tuple[str, str]:
-    """What stands before the plain name of an array, and that name: ``gt``, ``poses``."""
+    """Split an array's key into its prefix and its plain name, such as ``gt``, ``poses``."""
     known = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, MISSING, *PARTS, "betas")
     for mark in ("/", ":", "."):
         before, found, after = key.rpartition(mark)
@@ -58,10 +58,10 @@ def split_key(key: str) -> tuple[str, str]:
 
 
 def parameter_files(path: Path) -> dict[str, Path]:
-    """Return the files of the motion that a .npy file is one parameter of, by parameter, the root's
-    first; empty for other files.
+    """Return all files of the motion that a .npy parameter file belongs to, by parameter.
 
-    Read are ``PARAMETER/CLIP.npy``, as Embody-3D has them, and ``CLIP/PARAMETER.npy``.
+    The root's comes first. The layouts are ``PARAMETER/CLIP.npy``, as in Embody-3D, and
+    ``CLIP/PARAMETER.npy``; other files give an empty result.
     """
     folder = path.parent
     layouts = (
@@ -79,8 +79,9 @@ def parameter_files(path: Path) -> dict[str, Path]:
 
 
 def motion_files(folder: Path) -> Iterator[tuple[Path, Path]]:
-    """Yield all files of a folder with their names below it; of a motion in a file for each
-    parameter the first file, with the name of the motion.
+    """Yield the files of a folder with their relative names.
+
+    A motion with a file per parameter is yielded once, as its first file with the motion's name.
     """
     for path in sorted(file for file in folder.rglob("*") if file.is_file()):
         name, files = path.relative_to(folder), parameter_files(path)

@@ -1,6 +1,5 @@
-"""One door for all motion files: each kind has its reader, and the motion itself says the rest.
-What a file was understood as: a motion, and each thing that was assumed of it to get there.
-"""
+"""Reading of any motion file, with the assumptions that were needed: a reader per file type, and
+estimates from the motion itself."""
 
 from __future__ import annotations
 
@@ -22,12 +21,13 @@ Kind = Literal[
     "layout", "motion", "joints", "rotations", "hands", "up", "facing", "units", "rate", "place",
     "frames", "face", "shape", "lag",
 ]  # fmt: skip
-"""What can be assumed of a file; of `lag`, against the speech, no file tells anything."""
+"""Kinds of assumptions about a file; no file contains `lag`, which is against the speech."""
 Sure = Literal["told", "stated", "sure", "likely", "unsure"]
-"""Told by the user, stated by the file, evident from the motion, likely, a guess."""
+"""Certainty: stated by the user, stated by the file, evident from the motion, likely, or a
+guess."""
 Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
-"""What a motion may lack: `finger_angles` where a hand of ours stands in for the mean hand, `place`
-is its translation, `detail` what frames that were filled in never had."""
+"""Parts that a motion may lack: `finger_angles` if our hand replaces the mean hand pose, `place`
+for its translation, `detail` if frames were interpolated."""
 
 LACKS: dict[Part, tuple[str, str]] = {
     "detail": ("was filled in from fewer frames a second", "jerk and tremble"),
@@ -37,7 +37,7 @@ LACKS: dict[Part, tuple[str, str]] = {
     "place": ("says nothing of where the body stands", "feet, place and jerk"),
     "legs": ("has no legs", "legs and feet"),
 }
-"""Of a motion that lacks some part, what to say of it, and what of it is not to be compared."""
+"""Text for a motion that lacks a part, and which of its metrics cannot be compared."""
 Rotations = Literal[
     "axis-angle", "6d", "6d-columns", "6d-interleaved", "quaternion-wxyz", "quaternion-xyzw",
     "matrix",
@@ -56,48 +56,48 @@ TELLABLE: dict[str, tuple[str, ...]] = {
     "frames": ("refuse", "bridge"),
     "lag": (),
 }
-"""What `--assume` takes, and its values; none stand for a number, or a name of what is in a
+"""Options of `--assume` and their values; an empty list allows a number, or a name inside a
 file."""
 MOTIONS, REFERENCE = "motions", "reference"
-"""Names by which `Assumptions` speaks of all motions but the reference, or of it alone."""
+"""Names with which `Assumptions` addresses all motions but the reference, or the reference."""
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
 _SAID = re.compile("[^=]+=[^,]*|[^=]+$")
 _FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
 
 
 def axis_of(name: str) -> np.ndarray:
-    """The direction of one of `AXES`."""
+    """Return the unit vector of one of `AXES`."""
     return np.eye(3)["xyz".index(name[-1])] * (-1 if name[0] == "-" else 1)
 
 
 @dataclass(frozen=True)
 class Assumption:
-    """One thing that a file was taken to be."""
+    """An assumption about a file."""
 
     kind: Kind
     value: str
-    """As `--assume` takes it, where it does."""
+    """Value, as for `--assume` if that has this kind."""
     why: str
-    """Half a sentence: what it rests on."""
+    """Reason, half a sentence."""
     sure: Sure = "sure"
     others: tuple[str, ...] = ()
-    """Values that it can be told to be."""
+    """Alternative values."""
     is_usual: bool = False
-    """Whether it is as our own files are, so that nobody needs to be told."""
+    """True if it is as in our own files, so that users need no note."""
 
     def __post_init__(self) -> None:
         others = tuple(each for each in self.others if each != self.value)
         object.__setattr__(self, "others", others)
 
     def sentence(self, name: str) -> str:
-        """For a note that names the file."""
+        """Format a note that names the file."""
         way = ""
         if self.others and self.sure in ("likely", "unsure") and self.kind in TELLABLE:
             way = f" (if not, say --assume {self.kind}={'|'.join(self.others[:6])})"
         return f"{name}: {self.kind} {self.value}, {self.why}{way}."
 
     def as_json(self) -> dict[str, object]:
-        """For programs."""
+        """Return the assumption for JSON."""
         return {
             "what": self.kind,
             "value": self.value,
@@ -109,33 +109,33 @@ class Assumption:
 
 @dataclass(frozen=True)
 class Reading:
-    """A motion as it was understood, at 30 frames a second, y up, in metres, with flat hands."""
+    """A motion that was read, at 30 frames per second, y up, in metres, with flat hands."""
 
     motion: Motion
     assumptions: tuple[Assumption, ...] = ()
     name: str = ""
-    """Of the file."""
+    """Name of the file."""
     lacks: frozenset[Part] = frozenset()
-    """What the file does not tell, so that nothing is to be found of it."""
+    """Parts that the file lacks, for which there are no findings."""
 
     @property
     def rate(self) -> float:
-        """Frames a second at which the file was read."""
+        """Frame rate at which the file was read (Hz)."""
         found = self.of("rate")
         return 30.0 if found is None else float(found.value)
 
     def of(self, kind: Kind) -> Assumption | None:
-        """What was assumed of one thing; None where nothing had to be."""
+        """Return the assumption of a kind; None if there was none."""
         return next((each for each in self.assumptions if each.kind == kind), None)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A sentence for each assumption that is not as in our own files."""
+        """Notes on the assumptions that differ from our own files."""
         return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_usual)
 
 
 def apart(readings: Mapping[str, Reading]) -> list[str]:
-    """What differs between motions that are compared, so that numbers differ by it alone."""
+    """Return notes on differences between motions that make comparisons unfair."""
     sentences = []
     kinds: dict[Kind, str] = {"rate": "frames a second", "hands": "the pose that hands start from"}
     for kind, words in kinds.items():
@@ -152,17 +152,16 @@ def apart(readings: Mapping[str, Reading]) -> list[str]:
 
 
 LENGTHS_APART_S = 1.0
-"""Recordings of sound and motion that belong together differ by less."""
+"""Difference in duration (s) that matching sound and motion do not reach."""
 
 
 def lengths_apart(
     speech_s: float, durations_s: Mapping[str, float], rates: Mapping[str, float] | None = None
 ) -> list[str]:
-    """Return one note for all motions that are clearly no match of the speech in length, and the
-    usual rate at which they would be.
+    """Return a note on motions with a duration unlike the speech's, with the rate that would fit.
 
     Args:
-        rates: frames a second at which each was read, where that is not 30.
+        rates: frame rate at which each was read, if that is not 30.
     """
     others = {
         name: duration_s
@@ -194,21 +193,20 @@ def lengths_apart(
 
 @dataclass(frozen=True)
 class Assumptions:
-    """What the user says of files, where these say too little or lie."""
+    """Properties that the user states for files with incomplete or wrong content."""
 
     says: tuple[tuple[str, str, str], ...] = ()
-    """Name of the file, its kind as ``*.npz``, `MOTIONS`, `REFERENCE` or nothing for all; what;
-    value."""
+    """File's name (or a pattern such as ``*.npz``, `MOTIONS`, `REFERENCE`, or "" for all), kind and
+    value of each."""
 
     def of(self, *names: str) -> dict[str, str]:
-        """By what, for a file of these names; what is said of it alone comes before what is said of
-        its kind, and that before what is said of all."""
+        """Return a file's values by kind, of which specific names override patterns and ""."""
         kinds = {f"*{Path(name).suffix.lower()}" for name in names}
         order: tuple[Collection[str], ...] = ("",), kinds, names
         return {what: value for of in order for name, what, value in self.says if name in of}
 
     def known(self, files: Sequence[Path], *names: str) -> Assumptions:
-        """What is said of these files, and of all."""
+        """Return the statements on these files, and on all."""
         there = {"", MOTIONS, REFERENCE, *names}
         there |= {
             each for path in files for each in (path.name, path.stem, f"*{path.suffix.lower()}")
@@ -216,7 +214,7 @@ class Assumptions:
         return Assumptions(tuple(each for each in self.says if each[0] in there))
 
     def unknown(self, files: Sequence[Path], *names: str) -> str:
-        """Which file, of which something is said, is not there; nothing where all are."""
+        """Return an error text about the first statement on a missing file, or ""."""
         known = self.known(files, *names).says
         for name, kind, value in self.says:
             if (name, kind, value) not in known:
@@ -226,7 +224,8 @@ class Assumptions:
         return ""
 
     def check(self, files: Sequence[Path], *names: str) -> None:
-        """
+        """Check that all files with a statement exist.
+
         Raises:
             MotionError: as `unknown`.
         """
@@ -235,10 +234,10 @@ class Assumptions:
 
 
 def read_told(written: str) -> Assumptions:
-    """``up=z,units=cm,NAME:rate=25``: what `--assume` takes; a name may have commas.
+    """Parse the value of `--assume`: ``up=z,units=cm,NAME:rate=25``; a name may have commas.
 
     Raises:
-        MotionError: for unknown kinds and values; it lists those that are known.
+        MotionError: for unknown kinds and values; it lists the known ones.
     """
     says = []
     for part in filter(None, (part.strip(" ,") for part in _SAID.findall(written))):
@@ -274,15 +273,15 @@ _WAYS = {
 def read_any_motion(
     path: str | Path, told: Assumptions | None = None, body: Path | None = None, *names: str
 ) -> Reading:
-    """Read a motion file, with all that was assumed of it.
+    """Read a motion file, with all assumptions about it.
 
-    Taken are npz files as BEAT2, AMASS and many models write them, ``.npy`` arrays and BVH; see
+    Supported are npz files as BEAT2, AMASS and many models write them, ``.npy`` arrays and BVH; see
     ``docs/formats.md``.
 
     Args:
-        told: what the user says of files (`read_told`).
-        body: a licensed SMPL-X file, whose mean hand is used.
-        names: by which ``told`` may name this file besides its own name and stem.
+        told: what the user states about files (`read_told`).
+        body: a licensed SMPL-X file, for its mean hand pose.
+        names: names of this file in ``told``, besides its own name and stem.
 
     Raises:
         MotionError: for all else; one sentence that names the file.
@@ -306,7 +305,7 @@ def read_any_motion(
 def read_unguarded(
     path: Path, said: dict[str, str], hands: Float[np.ndarray, "30 3"] | None = None
 ) -> Reading:
-    """Read a motion file; what no reader has thought of is an error of the program's own."""
+    """Read a motion file; unexpected content raises errors that are not for users."""
     from model.formats.bvh_reader import read_bvh
     from model.formats.judged import finished
     from model.formats.numpy_reader import CONVERT, read_npy, read_npz
@@ -316,7 +315,7 @@ def read_unguarded(
 
 
 def _kind(path: Path, convert: str) -> str:
-    """Of the ending, or of the first bytes where the ending tells nothing.
+    """Return the file type by its suffix, or by its first bytes if the suffix is unknown.
 
     Raises:
         MotionError: for what is not read, with what to do.
@@ -344,7 +343,7 @@ def _kind(path: Path, convert: str) -> str:
 
 
 def mean_hands(body: Path | None) -> Float[np.ndarray, "30 3"] | None:
-    """Of a licensed SMPL-X file; None where there is none, or it has none.
+    """Read the mean hand pose (30, 3) of a licensed SMPL-X file; None if it has none.
 
     Raises:
         MotionError: if the file cannot be read.

@@ -75,7 +75,7 @@ def point_words(name: str) -> str:
 
 
 def moving_chain(point: str) -> tuple[int, ...]:
-    """Return the joints whose rotation moves a point, from the pelvis outwards.
+    """Return the joints that move a point by their rotation, from the pelvis outwards.
 
     A fingertip is moved by all joints up to the last of its finger, a joint by its ancestors only.
     """

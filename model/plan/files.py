@@ -197,7 +197,7 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
             f"No tier tells what a hand does: name one gesture_right or gesture_left; found "
             f"{found}."
         )
-    for tier, sides, _ in phrases if of_phases else ():  # then they tell what kind phases are of
+    for tier, sides, _ in phrases if of_phases else ():  # then they are the kinds of phases
         add(KIND_TIER, sides or ["right"], tier.rows)
     strokes: set[str] = set()
     for tier, sides, phase in of_phases or phrases:

@@ -30,12 +30,12 @@ VARIANCE_FLOOR = 1e-7
 CHANNEL_FLOOR = 1e-6
 """Variance, as a share of the largest, below which a direction of channels counts as still."""
 GRID_VARIANCE = 10.0
-"""Variance of the direction in whose angle steps are equal: many are early, where the slow and
+"""Variance of the direction with steps of equal angle: many are early, where the slow and
 large part of the motion is determined."""
 
 
 class GaussianPrior(nn.Module):
-    """Posterior of clean windows whose components are independent Gaussian processes.
+    """Posterior of clean windows with components that are independent Gaussian processes.
 
     Args:
         covariance: covariance (C, T, T) of each component between the frames of a window.
