@@ -36,8 +36,8 @@ class JobPool:
     """Number of workers with one thread each (default: all cores); one works in the calling
     process."""
     scheduler: str | None = None
-    """Address or scheduler file of a Dask scheduler with workers that see the same files; replaces the
-    processes."""
+    """Address or scheduler file of a Dask scheduler with workers that see the same files;
+    replaces the processes."""
 
     def do_all(
         self, jobs: Sequence[Job], on_done: Callable[[str], object] = lambda name: None
