@@ -1,1 +1,1 @@
-"""The body: its file, skinning, look and joints; imports no other room of `renderer`."""
+"""Body model: file, skinning, look and joints; imports no other room of `renderer`."""

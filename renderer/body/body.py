@@ -1,6 +1,6 @@
-"""The body: a mesh that a motion poses.
+"""Body model: a mesh that is posed by a motion.
 
-``load_body()`` gives the open body of this project, ``load_body(path)`` a licensed SMPL-X file;
+``load_body()`` loads the open body of this project, ``load_body(path)`` a licensed SMPL-X file;
 both are posed by the same code. Vertices come as a stream of chunks, so memory does not grow
 with the length of the motion.
 """
@@ -26,28 +26,29 @@ NUM_EXPRESSIONS = 100
 MAX_DISTANCE_M = 100.0
 MAX_BETA = 10.0
 CHUNK_FRAMES = 16
-"""Skinned at once: enough for matrix products, few enough for the cache."""
+"""Frames skinned at once: enough for matrix products, few enough for the cache."""
 
 
 @dataclass(frozen=True)
 class BodyMotion:
-    """What a body needs of a motion: T frames at 30 fps, kept as float32. Whoever makes it has
-    checked that the arrays fit each other and are finite.
+    """Motion in the form that a body needs: T frames at 30 fps, as float32.
+
+    The caller has checked that the arrays match and are finite.
 
     Raises:
-        BodyError: if the body would stand more than 100 m away, or would have no human shape.
+        BodyError: if the body is more than 100 m away, or its shape is not human.
     """
 
     poses: np.ndarray
-    """(T, 165) local axis-angle of the 55 SMPL-X joints, radians, flat-hand mean."""
+    """Local axis-angle (T, 165) of the 55 SMPL-X joints, radians, flat-hand mean."""
     trans: np.ndarray
-    """(T, 3) added to the rest position of the pelvis, metres."""
+    """Translation (T, 3), added to the rest position of the pelvis, metres."""
     expressions: np.ndarray
-    """(T, 100) expression coefficients."""
+    """Expression coefficients (T, 100)."""
     expression_basis: str
-    """``flame100`` or ``arkit52``: what the expression columns mean."""
+    """Basis of the expression coefficients: ``flame100`` or ``arkit52``."""
     betas: np.ndarray
-    """(B,) body shape, B at most 300."""
+    """Body shape (B,), B at most 300."""
 
     def __post_init__(self) -> None:
         for field in ("poses", "trans", "expressions", "betas"):
@@ -70,7 +71,7 @@ class BodyMotion:
 
     @staticmethod
     def resting(num_frames: int = 1, expression_basis: str = "arkit52") -> BodyMotion:
-        """The zero pose, standing still at the origin."""
+        """Return a motion that stays in the zero pose at the origin."""
         return BodyMotion(
             poses=np.zeros((num_frames, 3 * NUM_JOINTS), np.float32),
             trans=np.zeros((num_frames, 3), np.float32),
@@ -82,14 +83,14 @@ class BodyMotion:
 
 @dataclass(frozen=True, eq=False)
 class Body(BodyArrays):
-    """A body model: mesh, joints and how they follow a motion. Read-only and stateless."""
+    """Body model: mesh, joints, skinning and blendshapes. Read-only and stateless."""
 
     shown: str = LOOKS[0]
-    """One of ``LOOKS``: how it is coloured where the body file names painted regions."""
+    """Look of ``LOOKS`` that sets the colours, if the body file has painted regions."""
 
     @property
     def look(self) -> str | None:
-        """Its name among ``LOOKS``, or None where the body file names no painted regions."""
+        """Name of the look among ``LOOKS``, or None if the body file has no painted regions."""
         return None if self.regions is None else self.shown
 
     @property
@@ -103,14 +104,16 @@ class Body(BodyArrays):
 
     @cached_property
     def vertex_colors(self) -> Float32[np.ndarray, "V 3"]:
-        """Linear RGB in 0 to 1; clay where the body file names no painted regions."""
+        """Linear RGB in 0 to 1; clay if the body file has no painted regions."""
         if self.regions is None:
             return np.tile(np.array(CLAY, np.float32), (self.num_vertices, 1))
         return vertex_colors(self.shown, self.regions)
 
     def part(self, vertices: Integer[np.ndarray, " N"], faces: Integer[np.ndarray, "F 3"]) -> Body:
-        """Return a body of some of the vertices, with ``faces`` among these, that moves as they do
-        on the whole. Its joints are those of the whole body."""
+        """Return a body of some vertices, with ``faces`` among them and the joints of the whole.
+
+        Its vertices move as they do on the whole body.
+        """
         place = np.full(self.num_vertices, -1, np.int32)
         place[vertices] = np.arange(len(vertices), dtype=np.int32)
         moved, corrected = (place[each] for each in (self.expression_vertices, self.pose_vertices))
@@ -129,7 +132,7 @@ class Body(BodyArrays):
         )
 
     def notes(self, motion: BodyMotion) -> tuple[str, ...]:
-        """Everything about ``motion`` that this body does not show, one sentence each."""
+        """Return one sentence for each part of ``motion`` that this body does not show."""
         notes, num_betas = [], self.shape_dirs.shape[2]
         if motion.expression_basis != self.expression_basis and motion.expressions.any():
             notes.append(
@@ -147,14 +150,14 @@ class Body(BodyArrays):
     def vertices(
         self, motion: BodyMotion, chunk: int = CHUNK_FRAMES
     ) -> Iterator[Float32[np.ndarray, "T V 3"]]:
-        """Posed vertices in metres, ``chunk`` frames at a time, the last chunk shorter."""
+        """Yield posed vertices in metres, ``chunk`` frames at a time, the last chunk shorter."""
         shaped = self.shaped(motion)
         for start in range(0, motion.num_frames, chunk):
             frames = slice(start, min(start + chunk, motion.num_frames))
             yield self._pose(motion, frames, *shaped)
 
     def joint_positions(self, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
-        """Position of each joint, metres."""
+        """Return the position of each joint, metres."""
         _, shaped_joints = self.shaped(motion)
         local_rot, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
         _, positions = skinning.global_transforms(local_rot, joints)
@@ -163,7 +166,7 @@ class Body(BodyArrays):
     def shaped(
         self, motion: BodyMotion
     ) -> tuple[Float32[np.ndarray, "V 3"], Float64[np.ndarray, "J 3"]]:
-        """Vertices and joints of the zero pose with the betas of ``motion``, metres."""
+        """Return vertices and joints of the zero pose with the betas of ``motion``, metres."""
         count = min(self.shape_dirs.shape[2], len(motion.betas))
         betas = motion.betas[:count]
         vertices = self.template + self.shape_dirs[:, :, :count] @ betas
@@ -179,7 +182,7 @@ class Body(BodyArrays):
     def _joints(
         self, motion: BodyMotion, frames: slice, shaped_joints: Float64[np.ndarray, "J 3"]
     ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
-        """Local rotations, and rest joints after the expression of each frame."""
+        """Return local rotations, and rest joints with the expression of each frame."""
         turns = motion.poses[frames].astype(np.float64).reshape(-1, 3)
         local_rot = Rotation.from_rotvec(turns).as_matrix().reshape(-1, NUM_JOINTS, 3, 3)
         expressions = self._expressions(motion, frames)
@@ -208,11 +211,12 @@ class Body(BodyArrays):
 
 
 def load_body(path: Path | None = None, look: str = LOOKS[0]) -> Body:
-    """The open body in one of ``LOOKS``, or the SMPL-X ``.npz`` at ``path``.
+    """Load the open body in one of ``LOOKS``, or the SMPL-X ``.npz`` at ``path``.
 
     Raises:
-        BodyError: with one sentence if the file is not a body that can be posed, or the look
-            is unknown or not the file's to have.
+        BodyError: with one sentence if the file is not a body that can be posed, or the look is
+            unknown
+            or not available for the file.
     """
     if look not in LOOKS:
         raise BodyError(f"Unknown look '{look}'; known are {', '.join(LOOKS)}.")

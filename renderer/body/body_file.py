@@ -1,7 +1,6 @@
-"""Reading a body from disk: the open body, or a licensed SMPL-X ``.npz``, and what is wrong with
-it.
+"""Reader of body files: the open body, or a licensed SMPL-X ``.npz``, with checks.
 
-Both become one :class:`BodyArrays`. Nothing in a file is ever unpickled (licensed files hold a few
+Both become one :class:`BodyArrays`. Nothing in a file is ever unpickled (licensed files have a few
 pickled arrays, which are not needed to pose the body).
 """
 
@@ -24,7 +23,7 @@ MAX_FACES = 200_000
 
 
 class BodyError(ValueError):
-    """A body file or a motion that cannot be posed; the message is one sentence for a person."""
+    """Error of a body file or motion that cannot be posed; the message is one sentence."""
 
 
 OPEN_BODY_PATH = Path(__file__).parents[1] / "assets" / "open_body.npz"
@@ -36,44 +35,45 @@ MAX_EXPRESSIONS = 100
 
 @dataclass(frozen=True, eq=False)
 class BodyArrays:
-    """What linear blend skinning needs, in metres, y up, in the zero pose."""
+    """Arrays of linear blend skinning, in metres, y up, in the zero pose."""
 
     name: str
     sha256: str
     expression_basis: str
-    """Which motion files may drive the face: ``arkit52`` (open body) or ``flame100`` (SMPL-X)."""
+    """Expression basis of motions that can move the face: ``arkit52`` (open body) or ``flame100``.
+    """
     expression_names: tuple[str, ...]
-    """Names of the expression components where the file gives them, else empty."""
+    """Names of the expression components; empty if the file has none."""
     template: Float32[np.ndarray, "V 3"]
     faces: Int32[np.ndarray, "F 3"]
     weights: sp.csr_array
-    """(V, 55): share of each joint in the motion of each vertex; rows sum to one."""
+    """Skinning weights (V, 55); rows sum to one."""
     rest_joints: Float32[np.ndarray, "J 3"]
     shape_dirs: Float32[np.ndarray, "V 3 B"]
     """Vertex offset per unit of each beta; B = 0 on the open body."""
     shape_joints: Float32[np.ndarray, "J 3 B"]
     expression_vertices: Int32[np.ndarray, " M"]
-    """Vertices that any expression moves."""
+    """Indices of vertices that any expression moves."""
     expression_dirs: Float32[np.ndarray, "E M 3"]
     expression_joints: Float32[np.ndarray, "E J 3"]
     pose_vertices: Int32[np.ndarray, " P"]
-    """Vertices that have pose correctives."""
+    """Indices of vertices with pose correctives."""
     pose_dirs: sp.csr_array | Float32[np.ndarray, "P3 N"]
-    """(3 P, 486): corrective offset per entry of (R - I) of joints 1 to 54; sparse or dense."""
+    """Corrective offsets (3 P, 486) per entry of (R - I) of joints 1 to 54; sparse or dense."""
     regions: Int32[np.ndarray, " V"] | None
-    """Index of the painted region of each vertex (``renderer.body.look``), if the file has it."""
+    """Index of the painted region of each vertex (``renderer.body.look``); None without regions."""
 
     @cached_property
     def main_joints(self) -> Int64[np.ndarray, " V"]:
-        """The joint that each vertex follows most."""
+        """Joint with the largest weight, for each vertex."""
         return self.weights.toarray().argmax(axis=1)  # 50 times as fast as of a sparse matrix
 
 
 def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
-    """The arrays of the body in ``path``.
+    """Read and check the arrays of a body file.
 
     Args:
-        build: which of its builds, where the file is an open body.
+        build: build to read from an open body.
 
     Raises:
         BodyError: if the file is missing, no body, damaged, or not SMPL-X shaped.
@@ -103,7 +103,7 @@ def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
 
 
 def _open_body(file: Mapping[str, np.ndarray], name: str, sha256: str, build: str) -> BodyArrays:
-    """As `tools.bake` writes it, so nothing in it is doubted."""
+    """Convert the arrays of `tools.bake`, which are trusted except for their format."""
     version = int(file["open_body_format"])
     if version != OPEN_BODY_FORMAT:
         raise BodyError(
@@ -156,7 +156,7 @@ def _sparse_pose_dirs(
     joints: Int32[np.ndarray, " K"],
     offsets: Float32[np.ndarray, "K 3 9"],
 ) -> sp.csr_array:
-    """(3 P, 486) matrix from blocks: ``offsets[k]`` moves vertex k by (R - I) of its joint."""
+    """Build a (3 P, 486) matrix from blocks: ``offsets[k]`` moves vertex k by its joint's R - I."""
     corrected, row = np.unique(vertices, return_inverse=True)
     rows = (3 * row[:, None] + np.arange(3))[:, :, None]
     columns = (9 * (joints[:, None] - 1) + np.arange(9))[:, None, :]
@@ -167,10 +167,10 @@ def _sparse_pose_dirs(
 
 
 def _licensed_body(file: Mapping[str, np.ndarray], path: Path, sha256: str) -> BodyArrays:
-    """Of somebody's download, whatever that is."""
+    """Convert and check the arrays of a downloaded SMPL-X file."""
 
     def numbers(key: str, *shape: int | None) -> np.ndarray:
-        """The array ``key``; ``None`` in ``shape`` leaves that axis free."""
+        """Return the checked array ``key``; ``None`` in ``shape`` leaves that axis free."""
         try:
             array = file[key]
         except KeyError:

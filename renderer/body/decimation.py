@@ -1,8 +1,8 @@
-"""Coarser meshes of a body, for pictures that are small and for browsers without a GPU.
+"""Decimation of body meshes, for small pictures and for browsers without a GPU.
 
-Vertices are taken out one by one, each where that changes the surface least (quadric error
-metrics, Garland and Heckbert 1997); those that stay are where they were, so that a coarser mesh is
-no more than other faces among the same vertices, and skin, colours and face hold for it as well.
+Vertices are removed one by one, where that changes the surface least (quadric error metrics,
+Garland and Heckbert 1997); the others keep their positions, so that a coarser mesh is only other
+faces among the same vertices, with the same weights, colours and expressions.
 """
 
 from __future__ import annotations
@@ -18,35 +18,35 @@ from conventions.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
 from renderer.body.body import Body
 
 NUM_FACES = (26_000, 17_000, 12_000, 5_500, 2_800, 900)
-"""Of each mesh, from fine to coarse."""
+"""Number of faces of each mesh, from fine to coarse."""
 _HANDS, _HEAD, _FACE, _EYES = 6.0, 3.0, 12.0, 60.0
-"""How much more a change weighs there than elsewhere; the face is all that its units move."""
+"""Weight of changes there relative to the rest of the body; the face is what its units move."""
 _EYE_M = 0.022
-"""How far from the middle of an eye its lids lie, at most."""
+"""Largest distance (m) of eyelids from the centre of an eye."""
 _HEM_WEIGHT = 20.0
-"""Of the outline of an open end, beside its surface."""
+"""Weight of the outline of an open end relative to its surface."""
 _SKIN_M = 0.03
-"""A vertex that follows other joints altogether counts as so far away."""
+"""Distance (m) that counts for a move to a vertex with entirely different skinning weights."""
 _FACE_MOVES_M = 0.0015
-"""What moves less does not count as the face."""
+"""Smallest expression offset (m) of vertices that count as the face."""
 _LEAST_TURN = 0.35
-"""Cosine of the angle that a face may turn by, at most."""
+"""Smallest cosine of the angle by which a face may turn."""
 
 
 @dataclass
 class Surface:
-    """What of a body tells which of its vertices can go."""
+    """Attributes of a body by which vertices are chosen for removal."""
 
     vertices: Float[np.ndarray, "V 3"]
     faces: Int[np.ndarray, "F 3"]
     colors: Float[np.ndarray, "V 3"]
     weights: Float[np.ndarray, "V J"]
-    """To which joints each vertex belongs."""
+    """Skinning weights of each vertex."""
     importance: Float[np.ndarray, " V"]
 
 
 def surface_of(body: Body) -> Surface:
-    """Return the surface of a body; what matters is what one looks at when somebody speaks."""
+    """Return the surface of a body, in which hands, head, face and eyes are most important."""
     weights = body.weights.toarray().astype(np.float64)
     of_joint = np.ones(len(JOINT_NAMES))
     for joint, name in enumerate(JOINT_NAMES):
@@ -65,8 +65,10 @@ def surface_of(body: Body) -> Surface:
 
 
 def coarser(surface: Surface, counts: Sequence[int] = NUM_FACES) -> list[Int[np.ndarray, "_ 3"]]:
-    """Faces among the vertices of a surface, as many as asked for or a little fewer; of each count,
-    which go down."""
+    """Return the faces of coarser meshes among the surface's vertices, for each of the counts.
+
+    Counts must decrease; a mesh may have a few faces less.
+    """
     collapse = _Collapse(surface)
     meshes = []
     for count in counts:
@@ -76,7 +78,7 @@ def coarser(surface: Surface, counts: Sequence[int] = NUM_FACES) -> list[Int[np.
 
 
 class _Collapse:
-    """A mesh that loses vertices, each moved onto a neighbour."""
+    """Mesh decimation by edge collapses, each moving a vertex onto a neighbour."""
 
     def __init__(self, surface: Surface) -> None:
         self.faces: list[tuple[int, int, int] | None] = [tuple(f) for f in surface.faces.tolist()]
@@ -95,7 +97,7 @@ class _Collapse:
             self._ask(vertex)
 
     def down_to(self, count: int) -> None:
-        """Take vertices out until there are so few faces, or nothing more can go."""
+        """Remove vertices until at most ``count`` faces are left, or none can be removed."""
         while self._left > count and self._queue:
             _, vertex, onto, age = heapq.heappop(self._queue)
             if self._ages[vertex] != age:
@@ -107,7 +109,7 @@ class _Collapse:
                 self._ask(each)
 
     def _planes(self, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-        """Squared distance from the planes at each vertex, and the area there, both weighted."""
+        """Return the weighted error quadrics (V, 4, 4) and areas (V,) of the vertices."""
         corners = self._places[surface.faces]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         doubled = np.linalg.norm(cross, axis=1)
@@ -137,7 +139,7 @@ class _Collapse:
         return {v for f in self._around[vertex] for v in self.faces[f] or ()} - {vertex}
 
     def _ask(self, vertex: int) -> None:
-        """Queue the best that can be done with a vertex."""
+        """Queue the best collapse of a vertex."""
         best = min(
             ((self._cost(vertex, onto), onto) for onto in self._open_to(vertex)),
             default=(np.inf, -1),
@@ -146,8 +148,10 @@ class _Collapse:
             heapq.heappush(self._queue, (*best[:1], vertex, best[1], self._ages[vertex]))
 
     def _open_to(self, vertex: int) -> list[int]:
-        """Neighbours that it may move onto: along a hem if it is on one, along the line between
-        two colours likewise, and without a face turned over."""
+        """Return the neighbours that a vertex may move onto without turning a face over.
+
+        A vertex on a hem stays on the hem, and one on the line between two colours on that line.
+        """
         near = self._neighbours(vertex)
         shared = {n: self._around[vertex] & self._around[n] for n in near}
         if any(len(faces) == 1 for faces in shared.values()):

@@ -1,7 +1,7 @@
-"""Levels of detail: a body as meshes from fine to coarse, and which of them a picture needs.
+"""Levels of detail: a body as meshes from fine to coarse, selected by its size in the picture.
 
-Every mesh has vertices of its own, so that what is not drawn is not posed either. Those of the open
-body are baked; those of a licensed body are made once and kept in the user's cache.
+Every mesh has only the vertices of its faces, so that nothing else is posed. Those of the open body
+are baked; those of a licensed body are made once and cached in the user's cache folder.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from renderer.body.body_file import OPEN_BODY_PATH
 from renderer.body.decimation import coarser, surface_of
 
 COARSER_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
-"""Made by `tools.bake`."""
+"""Path of the coarser meshes of the open body, made by `tools.bake`."""
 NUM_DRAWN = 3
-"""Of the coarser meshes; the others would show in any picture."""
+"""Number of coarser meshes that are used; the others would be visible in any picture."""
 FACES_PER_SQUARE_PX = 0.06
-"""Faces that a body needs, by its height in pixels squared: fewer show at the outline."""
+"""Faces needed per squared pixel of the body's height: with fewer the outline looks angular."""
 _CACHE_FORMAT = 2
 
 
@@ -36,8 +36,7 @@ def open_body_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
 
 
 def body_at(body: Body, height_px: float) -> Body:
-    """Return the coarsest mesh of a body that looks like the whole of it in a picture in which it
-    is so high."""
+    """Return the coarsest mesh that looks like the whole body at a height in pixels."""
     needed = FACES_PER_SQUARE_PX * height_px**2
     if needed > len(body.faces):
         return body
@@ -51,7 +50,7 @@ def body_at(body: Body, height_px: float) -> Body:
 
 
 def _coarser_faces(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
-    """Return the faces of the coarser meshes that are drawn, from fine to coarse."""
+    """Return the faces of the coarser meshes that are used, from fine to coarse."""
     if body.regions is not None:
         return list(open_body_faces()[:NUM_DRAWN])
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())

@@ -1,6 +1,6 @@
-"""How the open body looks: its builds and a colour for each painted region.
+"""Looks of the open body: its builds and a colour for each painted region.
 
-Every look has the same joints, fingertips and topology, so the motion and its measures do not
+Every look has the same joints, fingertips and topology, so the motion and its metrics do not
 depend on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies them with light.
 """
 
@@ -12,7 +12,7 @@ from jaxtyping import Float32, Int
 Color = tuple[float, float, float]
 
 CLAY: Color = (0.50, 0.46, 0.43)
-"""Of a body without colours: the tone clay, and any SMPL-X file."""
+"""Colour of a body without colours: the tone clay, and any SMPL-X file."""
 
 _LIGHT: dict[str, Color] = {
     "skin": (0.50, 0.385, 0.32),
@@ -54,7 +54,7 @@ REGION_INDEX: dict[str, int] = {name: i for i, name in enumerate(REGION_NAMES)}
 
 
 def _clay() -> dict[str, Color]:
-    """One colour, but for what speech and gaze are read from."""
+    """Return one colour for all regions, darker for mouth and eyes, which show speech and gaze."""
     darker = {"mouth": 0.2, "iris": 0.6, "iris_rim": 0.5, "pupil": 0.3}
     red, green, blue = CLAY
     shares = {name: darker.get(name, 1.0) for name in REGION_NAMES}
@@ -71,10 +71,10 @@ COLORS: dict[str, dict[str, Color]] = {
 
 
 def vertex_colors(look: str, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarray, "V 3"]:
-    """Linear RGB of each vertex from its region index (an index into ``REGION_NAMES``).
+    """Return the linear RGB of each vertex from its region index (into ``REGION_NAMES``).
 
     Args:
-        look: one of `conventions.views.LOOKS`, which are called ``BUILD-TONE``.
+        look: one of `conventions.views.LOOKS`, named ``BUILD-TONE``.
     """
     colors = COLORS[look.partition("-")[2]]
     return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]

@@ -1,4 +1,4 @@
-"""Linear blend skinning and vertex normals, frame after frame.
+"""Linear blend skinning and vertex normals, frame by frame.
 
 The same formulas as the ``smplx`` package: rest joints follow betas and expressions, pose
 correctives are linear in ``R - I``, vertices are blended joint transforms of the corrected rest
@@ -17,7 +17,7 @@ from conventions.joints import NUM_JOINTS, PARENTS
 def global_transforms(
     local_rot: Float64[np.ndarray, "T J 3 3"], rest_joints: Float64[np.ndarray, "T J 3"]
 ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
-    """World rotation and position of each joint; the root stays at its rest position."""
+    """Compute global rotation and position of each joint; the root stays at its rest position."""
     global_rot = np.empty_like(local_rot)
     positions = np.empty_like(rest_joints)
     global_rot[:, 0], positions[:, 0] = local_rot[:, 0], rest_joints[:, 0]
@@ -35,7 +35,7 @@ def skin(
     global_rot: Float[np.ndarray, "T J 3 3"],
     translations: Float[np.ndarray, "T J 3"],
 ) -> Float32[np.ndarray, "T V 3"]:
-    """``sum_j weight[v, j] (global_rot[j] rest[v] + translations[j])`` for each vertex."""
+    """Compute ``sum_j weight[v, j] (global_rot[j] rest[v] + translations[j])`` per vertex."""
     transforms = np.concatenate([global_rot, translations[..., None]], -1).astype(np.float32)
     posed = np.empty_like(rest_vertices)
     # One frame at a time: its blended matrices stay in the cache, which is six times as fast as
@@ -63,8 +63,9 @@ def add_pose_correctives(
 class VertexNormals:
     """Area-weighted vertex normals: ``n_v = normalize(sum of the cross products of v's faces)``.
 
-    The faces of a clip never change, so the sum is a sparse product that is laid out once. For each
-    frame anew, trimesh's own normals (weighted by angle) take eight times as long.
+    The faces of a clip never change, so the sum is a sparse product with a matrix that is built
+    once.
+    trimesh's normals (weighted by angle), computed for each frame, take eight times as long.
     """
 
     def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int) -> None:
@@ -79,7 +80,7 @@ class VertexNormals:
         )
 
     def __call__(self, vertices: Float[np.ndarray, "V 3"]) -> Float32[np.ndarray, "V 3"]:
-        """Unit normals; a vertex without faces, or with faces of no area, gets zeros."""
+        """Return unit normals; zeros for a vertex without faces, or with faces of no area."""
         planes = np.ascontiguousarray(vertices.T, dtype=np.float32)  # (3, V): one axis, one row
         a, b, c = (planes[:, corner] for corner in self._corners)  # each (3, F)
         u, v = b - a, c - a

@@ -1,1 +1,1 @@
-"""One picture, drawn by pyrender; may import `scene` and `body`."""
+"""Drawing of one picture with pyrender; may import `scene` and `body`."""

@@ -1,4 +1,4 @@
-"""pyrender with OpenGL loaded. Import it only through ``offscreen.open_gl(backend)``."""
+"""Drawing with pyrender and OpenGL; import this module only through ``offscreen.open_gl``."""
 
 from dataclasses import dataclass
 
@@ -18,18 +18,21 @@ from renderer.scene.studio import ROUGHNESS, STUDIO, Light, PosedFrame, Subject
 SUPERSAMPLE = 2
 """Samples along each side of a pixel."""
 BLOCK_PX = 16
-"""What is drawn begins and ends at whole blocks of so many pixels."""
+"""Size of blocks (pixels): drawn rectangles begin and end at whole blocks."""
 
 
 class Canvas(pyrender.Renderer):
-    """One subject, drawn within the context of an open `OffscreenRenderer`: pyrender's forward
-    pass into framebuffers that are made for reading colours only.
+    """Drawing surface of one subject in the context of an open `OffscreenRenderer`.
 
-    pyrender itself always multisamples, reads the depth back and converts it; a video needs none
-    of that. The body is supersampled within its own rectangle and laid over the ground, which has
-    no edges to smooth. Before the camera of the last picture only what body and shadow cover or
-    have left is drawn and read; the rest is kept. The context must be current when a canvas is
-    made and whenever it is used.
+    It runs pyrender's forward pass into framebuffers from which only colours are read. pyrender
+    itself
+    always multisamples, reads the depth back and converts it; a video needs none of that. The body
+    is
+    supersampled within its own rectangle and composited over the ground, which has no edges to
+    smooth.
+    While the camera does not move, only the area that body and shadow cover or have left is drawn
+    and
+    read. The context must be current when a canvas is made and whenever it is used.
     """
 
     def __init__(self, subject: Subject, width: int, height: int) -> None:
@@ -50,7 +53,7 @@ class Canvas(pyrender.Renderer):
         self._no_vertices = GL.glGenVertexArrays(1)
 
     def begin(self, frame: PosedFrame, camera: Camera) -> None:
-        """Start drawing a frame; the driver goes on while this process does something else."""
+        """Start drawing a frame; the driver continues while this process does something else."""
         if self._body is None:
             aspect = self._whole.width / self._whole.height
             self._body = BodyScene(self._subject, frame, camera, aspect)
@@ -73,9 +76,12 @@ class Canvas(pyrender.Renderer):
         GL.glFlush()
 
     def picture(self) -> UInt8[np.ndarray, "H W C"]:
-        """Return the picture that was begun last, upper row first; the next call overwrites it. A
-        fourth channel is the share of each pixel that the body covers, with straight colours, as
-        PNG has them."""
+        """Return the picture that was begun last, upper row first; the next call overwrites it.
+
+        A fourth channel is the share of each pixel that the body covers, with straight (not
+        premultiplied)
+        colours as in PNG.
+        """
         self._resolve()
         box = self._changed
         GL.glBindFramebuffer(GL.GL_READ_FRAMEBUFFER, self._picture.handle)
@@ -94,12 +100,12 @@ class Canvas(pyrender.Renderer):
         return np.concatenate([colors.round().astype(np.uint8), picture[..., 3:]], axis=2)
 
     def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
-        """Begin a picture and wait for it."""
+        """Draw a picture and wait for it."""
         self.begin(frame, camera)
         return self.picture()
 
     def delete(self) -> None:
-        """Free everything; pyrender calls this once more when the object is collected."""
+        """Free all OpenGL objects; pyrender calls this once more when the object is collected."""
         super().delete()
         for framebuffer in (self._samples, self._picture):
             framebuffer.delete()
@@ -120,7 +126,7 @@ class Canvas(pyrender.Renderer):
         return Box(left, bottom, right, top)
 
     def _pass(self, framebuffer: "_Framebuffer", box: "Box", scale: int, *, is_body: bool) -> None:
-        """Draw body or ground anew within one rectangle."""
+        """Draw body or ground within one rectangle."""
         assert self._body is not None
         self._main_fb_ms = framebuffer.handle
         self.viewport_width, self.viewport_height = framebuffer.size
@@ -129,7 +135,7 @@ class Canvas(pyrender.Renderer):
         self.render(self._body.scene, RenderFlags.OFFSCREEN)
 
     def _resolve(self) -> None:
-        """Lay the supersampled body over the picture, once; the driver waits for the samples."""
+        """Composite the supersampled body over the picture, once, after waiting for the samples."""
         box, self._unresolved = self._unresolved, Box(0, 0, 0, 0)
         if not box.width or not box.height:
             return
@@ -156,10 +162,10 @@ class Canvas(pyrender.Renderer):
     # pyrender calls these around and within its forward pass.
 
     def _configure_main_framebuffer(self) -> None:
-        """Leave the framebuffer that was chosen."""
+        """Keep the framebuffer that `_pass` has set."""
 
     def _read_main_framebuffer(self, scene: object, flags: int) -> None:
-        """Leave the colours where they are."""
+        """Leave the colours in the framebuffer."""
 
     def _delete_main_framebuffer(self) -> None:
         self._main_fb_ms = None
@@ -167,7 +173,7 @@ class Canvas(pyrender.Renderer):
     def _bind_lighting(
         self, scene: object, program: ShaderProgram, node: object, flags: int
     ) -> None:
-        """Set lights and floor of a program once: they never change, and a program keeps them."""
+        """Set lights and floor of a program once: they never change and stay in the program."""
         if program not in self._lit_programs:
             super()._bind_lighting(scene, program, node, flags)
             program.set_uniform("floor_m", self._floor_m)
@@ -176,7 +182,7 @@ class Canvas(pyrender.Renderer):
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle of a picture in pixels, from the lower left corner as OpenGL counts."""
+    """Rectangle of a picture in pixels, from the lower left corner as in OpenGL."""
 
     left: int
     bottom: int
@@ -202,7 +208,7 @@ class Box:
 
 
 class _Framebuffer:
-    """A texture of colours with a depth buffer, and its OpenGL handles."""
+    """OpenGL framebuffer: a colour texture with a depth buffer, and their handles."""
 
     def __init__(self, width: int, height: int) -> None:
         self.size = width, height
@@ -236,19 +242,20 @@ class _Framebuffer:
 
 
 OPENING_EDGES = 4
-"""How many edges from an opening the insides of sleeves and collars are drawn."""
+"""Number of edges from an opening within which insides of sleeves and collars are drawn."""
 
 
 class DynamicMesh:
-    """Some faces of a body that moves, lit: pyrender's own buffer, rewritten in place."""
+    """Lit mesh of some faces of a moving body: pyrender's buffer, rewritten in place."""
 
     def __init__(
         self, frame: PosedFrame, colors: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
     ) -> None:
-        """
+        """Make the mesh.
+
         Args:
-            frame: whole, as ``move`` will get it.
-            faces: among its vertices; the others are left out.
+            frame: frame with all vertices of the body, as for ``move``.
+            faces: faces among its vertices; other vertices are left out.
         """
         self._used, corners = np.unique(faces, return_inverse=True)
         faces = corners.reshape(-1, 3)
@@ -272,11 +279,11 @@ class DynamicMesh:
         self._interleaved = np.concatenate(parts, axis=1).astype(np.float32)
 
     def show_insides(self) -> None:
-        """Draw faces also where they are turned away."""
+        """Draw back faces too."""
         self._primitive.material.doubleSided = True
 
     def move(self, frame: PosedFrame) -> None:
-        """Put the vertices elsewhere, and in other colours if the frame has any; once drawn."""
+        """Set vertices, normals and, if the frame has them, colours, after the first drawing."""
         self._interleaved[:, 0:3] = frame.vertices[self._used]
         self._interleaved[:, 3:6] = frame.normals[self._used]
         if frame.colors is not None:
@@ -289,10 +296,11 @@ class DynamicMesh:
 def near_openings(
     faces: Int[np.ndarray, "F 3"], vertices: Float[np.ndarray, "V 3"]
 ) -> Bool[np.ndarray, " F"]:
-    """Faces that one may see from inside: those a few edges from where a mesh ends, as at sleeves
-    and collars. Farther in, what is turned away lies behind what is not, and need not be drawn.
+    """Return a mask of faces that may be visible from inside, a few edges from where a mesh ends.
 
-    Vertices in one place are one, in whatever pose: seams of colours or normals are no openings.
+    Such ends are sleeves and collars. Farther in, back faces are hidden by front faces and need not
+    be
+    drawn. Vertices at the same position are merged: seams of colours or normals are no openings.
     """
     joined = trimesh.Trimesh(vertices, faces, process=False)
     joined.merge_vertices()
@@ -305,15 +313,16 @@ def near_openings(
 
 
 class TexturedQuad:
-    """A square that shows a picture as it is, unlit; the picture may change every frame."""
+    """Unlit textured square with a picture that may change every frame."""
 
     def __init__(
         self, corners: Float[np.ndarray, "4 3"], pixels: UInt8[np.ndarray, "R R 3"]
     ) -> None:
-        """
+        """Make the square.
+
         Args:
-            corners: at texture coordinates (0,0), (1,0), (1,1), (0,1).
-            pixels: row 0 lies at texture coordinate v = 0.
+            corners: positions at texture coordinates (0,0), (1,0), (1,1), (0,1).
+            pixels: picture with row 0 at texture coordinate v = 0.
         """
         held = trimesh.Trimesh(
             corners,
@@ -337,7 +346,7 @@ class TexturedQuad:
         self._texture = self.mesh.primitives[0].material.baseColorTexture  # its own copy
 
     def show(self, pixels: UInt8[np.ndarray, "R R 3"]) -> None:
-        """Another picture of the same size; once drawn."""
+        """Set another picture of the same size, after the first drawing."""
         rows, columns, _ = pixels.shape
         GL.glActiveTexture(GL.GL_TEXTURE0)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture._texid)
@@ -349,7 +358,7 @@ class TexturedQuad:
 
 
 class BodyScene:
-    """A pyrender scene of one body on the floor, moved in place from frame to frame."""
+    """pyrender scene of one body on the floor, updated in place from frame to frame."""
 
     def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
         colors = subject.colors if first.colors is None else first.colors
@@ -384,7 +393,7 @@ class BodyScene:
             )
 
     def show_only(self, *, is_body: bool) -> None:
-        """Show the body on nothing, or all that is behind it."""
+        """Show only the body, or only the floor and background."""
         for part in self._body:
             part.mesh.is_visible = is_body
         if self._ground:
@@ -392,7 +401,7 @@ class BodyScene:
         self.scene.bg_color = np.array((0.0,) * 4 if is_body else self._background)
 
     def show(self, frame: PosedFrame, camera: Camera) -> None:
-        """Move body, shadow and camera, once drawn. The OpenGL context must be current."""
+        """Update body, shadow and camera after the first drawing; the context must be current."""
         self.scene.set_pose(self._camera, camera.pose())
         for part in self._body:
             part.move(frame)
@@ -401,10 +410,10 @@ class BodyScene:
 
 
 class _Scene(pyrender.Scene):
-    """A scene whose lights have an order.
+    """Scene with ordered lights.
 
-    pyrender keeps them in a set, by where they lie in memory: the shader would add them up in an
-    order of each process's own, and some pixels would round to another grey level.
+    pyrender stores lights in a set ordered by memory address: the shader would sum them in another
+    order in each process, and some pixels would round to another grey level.
     """
 
     @property

@@ -1,4 +1,4 @@
-"""Pictures without a screen: the choice of OpenGL backend and the life of its context.
+"""Offscreen rendering: choice of the OpenGL backend and lifetime of its context.
 
 pyrender 0.1.45 pins PyOpenGL 3.1.0, whose OSMesa binding lacks ``OSMesaCreateContextAttribs``, and
 uses ``np.infty``, which numpy 2 removed. ``pyrender2`` (MIT) is 0.1.45 with both lifted and a
@@ -22,32 +22,36 @@ if TYPE_CHECKING:
 
 Backend = Literal["egl", "osmesa"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
-"""In the order in which they are reported; `renderer.draw.probe.choose_backend` chooses."""
+"""Backends in the order of reports; `renderer.draw.probe.choose_backend` selects one."""
 
 SHADERS = Path(__file__).with_name("shaders")
 _BEGIN, _END = "// Browsers light bodies by the same lines, from here on:", "// As far as here."
 
 _in_use = threading.Lock()
-"""Held while a context lives: pyrender ends the driver's display with the first context that is
-closed, and what PyOpenGL keeps of a context is not told apart by thread."""
+"""Lock for the lifetime of a context: pyrender closes the driver's display with the first context
+that is closed, and PyOpenGL's data of a context are not separated by thread.
+"""
 
 
 def lighting_source() -> str:
-    """How a body is lit, in what the shading languages of OpenGL and WebGL have in common: pyrender
-    and the bodies that move in a browser (``app/page/web/stage``) compile the same lines."""
+    """Return the lighting code that the shading languages of OpenGL and WebGL share.
+
+    pyrender and the viewer in the browser (``app/page/web/stage``) compile the same lines.
+    """
     shader = (SHADERS / "mesh.vert").read_text("utf-8")
     return shader.partition(_BEGIN)[2].partition(_END)[0].partition("\n")[2]
 
 
 class GLError(RuntimeError):
-    """No picture can be drawn; the message says why in one sentence."""
+    """Error for pictures that cannot be drawn; the message says why in one sentence."""
 
 
 def open_gl(backend: Backend) -> None:
     """Load pyrender and PyOpenGL for one backend, once per process.
 
-    PyOpenGL reads ``PYOPENGL_PLATFORM`` when it is first imported and never again; so this is the
-    only place that sets it, and the only door through which pyrender is imported.
+    PyOpenGL reads ``PYOPENGL_PLATFORM`` only when it is first imported; so this is the only
+    function
+    that sets it and that imports pyrender.
 
     Raises:
         GLError: if the libraries are missing, or the process already runs the other backend.
@@ -72,8 +76,7 @@ def open_gl(backend: Backend) -> None:
 
 
 class OffscreenRenderer:
-    """One OpenGL context, kept for a whole job, and the canvases in it. Use it in ``with``, in one
-    thread.
+    """Context manager of one OpenGL context and its canvases, for one thread.
 
     Raises on entering:
         GLError: if the backend gives no usable context, or another renderer of this process is
@@ -112,7 +115,7 @@ class OffscreenRenderer:
 
     @contextmanager
     def _told(self, failure: str) -> Iterator[None]:
-        """What PyOpenGL and pyrender raise, which is whatever the driver does, as a `GLError`."""
+        """Convert any error of PyOpenGL and pyrender to a `GLError` with ``failure``."""
         try:
             yield
         except Exception as error:
@@ -120,7 +123,7 @@ class OffscreenRenderer:
             raise GLError(f"OpenGL through {self._backend} {failure} ({reason}).") from error
 
     def canvas(self, subject: Subject, width: int, height: int) -> "Canvas":
-        """What draws a subject, for as long as this renderer is open.
+        """Make a canvas for a subject, valid as long as this renderer is open.
 
         Raises:
             GLError: if the driver has no room for so many pixels.
@@ -133,7 +136,7 @@ class OffscreenRenderer:
 
     @property
     def driver(self) -> str:
-        """What OpenGL calls itself, such as ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
+        """Name of the OpenGL driver, such as ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
         from OpenGL import GL
 
         name = GL.glGetString(GL.GL_RENDERER)
@@ -141,8 +144,7 @@ class OffscreenRenderer:
 
 
 def _new_platform(backend: Backend):
-    """pyrender's context for a backend; EGL on its first device. Framebuffers have sizes of their
-    own."""
+    """Return pyrender's platform for a backend, EGL on its first device."""
     if backend == "egl":
         from pyrender.platforms import egl
 

@@ -1,4 +1,4 @@
-"""What can draw here, found out where a crash of a driver does no harm: in a child process."""
+"""Probe of the OpenGL backends in a child process, which a crashing driver cannot harm."""
 
 import functools
 import subprocess
@@ -18,13 +18,13 @@ _PROBE_SIZE_PX = 128
 
 @dataclass(frozen=True)
 class BackendReport:
-    """What one backend can do here."""
+    """Result of probing one backend."""
 
     name: Backend
     driver: str = ""
-    """Its own name; empty if it does not work."""
+    """Name of the driver; empty if the backend does not work."""
     error: str = ""
-    """Why it does not work, in one sentence; empty if it does."""
+    """Reason of the failure, in one sentence; empty if the backend works."""
 
     @property
     def works(self) -> bool:
@@ -33,11 +33,12 @@ class BackendReport:
 
 @functools.cache
 def choose_backend() -> Backend:
-    """EGL where it works, which has graphics processors and is the quicker one without; else
-    OSMesa. The answer is kept for this process.
+    """Return EGL if it works, else OSMesa; cached for this process.
+
+    EGL uses graphics processors, and is also faster without one.
 
     Raises:
-        GLError: if none works, naming the packages to install.
+        GLError: if none works, with the packages to install.
     """
     for name in BACKENDS:
         if probe_backend(name).works:
@@ -50,7 +51,7 @@ def choose_backend() -> Backend:
 
 @functools.cache
 def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
-    """Draw the body in a child process, whose interpreter is ``python``. The answer is kept."""
+    """Draw the body in a child process of the interpreter ``python``; the result is cached."""
     try:
         child = subprocess.run(
             [python, "-m", "renderer.draw.probe", name],
@@ -77,7 +78,7 @@ def _broken(name: Backend, error: str) -> BackendReport:
 
 
 def driver_that_draws(name: Backend) -> str:
-    """Draw through a backend in this process, and look whether there is something.
+    """Draw with a backend in this process and check that the picture is not empty.
 
     Raises:
         GLError: if it does not work.

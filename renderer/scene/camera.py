@@ -1,8 +1,8 @@
-"""Cameras: where the viewer stands, how near it may go, and where a person has moved it.
+"""Cameras: perspective, views, automatic framing, and orbits by a person.
 
 World frame: y up, metres, the body faces +z. A camera looks along its own -z, as in OpenGL.
 
-app/page/web/body/orbit.js has the same rules and limits; a test holds the two together.
+app/page/web/body/orbit.js has the same rules and limits; a test checks that both agree.
 """
 
 import functools
@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 Z_NEAR_M = 0.1
 MARGIN = 0.06
-"""Share of the half picture that stays free at each side."""
+"""Share of half the picture that is free at each side."""
 YFOV_RAD = 0.55
-"""Vertical opening angle: about a 45 mm lens, so that hands held out are not enlarged."""
+"""Vertical field of view: about a 45 mm lens, so that hands in front are not enlarged."""
 
 _ANGLES_DEG = {
     "front": (0.0, 6.0),
@@ -25,25 +25,25 @@ _ANGLES_DEG = {
     "left_hand": (25.0, 8.0),
     "right_hand": (-25.0, 8.0),
 }
-"""Azimuth from +z towards +x, the body's left, and elevation of the camera of each view."""
+"""Azimuth from +z towards +x, the body's left, and elevation of each view's camera (degrees)."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A perspective camera that stands upright at ``eye`` and looks at ``target`` (metres)."""
+    """Upright perspective camera at ``eye`` that looks at ``target`` (metres)."""
 
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
     yfov_rad: float = YFOV_RAD
 
     def moved(self, offset: Float[np.ndarray, " 3"]) -> "Camera":
-        """The same camera standing ``offset`` metres further on."""
+        """Return the camera moved by ``offset`` (m)."""
         eye, target = np.add(self.eye, offset), np.add(self.target, offset)
         return Camera(eye=_triple(eye), target=_triple(target), yfov_rad=self.yfov_rad)
 
     @functools.lru_cache(maxsize=16)  # noqa: B019 - a few small values
     def axes(self) -> Float[np.ndarray, "3 3"]:
-        """Rows: the camera's right, up and backward directions in the world."""
+        """Return rows: the camera's right, up and backward directions in the world."""
         backward = np.subtract(self.eye, self.target).astype(np.float64)
         backward /= np.linalg.norm(backward)
         right = np.cross((0.0, 1.0, 0.0), backward)
@@ -51,7 +51,7 @@ class Camera:
         return np.stack([right, np.cross(backward, right), backward])
 
     def pose(self) -> Float[np.ndarray, "4 4"]:
-        """``T_world_camera``, as pyrender wants it."""
+        """Return ``T_world_camera``, in pyrender's convention."""
         pose = np.eye(4)
         pose[:3, :3] = self.axes().T
         pose[:3, 3] = self.eye
@@ -60,7 +60,7 @@ class Camera:
     def project(
         self, points: Float[np.ndarray, "*batch 3"], width: int, height: int
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Picture coordinates in pixels, (0, 0) at the upper left corner.
+        """Project points to picture coordinates in pixels, (0, 0) at the upper left corner.
 
         Points behind the camera give NaN.
         """
@@ -73,7 +73,7 @@ class Camera:
 
 
 def view_axes(view: str) -> Float[np.ndarray, "3 3"]:
-    """Rows: right, up and backward of a camera of that view, whatever its distance."""
+    """Return rows: right, up and backward of a view's camera at any distance."""
     azimuth, elevation = np.deg2rad(_ANGLES_DEG[view])
     level = np.cos(elevation)
     eye = np.array([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level])
@@ -87,15 +87,17 @@ def frame_points(
     aspect: float = 1.0,
     radius_m: Float[np.ndarray, " N"] | float = 0.0,
 ) -> Camera:
-    """The nearest camera of a view that has every point inside its picture.
+    """Return the nearest camera of a view that has every point inside its picture.
 
-    Each side of the picture is a plane through the eye, so the eye is found in closed form: the
-    planes of one axis touch the outermost points, and the axis that needs more distance decides.
+    Each side of the picture is a plane through the eye, so the eye has a closed form: the planes of
+    one
+    axis touch the outermost points, and the axis that needs more distance decides.
 
     Args:
-        points: in metres; the same array for all systems of a comparison gives equal cameras.
+        points: points in metres; the same array for all systems of a comparison gives equal
+            cameras.
         aspect: width of the picture by its height.
-        radius_m: keeps a ball of this radius around each point inside.
+        radius_m: radius of a sphere around each point that must be inside.
     """
     axes = view_axes(view)
     right, up, backward = (points.astype(np.float64) @ axes.T).T
@@ -113,9 +115,9 @@ def frame_points(
 def outermost(
     points: Float[np.ndarray, "T J 3"], view: str, *, aspect: float = 1.0
 ) -> Float[np.ndarray, "5 J 3"]:
-    """Of each of J moving points, the five places that decide what ``frame_points`` returns.
+    """Return the five positions of each of J moving points that determine ``frame_points``.
 
-    With these alone, and one radius for each point, the camera is the same as with all T places.
+    With these alone, and one radius per point, the camera is the same as with all T positions.
     """
     right, up, backward = view_axes(view)
     tan_y = (1.0 - MARGIN) * np.tan(0.5 * YFOV_RAD)
@@ -132,7 +134,7 @@ def _apex(
     tangent: float,
     radius: Float[np.ndarray, " N"],
 ) -> tuple[float, float]:
-    """Where two planes of slopes ``+-tangent`` that just enclose the points meet."""
+    """Return the intersection of two planes of slopes ``+-tangent`` that enclose the points."""
     outwards = tangent * backward + radius * np.hypot(1.0, tangent)
     high = float((across + outwards).max())
     low = float((-across + outwards).max())
@@ -145,22 +147,22 @@ def _triple(vector: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
 
 
 STEEPEST_RAD = 1.48
-"""From level, up or down."""
+"""Largest pitch from level, up or down (rad)."""
 ZOOMS = (0.4, 10.0)
 FARTHEST_M = 1.5
-"""To the side, and up or down."""
+"""Largest offset to the side, and up or down (m)."""
 
 
 @dataclass(frozen=True)
 class Orbit:
-    """How a camera has been moved from where it was put."""
+    """Movement of a camera from its original position by a person."""
 
     yaw_rad: float = 0.0
-    """Around the body."""
+    """Azimuth around the body (rad)."""
     pitch_rad: float = 0.0
-    """Above it."""
+    """Elevation above the body (rad)."""
     zoom: float = 1.0
-    """How many times as near."""
+    """Zoom factor: the distance is divided by it."""
     right_m: float = 0.0
     up_m: float = 0.0
 
@@ -169,7 +171,7 @@ class Orbit:
         return self != Orbit()
 
     def check(self) -> None:
-        """Refuse where no camera of the stage can stand.
+        """Check that all values are within their limits.
 
         Raises:
             ValueError: with one sentence.
@@ -185,10 +187,10 @@ class Orbit:
                 raise ValueError(f"A camera's {what} is {least:g} to {most:g}; got {value:g}.")
 
     def moved(self, camera: Camera, around: Float[np.ndarray, " 3"]) -> Camera:
-        """The camera after the moves.
+        """Return the moved camera.
 
         Args:
-            around: what it is turned about; it looks on past it, as deep as it was before.
+            around: centre of the orbit (m), which stays at its depth in the picture.
         """
         right, up, backward = camera.axes()
         distance = float(backward @ np.subtract(camera.eye, around))

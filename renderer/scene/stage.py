@@ -1,5 +1,4 @@
-"""Where one comparison takes place: one camera and one floor for all of its bodies, and close-ups
-beside the picture: which there are, where they stand, and what is drawn in them."""
+"""Stage of a comparison: one camera and floor for all bodies, and the layout of close-ups."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ CLOSE_UP_VIEWS: dict[str, tuple[str, ...]] = {
     "face": ("face",),
     "hands": ("right_hand", "left_hand"),
 }
-"""Views of each close-up from the left to the right: from the front, the right hand is left."""
+"""Views of each close-up from left to right: from the front, the right hand is on the left."""
 
 _DRAWN = {
     "face": ("head", "jaw", "eye", "neck", "spine3", "collar", "shoulder"),
@@ -26,8 +25,10 @@ _DRAWN = {
         for side in ("left", "right")
     },
 }
-"""Joints, by parts of their names, whose flesh is drawn: a hand alone is hidden by nothing, and
-takes a tenth of the time of a body."""
+"""Parts of joint names whose vertices a close-up draws: a hand alone is hidden by nothing, and
+takes
+a tenth of the time of a body.
+"""
 CLOSE_UP_JOINTS = {
     "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
     **{
@@ -39,22 +40,25 @@ CLOSE_UP_JOINTS = {
         for side in ("left", "right")
     },
 }
-"""Joints that the camera of a close-up follows; the other views show them all."""
+"""Joints that the camera of a close-up follows; the other views show all joints."""
 
 CLOSE_UP_SIGMA_FRAMES, WALK_SIGMA_FRAMES = 12.0, 30.0
-"""A camera that follows moves slowly, so that the jitter of what it shows can be seen."""
+"""Smoothing of following cameras (frames), slow so that jitter of the motion stays visible."""
 STEADY_SIGMA_FRAMES = 2.0
-"""Of the hands beside a picture: their camera takes away gestures, below 2 Hz, so that a hand stays
-large in its place, and leaves them what trembles, above 5 Hz, as it is."""
+"""Smoothing of hand close-ups (frames): their camera removes gestures, below 2 Hz, so that a hand
+stays large and centred, and leaves tremor, above 5 Hz, unchanged.
+"""
 FINGERTIP_M = 0.035
-"""How far a fingertip reaches beyond its last joint, at most."""
+"""Largest distance (m) of a fingertip from its last joint."""
 
 FOLLOW_BEYOND_M = 1.5
-"""Where the bodies of a comparison wander farther, cameras go with them: one that stood still would
-have to show all of the way, and the bodies small."""
+"""Range of the bodies (m) above which cameras follow them: a static one would have to show the
+whole
+path, with small bodies.
+"""
 
 MIDDLE_M = 1.0
-"""Height of what a camera is moved around, over the floor."""
+"""Height of the orbit centre above the floor (m)."""
 
 BELOW_KNEES = ("ankle", "foot")
 KNEE_FLESH_M = 0.1
@@ -66,7 +70,7 @@ FEET = [JOINT_INDEX[f"{side}_{name}"] for side in ("left", "right") for name in 
 
 @dataclass(frozen=True)
 class Panel:
-    """A rectangle of a picture, in pixels from its upper left corner, and the view shown in it."""
+    """Rectangle of a picture, in pixels from its upper left corner, with its view."""
 
     view: str
     left: int
@@ -80,7 +84,7 @@ class Panel:
 
     @property
     def box(self) -> tuple[slice, slice]:
-        """Its rows and columns."""
+        """Rows and columns of the panel."""
         return (
             slice(self.top, self.top + self.height),
             slice(self.left, self.left + self.width),
@@ -88,10 +92,10 @@ class Panel:
 
 
 def lay_out(view: str, width: int, height: int, close_ups: Sequence[str]) -> tuple[Panel, ...]:
-    """The body, then the close-ups: the face stands above it, the hands below.
+    """Return the panels: the body, then the close-ups, with the face above and the hands below.
 
     Args:
-        width, height: of the body's panel; each close-up adds half a width to the height.
+        width, height: size of the body's panel; each close-up adds half a width to the height.
     """
     tall = width // 2 - width // 2 % 2
     above = tall if "face" in close_ups else 0
@@ -111,20 +115,22 @@ class Cutout:
     """Part of a mesh."""
 
     vertices: Int[np.ndarray, " N"]
-    """Their numbers in the whole mesh."""
+    """Indices of the vertices in the whole mesh."""
     faces: Int[np.ndarray, "F 3"]
-    """Among ``vertices``."""
+    """Faces as indices into ``vertices``."""
 
 
 def drawn_joints(view: str) -> list[int]:
-    """Joints whose flesh a close-up shows."""
+    """Return the joints whose vertices a close-up shows."""
     parts = _DRAWN[view]
     return [j for j, name in enumerate(JOINT_NAMES) if any(part in name for part in parts)]
 
 
 def cut_out(body: Body, view: str) -> Cutout:
-    """The part of a body that a close-up shows. An arm ends closed in the middle of the upper arm:
-    at the shoulder its end would be ragged."""
+    """Return the part of a body that a close-up shows.
+
+    An arm ends closed in the middle of the upper arm: at the shoulder its end would be ragged.
+    """
     is_kept = np.isin(body.main_joints, drawn_joints(view))
     side = view.removesuffix("_hand")
     if is_arm := side != view:
@@ -144,7 +150,7 @@ def cut_out(body: Body, view: str) -> Cutout:
 
 
 def _lid(kept: Int[np.ndarray, "F 3"], others: Int[np.ndarray, "G 3"]) -> Int[np.ndarray, "N 3"]:
-    """Over the one end at which some faces were cut off from others: a fan from one corner."""
+    """Return faces that close the one end where faces were cut off: a fan from one corner."""
     edges, theirs = (faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2) for faces in (kept, others))
     count = 1 + max(edges.max(), theirs.max())
     cut = edges[np.isin(edges @ (count, 1), theirs @ (1, count))]
@@ -153,15 +159,15 @@ def _lid(kept: Int[np.ndarray, "F 3"], others: Int[np.ndarray, "G 3"]) -> Int[np
 
 @dataclass(frozen=True)
 class Shot:
-    """The camera of a panel."""
+    """Camera of a panel."""
 
     view: str
     camera: Camera
-    """Where it follows: relative to the point that it follows."""
+    """Camera; if it follows, relative to the point that it follows."""
     sigma_frames: float | None = None
-    """How slowly it goes with the body; None stands still."""
+    """Smoothing of following (frames); None for a static camera."""
     way: Float[np.ndarray, "T 3"] | None = None
-    """Where it goes in each frame, metres; None follows whatever motion is drawn."""
+    """Positions (T, 3) of the followed point, metres; None follows the drawn motion."""
 
     @property
     def is_following(self) -> bool:
@@ -170,24 +176,26 @@ class Shot:
 
 @dataclass(frozen=True)
 class Stage:
-    """Cameras, and the floor under the motions they were made for. Metres, y up."""
+    """Cameras and floor for a set of motions. Metres, y up."""
 
     shots: tuple[Shot, ...]
-    """Of the body's panel, and after it of the close-ups."""
+    """Shots of the body's panel, then of the close-ups."""
     floor_m: float
     centre_xz: tuple[float, float] = (0.0, 0.0)
-    """Middle of the ground that the joints stay above."""
+    """Centre (x, z) of the area below the joints (m)."""
     extent_m: float = 0.0
-    """Longer side of that ground."""
+    """Longer side of that area (m)."""
 
     @property
     def camera(self) -> Camera:
-        """Of the body's panel."""
+        """Camera of the body's panel."""
         return self.shots[0].camera
 
     def pixel_m(self, shot: Shot, height_px: int) -> float:
-        """Return the size of a pixel (m) in the middle of the ground, or where a shot follows, of a
-        picture of that height; 0 behind the camera."""
+        """Return the size of a pixel (m) at the centre of the area or of a following shot.
+
+        0 if the centre is behind the camera.
+        """
         x, z = (0.0, 0.0) if shot.is_following else self.centre_xz
         up_m = 0.0 if shot.view in CLOSE_UP_JOINTS else self.floor_m + MIDDLE_M
         camera = shot.camera
@@ -195,7 +203,7 @@ class Stage:
         return max(away_m, 0.0) * 2.0 * float(np.tan(camera.yfov_rad / 2.0)) / height_px
 
     def seen_from(self, orbit: Orbit) -> "Stage":
-        """The same stage before a camera that was moved around the middle of its bodies."""
+        """Return the stage with the main camera moved around the middle of the bodies."""
         if not orbit.is_moved:
             return self
         first, *others = self.shots
@@ -205,7 +213,7 @@ class Stage:
         return replace(self, shots=(moved, *others))
 
     def tracks(self, body: Body, motion: BodyMotion) -> list[Float[np.ndarray, "T 3"]]:
-        """Where the camera of each shot stands in each frame, relative to it, metres."""
+        """Return the positions of each shot's followed point per frame, metres."""
         positions = None
         tracks = []
         for shot in self.shots:
@@ -219,7 +227,7 @@ class Stage:
         return tracks
 
     def going(self, ways: Sequence[Float[np.ndarray, "T 3"]]) -> "Stage":
-        """The same stage, whose cameras go these ways, whatever is drawn."""
+        """Return the stage with cameras that follow these positions, whatever is drawn."""
         shots = (replace(shot, way=way) for shot, way in zip(self.shots, ways, strict=True))
         return replace(self, shots=tuple(shots))
 
@@ -232,17 +240,18 @@ def set_stage(
     close_ups: Sequence[Panel] = (),
     framing: Framing = "whole",
 ) -> Stage:
-    """The stage that shows all of these motions, each in turn, with equal cameras.
+    """Make the stage that shows all of these motions, each alone, with equal cameras.
 
-    The joints of every frame are framed, each with the reach of the flesh around it: far cheaper
-    than posing every vertex, and the picture's margin takes up what skinning adds. Of a hand beside
-    the picture no more of the arm is framed than there is room for.
+    The joints of every frame are framed, each with the reach of the mesh around it: far cheaper
+    than posing every vertex, and the picture's margin covers what skinning adds. Hand close-ups
+    frame
+    only as much of the arm as there is room for.
 
     Args:
         view: one of ``conventions.views.VIEWS``.
         aspect: width of the picture by its height.
-        close_ups: panels that show parts of the body beside the picture.
-        framing: of a view that is no close-up.
+        close_ups: panels that show parts of the body next to the picture.
+        framing: framing of a view that is no close-up.
     """
     reach = _reach(body)
     if framing == "knees":
@@ -286,7 +295,7 @@ def set_stage(
 
 
 def _framed(framing: Framing) -> list[int]:
-    """Joints that a view shows that is no close-up."""
+    """Return the joints that a view without close-up shows."""
     hidden = BELOW_KNEES if framing == "knees" else ()
     return [
         joint for joint, name in enumerate(JOINT_NAMES) if not any(part in name for part in hidden)
@@ -294,7 +303,7 @@ def _framed(framing: Framing) -> list[int]:
 
 
 def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
-    """Some of the frames of a motion, as a motion."""
+    """Return some of the frames of a motion, as a motion."""
     chosen = frames if isinstance(frames, slice) else np.asarray(frames, dtype=np.intp)
     return replace(
         motion,
@@ -305,7 +314,7 @@ def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
 
 
 def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
-    """All joints of a clip, computed in pieces so that memory follows the result alone."""
+    """Return all joint positions of a clip, computed in pieces to limit memory."""
     starts = range(0, motion.num_frames, _PIECE_FRAMES)
     pieces = [
         body.joint_positions(frames_of(motion, slice(start, start + _PIECE_FRAMES)))
@@ -317,7 +326,7 @@ def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J
 def _track(
     positions: Float[np.ndarray, "T J 3"], view: str, sigma_frames: float
 ) -> Float[np.ndarray, "T 3"]:
-    """The smoothed middle of a close-up's joints; of other views, of the pelvis over the ground."""
+    """Return the smoothed centre of a close-up's joints, or of the pelvis on the ground."""
     if view in CLOSE_UP_JOINTS:
         middle = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1)
     else:
@@ -326,7 +335,7 @@ def _track(
 
 
 def _reach(body: Body) -> Float[np.ndarray, " J"]:
-    """Distance from each joint to the farthest vertex that mainly follows it, at rest."""
+    """Return the distance from each joint to the farthest vertex that mainly follows it."""
     owner = body.main_joints
     distance = np.linalg.norm(body.template - body.rest_joints[owner], axis=1)
     reach = np.zeros(len(body.rest_joints))
@@ -335,6 +344,6 @@ def _reach(body: Body) -> Float[np.ndarray, " J"]:
 
 
 def _floor(body: Body, positions: Float[np.ndarray, "T J 3"]) -> float:
-    """Height of the soles in the median frame: the lower foot is taken to stand."""
+    """Return the height of the soles in the median frame, with the lower foot on the floor."""
     sole = body.rest_joints[FEET, 1] - body.template[:, 1].min()
     return float(np.median((positions[:, FEET, 1] - sole).min(axis=1)))

@@ -1,4 +1,4 @@
-"""The studio a body is shown in: lights, background, the fading floor with its shadow, the body."""
+"""Studio around a body: lights, background, and the fading floor with its shadow."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,24 +14,25 @@ RESOLUTION = 160
 """Texels along each side of the floor; the shadow is soft, so few are enough."""
 HALF_SIZE_M = 2.0
 SHADOW_VERTICES = 10_000
-"""The shadow of fewer would have holes: the middles of faces are added."""
+"""Vertices below which the shadow has holes, so that face centres are added."""
 TOUCHING_M = 0.10
-"""Below this height above the floor a vertex also casts a contact shadow."""
+"""Height (m) above the floor below which a vertex also casts a contact shadow."""
 LOST, BLURS, MOST_LOST = (0.30, 0.45), (2.6, 1.5), 0.62
-"""Of the light, by the body and by what touches; texels by which either is soft; and at most."""
+"""Share of light lost to the body and to contact, blur of both (texels), and largest total share.
+"""
 GLOW, LIGHTEST = 22.0, 252.0
-"""Grey levels by which the pool's middle is lighter than the background, and at most."""
+"""Grey levels by which the centre of the floor is lighter than the background, and their limit."""
 POOL_POWER, FADE = 1.2, 2.5
-"""How fast the pool of light falls off, and the floor's shadows with it."""
+"""Falloff of the light on the floor, and of the shadows."""
 
 
 ROUGHNESS = 0.7
-"""Of skin and cloth alike: how far a highlight spreads."""
+"""Roughness of skin and cloth: the width of highlights."""
 
 
 @dataclass(frozen=True)
 class Light:
-    """A distant light. ``towards`` points from the body to the light; colour is linear."""
+    """Distant light. ``towards`` points from the body to the light; colour is linear."""
 
     towards: tuple[float, float, float]
     color: tuple[float, float, float]
@@ -40,7 +41,7 @@ class Light:
 
 @dataclass(frozen=True)
 class Studio:
-    """The light: three lamps, their ambient part, and the colour behind everything."""
+    """Lighting: three lights, ambient light, and the background colour."""
 
     key: Light = Light((2.6, 2.0, 1.7), (1.0, 0.95, 0.88), 3.7)
     fill: Light = Light((-3.0, 0.3, 2.2), (0.74, 0.86, 1.0), 0.6)
@@ -48,14 +49,15 @@ class Studio:
     ambient: float = 0.17
     background: tuple[float, float, float] = (0.894, 0.902, 0.918)
     shadow_from: tuple[float, float, float] = (0.42, 1.0, 0.22)
-    """Where the ground shadow's light stands: steeper than the key, so that it stays short."""
+    """Direction to the ground shadow's light: steeper than the key, so that the shadow stays short.
+    """
 
 
 STUDIO = Studio()
 
 
 class ShadowGround:
-    """Texture of a square floor under the bodies: a pool of light, darkened where light is lost.
+    """Texture of a square floor under the bodies: a pool of light, darkened by shadows.
 
     The shadow is a splat of points along the light's direction, blurred; no ray is cast.
     """
@@ -74,7 +76,7 @@ class ShadowGround:
         self._fade = np.clip((1.0 - radius) * FADE, 0.0, 1.0).astype(np.float32)
 
     def shadow(self, points: Float[np.ndarray, "N 3"]) -> Float32[np.ndarray, "R R"]:
-        """Share of light lost at each texel, 0 to 1; rows run along z, columns along x."""
+        """Compute the share of light lost per texel, 0 to 1; rows run along z, columns along x."""
         height = np.maximum(points[:, 1] - self.floor_m, 0.0)
         scale = RESOLUTION / (2.0 * self.half_size_m)
         offset = np.array(self.centre_xz) - self.half_size_m
@@ -87,15 +89,15 @@ class ShadowGround:
         return np.clip(lost, 0.0, MOST_LOST) * self._fade
 
     def texture(self, shadow: Float32[np.ndarray, "R R"]) -> UInt8[np.ndarray, "R R 3"]:
-        """Display colours of the floor with a shadow on it."""
+        """Return display colours of the floor with a shadow."""
         return (self._lit * (1.0 - shadow)[..., None]).astype(np.uint8)
 
     def corners(self) -> Float32[np.ndarray, "4 3"]:
-        """Corners at texture coordinates (0,0), (1,0), (1,1), (0,1), metres."""
+        """Return the corners at texture coordinates (0,0), (1,0), (1,1), (0,1), metres."""
         return self._corners((0, RESOLUTION), (0, RESOLUTION))
 
     def shadow_corners(self, shadow: Float32[np.ndarray, "R R"]) -> Float32[np.ndarray, "N 3"]:
-        """Corners of the rectangle of the floor that a shadow lies in (metres); none without."""
+        """Return the corners (m) of the floor's rectangle with the shadow; none without shadow."""
         rows, columns = (np.flatnonzero(shadow.any(axis=axis)).tolist() for axis in (1, 0))
         if not rows:
             return np.empty((0, 3), np.float32)
@@ -103,7 +105,7 @@ class ShadowGround:
         return self._corners((columns[0] - 1, columns[-1] + 2), (rows[0] - 1, rows[-1] + 2))
 
     def _corners(self, columns: Sequence[int], rows: Sequence[int]) -> Float32[np.ndarray, "4 3"]:
-        """Corners of a rectangle of texels, metres."""
+        """Return the corners of a rectangle of texels, metres."""
         texel_m = 2.0 * self.half_size_m / RESOLUTION
         x, z = (
             centre - self.half_size_m + np.array(texels) * texel_m
@@ -114,7 +116,7 @@ class ShadowGround:
 
 
 def _splat(texel: Int[np.ndarray, " N"], blur: float) -> Float32[np.ndarray, "R R"]:
-    """1 where a vertex falls, 0 elsewhere, spread by a Gaussian of ``blur`` texels."""
+    """Return a map of 1 at texels with a vertex, 0 elsewhere, blurred by ``blur`` texels."""
     covered = np.zeros(RESOLUTION * RESOLUTION, np.float32)
     covered[texel] = 1.0
     return ndimage.gaussian_filter(covered.reshape(RESOLUTION, RESOLUTION), blur, truncate=2.5)
@@ -122,33 +124,33 @@ def _splat(texel: Int[np.ndarray, " N"], blur: float) -> Float32[np.ndarray, "R 
 
 @dataclass(frozen=True)
 class PosedFrame:
-    """All that changes from one picture to the next, computed without OpenGL."""
+    """Data that change from one picture to the next, computed without OpenGL."""
 
     vertices: Float[np.ndarray, "V 3"]
     normals: Float[np.ndarray, "V 3"]
     ground: np.ndarray
-    """(R, R, 3) uint8: the floor with this frame's shadow."""
+    """Floor with this frame's shadow (R, R, 3), uint8."""
     shadow_corners: Float32[np.ndarray, "N 3"]
-    """Corners of the rectangle of the floor that the shadow lies in (metres); none without."""
+    """Corners (m) of the floor's rectangle with the shadow; none without shadow."""
     colors: Float[np.ndarray, "V 3"] | None = None
-    """Linear RGB of this frame alone; None is what the subject has."""
+    """Linear RGB of this frame; None for the subject's colours."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What stays as it is from one picture to the next."""
+    """Data that stay the same in all pictures."""
 
     faces: Int[np.ndarray, "F 3"]
     colors: Float[np.ndarray, "V 3"]
     """Linear RGB, 0 to 1."""
     ground_corners: Float[np.ndarray, "4 3"]
-    """As ``ShadowGround.corners``."""
+    """Corners from ``ShadowGround.corners``."""
     is_transparent: bool = False
-    """The body alone, with how much of each pixel it covers as a fourth channel."""
+    """True to draw the body alone, with its coverage of each pixel as a fourth channel."""
 
 
 class FramePreparer:
-    """Turns vertices into ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
+    """Converter of vertices to ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
 
     def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int, stage: Stage) -> None:
         self.normals = VertexNormals(faces, num_vertices)
@@ -161,9 +163,10 @@ class FramePreparer:
         colors: Float[np.ndarray, "V 3"] | None = None,
         behind: PosedFrame | None = None,
     ) -> PosedFrame:
-        """
+        """Compute normals, floor and shadow of a frame.
+
         Args:
-            behind: frame whose ground is behind these vertices as well.
+            behind: frame with the ground behind these vertices, which is reused.
         """
         if behind is not None:
             normals = self.normals(vertices)

@@ -1,5 +1,4 @@
-"""Several videos in one: side by side in lock-step, or two of one place laid over each other, as a
-ghost, behind a wipe or taking turns; and pictures of one motion on a contact sheet.
+"""Composition of videos: side by side, or two overlaid as ghost, wipe or flicker; contact sheets.
 
 ffmpeg decodes and encodes in its own process, so memory does not grow with the length.
 """
@@ -19,9 +18,9 @@ from renderer.scene.stage import Panel
 from renderer.video.encoder import Encoder, VideoError, VideoFacts, read_facts
 
 MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
-"""What most screens show whole; larger comparisons are made smaller."""
+"""Largest size of a comparison (pixels), which fits most screens; larger ones are scaled down."""
 _SMALLEST_LABEL = 0.35
-"""Letters this high, as a share of the band, can still be read; longer labels are cut."""
+"""Smallest readable height of letters, as a share of the band; longer labels are cut."""
 _INK, _PAPER = (38, 42, 50), (255, 255, 255)
 _TO_VIDEO = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
 
@@ -29,29 +28,29 @@ _TO_VIDEO = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
 Overlay = Literal["ghost", "wipe", "flicker"]
 OVERLAYS: tuple[Overlay, ...] = get_args(Overlay)
 FLICKER_FRAMES = 15
-"""One change in half a second: far below what can do harm to anyone."""
+"""Frames between changes (half a second): far too slow to cause photosensitive seizures."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """How two pictures share one: the first with the second laid over its body and beside it."""
+    """Overlay of two videos: the second over the first's body panel, with its close-ups."""
 
     overlay: Overlay
-    """A ghost has each printed in its own ink, one over the other."""
+    """Kind of overlay; a ghost prints each video in its ink."""
     width: int
     height: int
     body: Panel
-    """Where both bodies stand, in each of the pictures and in the whole."""
+    """Panel of the body in both videos and in the result."""
     beside: tuple[Panel, ...] = ()
-    """Close-ups of the second, which its picture has where the whole has them."""
+    """Close-ups of the second video, at the same positions as in the result."""
     edge: int = 0
-    """Of a wipe: so many columns of the body's panel show the first."""
+    """Columns of the body's panel that show the first video, for a wipe."""
     inks: Sequence[str] = ("#d55e00", "#0072b2")
-    """Of a ghost, as #rrggbb."""
+    """Colours of a ghost, as #rrggbb."""
 
     @property
     def shorter(self) -> int:
-        """Side of half the picture, by which names are as large as they are."""
+        """Shorter side of half the picture, which sets the size of labels."""
         return min(self.width // 2, self.height)
 
 
@@ -65,21 +64,20 @@ def compose_videos(
     num_columns: int | None = None,
     pair: Pair | None = None,
 ) -> None:
-    """Write videos beside one another, each row with a band of labels above its pictures, or two of
-    them over each other.
+    """Compose videos side by side with bands of labels above each row, or overlay two of them.
 
     Rows, about equally long, are as many as leave the pictures largest on a screen. Frame n of the
     result shows frame n of every video; a shorter video holds its last frame.
 
     Args:
         labels: one for each video; drawn smaller, or cut, if it is too long for its picture.
-        on_progress: called with the share done, 0 to 1.
-        should_cancel: asked several times a second.
-        num_columns: of each row but the last; None as many as leave the pictures largest.
-        pair: how two are laid over each other; None is beside.
+        on_progress: called with the finished share, 0 to 1.
+        should_cancel: called several times a second.
+        num_columns: columns of each row but the last; None for the largest pictures.
+        pair: overlay of two videos; None for side by side.
 
     Raises:
-        Cancelled: if ``should_cancel`` said so; no file is left.
+        Cancelled: if ``should_cancel`` returns true; no file is left.
         VideoError: if a video cannot be read, sizes do not fit, or ffmpeg fails; no file is left.
     """
     facts = [read_facts(video) for video in videos]
@@ -122,7 +120,7 @@ def _check_alike(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> None:
 
 
 def _held(lengths: Sequence[int]) -> list[str]:
-    """Each input video from its beginning, its last frame held until the longest ends."""
+    """Return a filter for each input video that holds its last frame until the longest ends."""
     return [
         f"[{i}:v]setpts=PTS-STARTPTS,tpad=stop={max(lengths) - length}:stop_mode=clone"
         for i, length in enumerate(lengths)
@@ -130,7 +128,7 @@ def _held(lengths: Sequence[int]) -> list[str]:
 
 
 def _named(picture: str, band_input: int, out: str, width: int, band: int, left: int = 0) -> str:
-    """A picture on white under its band of labels."""
+    """Return a filter that puts a picture on white below its band of labels."""
     return (
         f"{picture}pad={width}:ih+{band}:{left}:{band}:white[under{band_input}];"
         f"[{band_input}:v]format=rgb24,{_TO_VIDEO}[band{band_input}];"
@@ -140,10 +138,10 @@ def _named(picture: str, band_input: int, out: str, width: int, band: int, left:
 
 @dataclass(frozen=True)
 class Grid:
-    """How equal pictures stand beside and below one another."""
+    """Layout of equal pictures in rows."""
 
     rows: tuple[range, ...]
-    """Which pictures stand in which row, from the top; the last row may be shorter."""
+    """Indices of the pictures in each row, from the top; the last row may be shorter."""
     picture_width: int
     picture_height: int
 
@@ -153,18 +151,19 @@ class Grid:
 
     @property
     def band(self) -> int:
-        """Height of the labels above each row."""
+        """Height of the labels above each row (pixels)."""
         return band_height(min(self.picture_width, self.picture_height))
 
 
 def fit_grid(
     count: int, picture_width: int, picture_height: int, num_columns: int | None = None
 ) -> Grid:
-    """The grid in which pictures are largest on a screen, and never larger than they are; of two
-    such the one of fewer rows.
+    """Return the grid with the largest pictures on a screen, never enlarged.
+
+    Of equal ones it has the fewest rows.
 
     Args:
-        num_columns: where they are given.
+        num_columns: fixed number of columns; None to choose it.
     """
     best, best_scale = None, 0.0
     columns = [-(-count // num_rows) for num_rows in range(1, count + 1)]
@@ -182,7 +181,7 @@ def fit_grid(
 
 
 def rows_of(count: int, picture_width: int) -> tuple[range, ...]:
-    """Which pictures stand in which row where as many stand side by side as a screen is wide."""
+    """Return the picture indices of each row, with as many per row as fit a screen's width."""
     longest = max(1, MAX_WIDTH_PX // picture_width)
     return _rows(count, -(-count // -(-count // longest)))
 
@@ -192,7 +191,7 @@ def _rows(count: int, num_columns: int) -> tuple[range, ...]:
 
 
 def _beside(held: Sequence[str], grid: Grid, *, is_smaller: bool) -> list[str]:
-    """ffmpeg's filter graph: rows stacked, each under its band."""
+    """Return ffmpeg's filter graph of stacked rows, each below its band."""
     fitted = f",scale={grid.picture_width}:{grid.picture_height}:flags=bicubic" * is_smaller
     parts = [f"{each}{fitted}[v{i}]" for i, each in enumerate(held)]
     for number, row in enumerate(grid.rows):
@@ -208,12 +207,12 @@ def _beside(held: Sequence[str], grid: Grid, *, is_smaller: bool) -> list[str]:
 
 
 def _left_edge(count: int, picture_width: int, width: int) -> int:
-    """Where a row begins that stands in the middle; even, as yuv420p halves both axes."""
+    """Return the left edge of a centred row; even, as yuv420p halves both axes."""
     return 2 * ((width - count * picture_width) // 4)
 
 
 def _over(held: Sequence[str], pair: Pair) -> list[str]:
-    """ffmpeg's filter graph: both padded to the whole; what the second has in it laid over it."""
+    """Return ffmpeg's filter graph of an overlay: both padded to the result, the second on top."""
     whole = [f"{each},pad={pair.width}:{pair.height}:0:0:white" for each in held]
     body = pair.body
     sides = [f"[side{i}]" for i in range(len(pair.beside))]
@@ -256,7 +255,7 @@ _GREY = "colorchannelmixer=" + ":".join(
 
 
 def _printed(ink: str) -> str:
-    """White paper, dark in this ink where the grey picture is dark."""
+    """Return a filter that prints a grey picture in an ink on white."""
     shares = [int(ink[at : at + 2], 16) for at in (1, 3, 5)]
     return "lutrgb=" + ":".join(
         f"{channel}='{share}+{1 - share / 255:.4f}*val'"
@@ -269,9 +268,9 @@ def _crop(panel: Panel) -> str:
 
 
 def band_height(picture_height: int) -> int:
-    """Height of the label band in pixels: even, and in proportion to the picture.
+    """Return the height of the label band in pixels: even, in proportion to the picture.
 
-    Of a picture that is taller than wide, the width counts.
+    For a picture that is taller than wide, pass its width.
     """
     return 2 * max(12, round(picture_height / 28))
 
@@ -283,11 +282,11 @@ def label_band(
     width: int | None = None,
     inks: Sequence[str] | None = None,
 ) -> UInt8[np.ndarray, "B W 3"]:
-    """The band above a row of pictures, each label in one line, centred over its picture.
+    """Draw the band above a row of pictures, with each label in one line, centred on its picture.
 
     Args:
-        width: of the band, if it is wider than its row, which then stands in the middle.
-        inks: that labels are written in, as #rrggbb.
+        width: width of the band if it is wider than its row, which is then centred.
+        inks: colours of the labels, as #rrggbb.
     """
     height = band_height(picture_height)
     width = width or picture_width * len(labels)
@@ -311,11 +310,7 @@ def label_band(
 
 
 def contact_sheet(pictures: UInt8[np.ndarray, "N H W C"], frames: Sequence[int]) -> Image.Image:
-    """All pictures in rows no wider than a screen, on white, or on nothing if they have alpha.
-
-    Args:
-        frames: of the pictures, at 30 per second.
-    """
+    """Draw all pictures in rows that fit a screen, on white, or transparent if they have alpha."""
     _, height, width, channels = pictures.shape
     rows = rows_of(len(pictures), width)
     band = band_height(height)

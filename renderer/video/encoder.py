@@ -1,7 +1,7 @@
-"""Frames into a browser-playable file: H.264 yuv420p with AAC sound, by ffmpeg in a child process.
+"""Encoding of frames to browser-playable files (H.264 yuv420p, AAC) with ffmpeg in a child process.
 
-The ffmpeg binary comes inside the ``imageio-ffmpeg`` wheel. A file appears under its final name
-only when it is complete; until then it has a partial name in the same folder.
+The ffmpeg binary comes inside the ``imageio-ffmpeg`` wheel. A file gets its final name only when it
+is complete; until then it has a partial name in the same folder.
 """
 
 import fcntl
@@ -26,21 +26,21 @@ from processes.job import Cancelled
 
 DEFAULT_CRF = 20
 PIPE_BYTES = 1 << 20
-"""Into ffmpeg: a whole frame fits, so that writing one does not wait for ffmpeg to read it."""
+"""Size of the pipe to ffmpeg: a whole frame fits, so that writing does not wait for ffmpeg."""
 Own = TypeVar("Own", bound="Encoder")
 
 
 class VideoError(RuntimeError):
-    """A video could not be made; the message says why in one sentence."""
+    """Error for a video that cannot be made; the message says why in one sentence."""
 
 
 def partial_path(out: Path, process_id: int) -> Path:
-    """Where a process keeps ``out`` while it is not complete."""
+    """Return the path of ``out`` while a process has not completed it."""
     return out.with_name(f".{out.stem}.{process_id}.part{out.suffix}")
 
 
 def check_size(width: int, height: int) -> None:
-    """yuv420p halves both axes, so both must be even.
+    """Check that both sizes are even, as yuv420p halves both axes.
 
     Raises:
         ValueError: if one is odd or not positive.
@@ -52,7 +52,7 @@ def check_size(width: int, height: int) -> None:
 
 
 def ffmpeg_path() -> str:
-    """The ffmpeg binary.
+    """Return the path of the ffmpeg binary.
 
     Raises:
         VideoError: if there is none.
@@ -69,10 +69,10 @@ def ffmpeg_path() -> str:
 
 
 def run_ffmpeg(*arguments: str, log: str = "error") -> str:
-    """What ffmpeg writes on standard output, or with ``log`` info what it says.
+    """Run ffmpeg and return its standard output, or its messages if ``log`` is "info".
 
     Raises:
-        VideoError: if it fails, with the last that it said.
+        VideoError: if it fails, with its last message.
     """
     run = subprocess.run(
         [ffmpeg_path(), "-hide_banner", "-nostats", "-loglevel", log, "-y", *arguments],
@@ -89,7 +89,7 @@ def run_ffmpeg(*arguments: str, log: str = "error") -> str:
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """What has to agree between videos that are shown together."""
+    """Properties of a video that must agree between videos shown together."""
 
     width: int
     height: int
@@ -97,7 +97,7 @@ class VideoFacts:
 
 
 def read_facts(video: Path) -> VideoFacts:
-    """Size and exact number of frames; the file's packets are counted, not decoded.
+    """Read size and exact number of frames; packets are counted, not decoded.
 
     Raises:
         VideoError: if the file is missing or holds no video.
@@ -115,7 +115,7 @@ def read_facts(video: Path) -> VideoFacts:
 
 
 class Encoder:
-    """One run of ffmpeg that makes one mp4 of so many frames at 30 fps, whole or not at all.
+    """Run of ffmpeg that makes one mp4 of ``num_frames`` frames at 30 fps, or no file.
 
     Use it in ``with``. Leaving the block normally completes the file; leaving it by an exception
     ends ffmpeg and leaves no file.
@@ -130,9 +130,10 @@ class Encoder:
         speech_wav: Path | None = None,
         crf: int = DEFAULT_CRF,
     ) -> None:
-        """
+        """Prepare ffmpeg's command line.
+
         Args:
-            inputs, filters: of ffmpeg's command line; the picture comes from them.
+            inputs, filters: arguments of ffmpeg for the picture.
             speech_wav: sound from the first frame on; cut or padded with silence to the frames.
             crf: x264's constant quality; lower is better and larger.
 
@@ -173,9 +174,10 @@ class Encoder:
         self._process: subprocess.Popen[bytes]
 
     def __enter__(self: Own) -> Own:
-        """
+        """Start ffmpeg.
+
         Raises:
-            VideoError: if there is no ffmpeg, or the folder cannot take the file.
+            VideoError: if there is no ffmpeg, or the folder does not exist.
         """
         if not self.out.parent.is_dir():
             raise VideoError(f"The video cannot be written: {self.out.parent} is not a folder.")
@@ -199,10 +201,10 @@ class Encoder:
     def follow(
         self, on_progress: Callable[[float], None], should_cancel: Callable[[], bool]
     ) -> None:
-        """Tell the share done several times a second, until ffmpeg ends.
+        """Report the finished share several times a second, until ffmpeg ends.
 
         Raises:
-            Cancelled: if ``should_cancel`` said so.
+            Cancelled: if ``should_cancel`` returns true.
         """
         assert self._process.stdout is not None
         for line in self._process.stdout:
@@ -213,7 +215,8 @@ class Encoder:
                 on_progress(min(int(value) / self._num_frames, 1.0))
 
     def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        """
+        """Complete the file, or remove it after an exception.
+
         Raises:
             VideoError: if ffmpeg failed; then there is no file.
         """
@@ -237,7 +240,7 @@ class Encoder:
             ) from error
 
     def _abort(self) -> None:
-        """End ffmpeg at once and leave no file."""
+        """Kill ffmpeg and remove the file."""
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
@@ -248,7 +251,7 @@ class Encoder:
         self._partial.unlink(missing_ok=True)
 
     def _failure(self) -> VideoError:
-        """What ffmpeg said, as one sentence; cleans up."""
+        """Return ffmpeg's failure as one sentence, after cleaning up."""
         try:
             self._process.wait(timeout=10.0)
         except subprocess.TimeoutExpired:
@@ -262,7 +265,7 @@ class Encoder:
 
 
 class VideoWriter(Encoder):
-    """Streams frames into an mp4 file of exactly ``num_frames`` frames."""
+    """Encoder of streamed frames into an mp4 file of exactly ``num_frames`` frames."""
 
     def __init__(
         self,
@@ -273,7 +276,7 @@ class VideoWriter(Encoder):
         speech_wav: Path | None = None,
         crf: int = DEFAULT_CRF,
     ) -> None:
-        """As `Encoder`."""
+        """Prepare ffmpeg for RGB frames, see `Encoder`."""
         inputs = [
             *("-f", "rawvideo", "-pixel_format", "rgb24"),
             *("-video_size", f"{width}x{height}", "-framerate", str(FPS), "-i", "pipe:0"),

@@ -1,4 +1,4 @@
-"""What a browser must know to draw bodies as the videos do: the same numbers, from one place."""
+"""Constants that the browser's viewer shares with the videos."""
 
 from dataclasses import asdict
 
@@ -12,7 +12,7 @@ from renderer.video.marks import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_F
 
 
 def drawing_facts() -> dict:
-    """As JSON may hold it; lengths in metres, angles in radians, colours 0 to 1."""
+    """Return the shared constants as JSON types: metres, radians, colours 0 to 1."""
     views = {view: camera.view_axes(view).tolist() for view in VIEWS}
     return {
         "lighting": lighting_source(),

@@ -1,8 +1,6 @@
-"""What a picture may show beside the body as it is: a trail of one point, the body coloured by how
-it jerks, and a notice that nobody can overlook.
+"""Overlays of a picture: trail of a point, joint jerk as body colours, legends, and a notice.
 
-The numbers come from whoever asks; here they are only drawn. Scales are the asker's too, so that
-all videos of a comparison have the same.
+Values and their scales come from the caller, so that all videos of a comparison share a scale.
 """
 
 import importlib.util
@@ -19,7 +17,7 @@ from renderer.scene.camera import Camera
 from renderer.scene.stage import Panel
 
 TRAIL_FRAMES = 30
-"""A trail is the last second, where nothing else is asked for."""
+"""Default length of a trail: the last second."""
 _SMOOTH = 3
 """Samples along each side of a pixel of a trail."""
 _INK, _PLATE = (28, 32, 40), (255, 255, 255, 216)
@@ -44,62 +42,62 @@ SPIKE_COLOR = (213, 94, 0)
 
 @dataclass(frozen=True)
 class Trail:
-    """The way of one point through the last moments."""
+    """Recent path of one point."""
 
     points: Float[np.ndarray, "T 3"]
-    """Where it is in each frame, metres."""
+    """Position of the point in each frame (T, 3), metres."""
     speeds: Float[np.ndarray, " T"]
-    """Of the speed at the end of the scale, 0 to 1."""
+    """Speed as a share of the end of the scale, 0 to 1."""
     is_spike: Bool[np.ndarray, " T"]
-    """Where a dot stands."""
+    """Mask (T,) of frames with a dot."""
     legend: str = ""
-    """What colours and dots mean, in a line."""
+    """Legend of colours and dots, in one line."""
     close_up: str = ""
-    """View of the close-up that shows the point too, beside the body."""
+    """View of the close-up that also shows the trail; empty for none."""
     is_on_body: bool = True
-    """Whether the body's own panel shows it."""
+    """True if the body's own panel shows the trail."""
     num_frames: int = TRAIL_FRAMES
-    """How long it is, but for the present one."""
+    """Length of the trail in frames before the current one."""
 
 
 @dataclass(frozen=True)
 class Heat:
-    """How each joint jerks, as the colour of what follows it."""
+    """Jerk of each joint, shown as colour of the vertices that follow it."""
 
     shares: Float[np.ndarray, "T J"]
-    """Of the end of the scale, 0 to 1."""
+    """Jerk as a share of the end of the scale, 0 to 1."""
     legend: str = ""
-    """What is at the end of the scale."""
+    """Legend of the end of the scale."""
 
 
 @dataclass(frozen=True)
 class Marks:
-    """What is shown in the pictures of one motion."""
+    """Overlays in the pictures of one motion."""
 
     trail: Trail | None = None
     heat: Heat | None = None
     notice: str = ""
-    """Stands below the body, in large letters."""
+    """Notice in large letters below the body."""
     tag: str = ""
-    """Stands in every close-up: the notice in a word."""
+    """Short form of the notice, shown in every close-up."""
 
 
 def heat_colors(
     body: Body, shares: Float[np.ndarray, "T J"]
 ) -> Iterator[Float32[np.ndarray, "V 3"]]:
-    """Linear RGB of each vertex: the share of the joints that it follows, by how much it does."""
+    """Yield the linear RGB of each vertex, from its joints' shares and skinning weights."""
     for of_joint in shares:
         yield (_along(HEAT_COLORS, body.weights @ of_joint) ** 2).astype(np.float32)
 
 
 def _along(colors: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Colours at shares of a scale."""
+    """Interpolate colours at shares of a scale."""
     stops = np.linspace(0.0, 1.0, len(colors))
     return np.stack([np.interp(shares, stops, channel) for channel in colors.T], axis=-1)
 
 
 class MarkPainter:
-    """Paints marks over pictures that are put together of panels."""
+    """Painter of overlays on pictures that are composed of panels."""
 
     def __init__(self, marks: Marks, panels: Sequence[Panel]) -> None:
         self._trail = marks.trail
@@ -113,10 +111,10 @@ class MarkPainter:
     def paint(
         self, picture: UInt8[np.ndarray, "H W C"], frame: int, cameras: Sequence[Camera]
     ) -> UInt8[np.ndarray, "H W C"]:
-        """The picture of a frame with its marks.
+        """Paint the overlays of a frame on its picture.
 
         Args:
-            cameras: of the panels in this frame.
+            cameras: cameras of the panels in this frame.
         """
         painted = Image.fromarray(picture)
         for i in self._with_trail:
@@ -130,11 +128,11 @@ class MarkPainter:
 
 
 Plate = tuple[tuple[int, int], Image.Image]
-"""What is laid over a picture, and where its upper left corner is."""
+"""Image to paste on a picture, with the position of its upper left corner."""
 
 
 def _drawn_trail(panel: Panel, trail: Trail, frame: int, camera: Camera) -> Plate | None:
-    """The way up to a frame within a panel; what lies outside is cut off."""
+    """Draw the trail up to a frame within a panel; parts outside are cut off."""
     frames = np.arange(max(0, frame - trail.num_frames), frame + 1)
     way = camera.project(trail.points[frames], panel.width, panel.height)
     if not np.isfinite(way).all():
@@ -168,7 +166,7 @@ def _dot(draw: ImageDraw.ImageDraw, place, radius: float, color) -> None:
 
 
 def _plates(marks: Marks, panels: Sequence[Panel]) -> list[Plate]:
-    """What stays the same in all pictures."""
+    """Return the overlays that are the same in all pictures."""
     body = panels[0]
     size = max(11.0, 0.036 * body.width)
     plates: list[Plate] = []
@@ -192,7 +190,7 @@ def _plates(marks: Marks, panels: Sequence[Panel]) -> list[Plate]:
 
 
 def _band(words: str, width: int | None, size: float) -> Image.Image:
-    """Letters that cannot be overlooked; as wide as they are where no width is given."""
+    """Draw a band with large letters, as wide as its text if ``width`` is None."""
     font = _fitting(words, size, width)
     box = (width or int(font.getlength(words) + size), int(1.5 * size))
     band = Image.new("RGBA", box, (*_LOUD, 255))
@@ -202,7 +200,7 @@ def _band(words: str, width: int | None, size: float) -> Image.Image:
 
 
 def _legend(colors: np.ndarray, words: str, size: float, width: int) -> Image.Image:
-    """A bar of a scale and what it means, on a plate."""
+    """Draw a colour scale and its meaning on a plate."""
     bar, high = int(3.2 * size), int(0.6 * size)
     font = _fitting(words, size, int(width - bar - 2 * size))
     box = (int(bar + font.getlength(words) + 1.5 * size), int(1.5 * size))
@@ -216,7 +214,7 @@ def _legend(colors: np.ndarray, words: str, size: float, width: int) -> Image.Im
 
 
 def _fitting(words: str, size: float, width: int | None) -> ImageFont.FreeTypeFont:
-    """Letters of that height, or as much smaller as it takes to stay within a width."""
+    """Return a font of this height, or smaller to fit the width."""
     font = ImageFont.truetype(_font_file(), size)
     if width is not None and font.getlength(words) > 0.96 * width:
         font = font.font_variant(size=size * 0.96 * width / font.getlength(words))
@@ -224,8 +222,10 @@ def _fitting(words: str, size: float, width: int | None) -> ImageFont.FreeTypeFo
 
 
 def _font_file() -> str:
-    """A font with units such as m/s³, which Pillow's own lacks: it comes with matplotlib, which is
-    only looked up, as it takes long to import."""
+    """Return the path of a font with units such as m/s³, which Pillow's own lacks.
+
+    It comes with matplotlib, which is only located, as importing it takes long.
+    """
     found = importlib.util.find_spec("matplotlib")
     assert found is not None and found.origin is not None
     return str(Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")

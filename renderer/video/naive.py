@@ -1,4 +1,4 @@
-"""The usual pyrender loop, kept as the yardstick of the benchmark."""
+"""The usual pyrender loop, as the baseline of the benchmark."""
 
 from collections.abc import Sequence
 
@@ -15,8 +15,12 @@ from renderer.scene.studio import STUDIO
 def draw_naively(
     frames: Sequence[np.ndarray], body: Body, stage: Stage, size_px: int
 ) -> list[np.ndarray]:
-    """Pictures of ready vertices as pyrender's examples draw them: for each a new trimesh, mesh,
-    scene and renderer, its own shaders, and the depth read back; no ground."""
+    """Draw precomputed vertices as in pyrender's examples.
+
+    Each frame has a new trimesh, mesh, scene and renderer, pyrender's shaders, and the depth is
+    read
+    back; there is no ground.
+    """
     open_gl(choose_backend())
     import pyrender
     import trimesh

@@ -1,7 +1,7 @@
-"""A body and its motion into a stream of pictures: posed, lit, drawn in panels.
+"""Rendering of a body and its motion to a stream of pictures in panels.
 
-Everything streams: vertices come in chunks, each frame is drawn and handed to the encoder before
-the next is touched, so memory does not grow with the length of a clip.
+Vertices come in chunks, and each frame is drawn and handed to the encoder before the next, so
+memory does not grow with the length of a clip.
 """
 
 from collections.abc import Generator, Iterable, Sequence
@@ -31,28 +31,30 @@ from renderer.video.marks import MarkPainter, Marks, heat_colors
 
 MIN_SIZE_PX, MAX_SIZE_PX = 64, 2160
 _LINE_PX, _LINE = 2, 255
-"""White between panels."""
+"""Width and grey level of the white lines between panels."""
 
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How pictures are made. Equal settings and an equal ``Stage`` give comparable pictures."""
+    """Settings of pictures. Equal settings and an equal ``Stage`` give comparable pictures."""
 
     width: int = 512
     height: int = 512
     view: str = "front"
-    """One of ``conventions.views.VIEWS``."""
+    """View, one of ``conventions.views.VIEWS``."""
     framing: Framing = "whole"
-    """How much of the body a view shows that is no close-up."""
+    """Framing of a view that is no close-up."""
     crf: int = DEFAULT_CRF
     """x264's constant quality, 0 to 51; lower is better and larger."""
     backend: Backend | None = None
-    """What draws; None takes the first that works here."""
+    """OpenGL backend; None selects the first that works."""
     layout: tuple[Panel, ...] | None = None
-    """Where the body, which comes first and is as large as ``width`` and ``height`` say, and
-    close-ups stand, as of `lay_out`; None is the body alone."""
+    """Panels from `lay_out`: first the body, of ``width`` and ``height``, then the close-ups; None
+    for
+    the body alone.
+    """
     is_transparent: bool = False
-    """Pictures of the body alone, with a fourth channel for what it covers; no videos."""
+    """True for pictures of the body alone with an alpha channel; not for videos."""
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
@@ -65,12 +67,12 @@ class RenderSettings:
 
     @property
     def aspect(self) -> float:
-        """Of the body's own panel."""
+        """Width over height of the body's own panel."""
         return self.width / self.height
 
     @property
     def panels(self) -> tuple[Panel, ...]:
-        """The body's, and after it those of the close-ups."""
+        """Panels of the body, then of the close-ups."""
         return self.layout or (Panel(self.view, 0, 0, self.width, self.height),)
 
     @property
@@ -82,13 +84,13 @@ class RenderSettings:
 
     @property
     def picture_shape(self) -> tuple[int, int, int]:
-        """Of a picture's array."""
+        """Shape of a picture's array (H, W, C)."""
         width, height = self.picture_size
         return height, width, 4 if self.is_transparent else 3
 
 
 def stage_for(body: Body, motions: Sequence[BodyMotion], settings: RenderSettings) -> Stage:
-    """The stage of pictures with these settings that shows all of these motions."""
+    """Make the stage for pictures of these motions with these settings."""
     return set_stage(
         *(body, motions, settings.view, settings.aspect, settings.panels[1:]),
         framing=settings.framing,
@@ -103,15 +105,16 @@ def draw_frames(
     marks: Marks | None = None,
     frames: slice | Sequence[int] = slice(None),
 ) -> Generator[UInt8[np.ndarray, "H W C"]]:
-    """Yield the pictures of some frames of a motion. Each is overwritten by the next; close it to
-    stop early.
+    """Yield the pictures of some frames of a motion; each is overwritten by the next.
+
+    Close the generator to stop early.
 
     Args:
         stage: camera and floor; by default made for this motion alone.
 
     Raises:
-        ValueError: if a frame lies outside the motion, or the stage was set for other close-ups
-            than the settings name.
+        ValueError: if a frame is outside the motion, or the stage has other close-ups than the
+            settings.
     """
     if not isinstance(frames, slice):
         check_frames(frames, motion)
@@ -170,7 +173,7 @@ def draw_frames(
 
 
 def mesh_of(body: Body, stage: Stage, shot: Shot, panel: Panel) -> Body:
-    """Return as much of a body as a panel of a stage shows, as fine as its pixels are."""
+    """Return the part of a body that a panel shows, with a level of detail for its pixels."""
     pixel_m = stage.pixel_m(shot, panel.height)
     mesh = body_at(body, body.height_m / pixel_m) if pixel_m > 0.0 else body
     if shot is stage.shots[0]:
@@ -180,7 +183,7 @@ def mesh_of(body: Body, stage: Stage, shot: Shot, panel: Panel) -> Body:
 
 
 def _rule_off(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> None:
-    """A white line above and left of every panel that has a neighbour there."""
+    """Draw a white line above and left of every panel that has a neighbour there."""
     for panel in panels:
         rows, columns = panel.box
         if panel.top:
@@ -190,9 +193,10 @@ def _rule_off(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> N
 
 
 def check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
-    """
+    """Check that all frames are within a motion.
+
     Raises:
-        ValueError: if one lies outside the motion.
+        ValueError: if one is outside.
     """
     for frame in frames:
         if not 0 <= frame < motion.num_frames:
@@ -200,17 +204,17 @@ def check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
 
 
 def stacked(pictures: Iterable[np.ndarray], settings: RenderSettings) -> np.ndarray:
-    """Pictures as one array, also where there is none."""
+    """Stack pictures to one array, also without any."""
     return np.reshape(list(pictures), (-1, *settings.picture_shape)).astype(np.uint8, copy=False)
 
 
 def projected_joints(
     body: Body, motion: BodyMotion, frames: Sequence[int], settings: RenderSettings, stage: Stage
 ) -> Float[np.ndarray, "N J 2"]:
-    """Pixels of all joints in the pictures of some frames, (0, 0) at the upper left corner.
+    """Return the pixels of all joints in some frames' pictures, (0, 0) at the upper left corner.
 
-    The pictures are those that ``draw_frames`` makes with these settings on this stage, also where
-    the camera follows the body. A joint may lie outside its picture, or be hidden behind the body.
+    The pictures are those of ``draw_frames`` with these settings on this stage, also if the camera
+    follows the body. A joint may be outside its picture, or hidden behind the body.
     """
     chosen = list(frames)
     joints = body.joint_positions(frames_of(motion, chosen))

@@ -1,7 +1,7 @@
-"""Videos and stills drawn in child processes, several at a time.
+"""Drawing of videos and stills in child processes, several at a time.
 
 An OpenGL context belongs to one thread and a crash in a driver ends its process, so each job runs
-in a process of its own. To start one takes as long as some forty pictures: it is kept for the next
+in a separate process. Starting one takes as long as some forty pictures: it is reused for the next
 job, unless one failed in it.
 """
 
@@ -32,31 +32,31 @@ from renderer.video.render import RenderSettings, check_frames, draw_frames, sta
 
 PARALLEL_JOBS = 2
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-"""The pictures are drawn by the driver's threads; numpy's would only get in their way."""
+"""Environment of the processes: the driver's threads draw, and numpy's would only get in the way.
+"""
 _POLL_S = 0.05
 _KNOWN_ERRORS = (BodyError, GLError, ValueError, VideoError)
-"""Each holds one sentence."""
+"""Errors whose message is one sentence."""
 Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True)
 class RenderJob:
-    """What is in pictures (a body that moves, the panels and camera before it, marks), and what
-    they are drawn to: a video, stills, or both."""
+    """Job of drawing one motion, with settings, stage and marks, to a video, stills, or both."""
 
     motion: BodyMotion
     out: Path | None = None
-    """The mp4 to write; None draws the stills alone."""
+    """Path of the mp4; None draws only the stills."""
     speech_wav: Path | None = None
     settings: RenderSettings = field(default_factory=RenderSettings)
     body_path: Path | None = None
-    """An SMPL-X npz; None is the open body."""
+    """Path of an SMPL-X npz; None is the open body."""
     look: str = LOOKS[0]
-    """Of the open body."""
+    """Look of the open body."""
     stage: Stage | None = None
     """Shared camera and floor; None makes them for this motion alone."""
     marks: Marks | None = None
-    """What else is shown in the pictures."""
+    """Overlays of the pictures."""
     still_frames: tuple[int, ...] = ()
     """Frames to return as pictures, in this order."""
 
@@ -68,18 +68,19 @@ def draw_jobs(
     should_cancel: Callable[[], bool] = lambda: False,
     parallel: int = PARALLEL_JOBS,
 ) -> dict[Key, UInt8[np.ndarray, "N H W C"]]:
-    """Do every job, and return the stills of each under the same name.
+    """Run all jobs, and return the stills of each by its name.
 
-    ``parallel`` of them at once. Where there are no more cores than that, at the end so many more
-    that none is drawn alone beside an idle core: of five by two, the last three together.
+    ``parallel`` jobs run at once. If there are no more cores than that, the last jobs are run
+    together
+    so that no core is idle while one job runs alone: of five by two, the last three.
 
     Args:
-        on_progress: called with the share of all frames done, 0 to 1; what it raises ends the work.
-        on_done: called with a name when its file is whole, in the order in which they end.
+        on_progress: called with the finished share of all frames, 0 to 1; its errors end the work.
+        on_done: called with a name when its file is complete, in the order of completion.
 
     Raises:
-        Cancelled: when ``should_cancel`` said so; the children are ended and left no file.
-        BodyError, GLError, ValueError, VideoError: of the first job that failed; the others are
+        Cancelled: if ``should_cancel`` returns true; the children are ended and leave no file.
+        BodyError, GLError, ValueError, VideoError: error of the first failed job; the others are
             ended.
     """
     shares = dict.fromkeys(jobs, 0.0)
@@ -116,7 +117,7 @@ def draw_jobs(
 
 
 def _decided(job: RenderJob) -> RenderJob:
-    """The job with nothing left to decide, for a process in another folder."""
+    """Return the job with a backend and absolute paths, for a process in another folder."""
     # Asked here, where the answer is kept: each new process would have to try the drivers again.
     backend = job.settings.backend or choose_backend()
     paths = {"out": job.out, "speech_wav": job.speech_wav, "body_path": job.body_path}
@@ -128,11 +129,11 @@ def _decided(job: RenderJob) -> RenderJob:
 
 
 class _Worker:
-    """A process that draws, as its parent sees it: jobs go in, one by one."""
+    """Parent's handle of a drawing process, which runs one job at a time."""
 
     def __init__(self) -> None:
         self.stills: UInt8[np.ndarray, "N H W C"] | None = None
-        """Of the job, once it is done."""
+        """Stills of the finished job; None before."""
         self._out: Path | None = None
         self._share = 0.0
         self._child = Child("renderer.video.workers", environment=_ONE_THREAD)
@@ -146,11 +147,11 @@ class _Worker:
         self._child.send(job)
 
     def share(self) -> float:
-        """How much of the job is done, by what the child has said meanwhile.
+        """Return the finished share of the job, from the child's messages.
 
         Raises:
-            BodyError, GLError, ValueError, VideoError: as of `draw_jobs`; GLError also if the child
-                died.
+            BodyError, GLError, ValueError, VideoError: as for `draw_jobs`; GLError also if the
+                child died.
         """
         try:
             while self.stills is None and self._child.has_message(0.0):
@@ -167,14 +168,14 @@ class _Worker:
         return self._share
 
     def close(self) -> None:
-        """Leave nothing behind: no process, no pipe, no partial file."""
+        """End the process and remove its pipe and partial file."""
         self._child.end()
         if self._out is not None:
             partial_path(self._out, self._child.pid).unlink(missing_ok=True)
 
 
 def failure(ended: Ended) -> RuntimeError:
-    """Of a process that draws and has ended without a word: a driver's crash, or a bug of ours."""
+    """Return the error for a drawing process that died: a driver's crash, or a bug."""
     told = ended.sentences(
         "The rendering process",
         "draw smaller or fewer videos at once",
@@ -185,8 +186,7 @@ def failure(ended: Ended) -> RuntimeError:
 
 
 def main() -> int:
-    """In the child: take jobs, do them, and tell of each ``(kind, value)``: share, done with the
-    stills, failed."""
+    """Run jobs in the child, and send ``(kind, value)``: share, done with the stills, failed."""
     channel, _ = parent_channel()
 
     def tell(kind: str, value: Any) -> None:
@@ -207,8 +207,7 @@ def main() -> int:
 
 
 def _done(job: RenderJob, tell: Callable[[float], None]) -> UInt8[np.ndarray, "N H W C"]:
-    """Do a job. Memory does not grow with the length of a video: each frame is drawn and encoded
-    before the next."""
+    """Draw a job frame by frame, so that memory does not grow with the length of a video."""
     body, settings = load_body(job.body_path, job.look), job.settings
     check_frames(job.still_frames, job.motion)
     looks = body, job.motion, settings, job.stage, job.marks
