@@ -27,6 +27,12 @@ def tables_of(path: Path) -> list[list[list[str]]]:
     return [[[cell.strip() for cell in row] for row in [table[0], *table[2:]]] for table in rows]
 
 
+def anchors_of(path: Path) -> set[str]:
+    """Return the anchors that GitHub makes of a document's headings."""
+    headings = re.findall(r"^#+ (.*)$", FENCE.sub("", path.read_text("utf-8")), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 def commands_of(path: Path) -> list[str]:
     """Lines of a document's code that run the app."""
     code = "\n".join(FENCE.findall(path.read_text("utf-8")))
@@ -39,9 +45,10 @@ COMMANDS = [(name_of(path), line) for path in DOCUMENTS for line in commands_of(
 def test_what_documents_link_to_is_there_and_every_one_is_in_an_index():
     for path in DOCUMENTS:
         links = LINK.findall(FENCE.sub("", path.read_text("utf-8")))
-        targets = [link.split("#")[0] for link in links if "://" not in link]
-        missing = [target for target in targets if target and not (path.parent / target).exists()]
-        assert not missing, name_of(path)
+        for target, _, anchor in (link.partition("#") for link in links if "://" not in link):
+            linked = path.parent / target if target else path
+            assert linked.exists(), (name_of(path), target)
+            assert not anchor or anchor in anchors_of(linked), (name_of(path), target, anchor)
     for folder in (ROOT / "docs", ROOT / "docs" / "experiments"):
         linked = set(LINK.findall((folder / "README.md").read_text("utf-8")))
         assert {path.name for path in folder.glob("*.md")} - {"README.md"} <= linked
