@@ -149,7 +149,7 @@ def smooth_rotations(rotmat: Float[Tensor, "T *joints 3 3"]) -> Float[Tensor, "T
 
 
 def filtered(motion: Motion, post_filter: PostFilter) -> Motion:
-    """Return the motion after a filter."""
+    """Return the motion after the chosen filter."""
     return smooth_motion(motion) if post_filter == "savgol" else motion
 
 

@@ -128,7 +128,12 @@ class Normaliser:
         representation: Representation = "normalised",
         groups: Sequence[Sequence[int]] | None = None,
     ) -> "Normaliser":
-        """Fit the statistics of ``vectors``; a group's std is the root of its mean variance."""
+        """Fit the statistics of ``vectors``; a group's std is the root of its mean variance.
+
+        Args:
+            representation: ``raw`` does not scale row-6D rotations (mean 0, std 1).
+            groups: channels that share one std; by default those of row-6D vectors.
+        """
         mean = vectors.mean(0)
         variance = vectors.var(0)
         std = torch.ones(vectors.shape[1])

@@ -126,7 +126,7 @@ _PHASES: Mapping[str, Phase] = {
     "rest": "rest", "prep": "preparation", "stroke": "stroke", "hold": "hold", "psh": "hold",
     "beat": "beat", "baton": "beat", "ret": "retraction", "recover": "retraction",
 }  # fmt: skip
-"""Phases by the first letters of words; the next tables are for body tiers and more hand tiers."""
+"""Phases by word stems; the next tables are for body tiers and more hand tiers."""
 _LETTERS: Mapping[str, Phase] = {
     "p": "preparation", "s": "stroke", "h": "hold", "b": "beat", "r": "retraction",
 }  # fmt: skip

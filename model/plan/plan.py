@@ -100,9 +100,9 @@ class Gaze(Span):
     """Direction of the eyes and the head."""
 
     yaw_deg: float
-    """Angle to the body's left; 0 is the listener."""
+    """Angle to the body's left (degrees); 0 is the listener."""
     pitch_deg: float
-    """Angle downwards."""
+    """Angle downwards (degrees)."""
 
 
 @dataclass(frozen=True)

@@ -106,6 +106,7 @@ class SpeechGuide:
     """Classifier-free guidance by speech, for predictions of clean motion.
 
     Args:
+        strength: guidance scale; 1 is the network as trained.
         of_head: guidance scale of neck and head; None for that of the rest.
     """
 

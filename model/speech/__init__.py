@@ -1,1 +1,1 @@
-"""Sound files and transcripts to features at the motion's frame rate; may import plans."""
+"""Sound files, transcripts, and speech features at the motion's frame rate; may import plans."""

@@ -65,7 +65,7 @@ speed of both planned wrists in the tiers' units per second."""
 
 @dataclass(frozen=True)
 class CodesConfig:
-    """Shape of the network."""
+    """Shape of the trained speech encoder's network."""
 
     speech_dim: int = 68
     width: int = 128

@@ -26,7 +26,7 @@ _importing = threading.Lock()
 
 
 def librosa() -> ModuleType:
-    """Return librosa, compiled: in 2 s first in a process, in half a minute first for the user."""
+    """Return librosa, compiled: 2 s on a process's first call, half a minute on a user's."""
     with _importing:
         return _imported()
 

@@ -26,7 +26,7 @@ MAX_TEXT = 256 * 2**10
 ENDINGS = (".TextGrid", ".txt", ".tsv", ".json", ".srt", ".vtt", ".ctm", ".lab")
 WORD_TIERS = ("words", "word", "ort-mau", "ort")
 PHONE_TIERS = ("phones", "phone", "phonemes", "phoneme", "mau")
-"""Names of phone tiers; the aligners of Montreal, FAVE and Munich use these."""
+"""Names of word and phone tiers in files of the aligners of Montreal, FAVE and Munich."""
 _SPEAKER = re.compile(r".*\S\s+-\s+")
 """Name of a speaker before that of a tier: "anna - words"."""
 SPARE_S = 0.5

@@ -94,7 +94,7 @@ class Card(dict[str, Any]):
 
     @property
     def training_hours(self) -> float:
-        """Duration of the training (h); 0 if unknown."""
+        """Duration of the training data (h); 0 if unknown."""
         with self.reading():
             return _number(self.get("training_hours") or 0.0, float)
 

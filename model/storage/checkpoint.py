@@ -90,7 +90,7 @@ def _json_bytes(card: dict) -> bytes:
 
 
 MAX_BYTES = 2 * 10**9
-"""Largest checkpoint inside a zip in bytes; the largest known one has 172 MB."""
+"""Largest file of weights that is read (bytes), also inside a zip; the largest known: 172 MB."""
 _PREFIX = "module."
 _WRAPPERS = ("state_dict", "model", "model_state_dict", "model_state", "net")
 
