@@ -17,8 +17,7 @@ log = logging.getLogger(__name__)
 
 
 class RunError(ValueError):
-    """Error of a run that cannot be done; its message is one sentence with the reason and what to
-    do."""
+    """Error of a run that cannot be done, with one sentence on the reason and what to do."""
 
 
 class DiskFullError(RunError):

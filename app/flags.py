@@ -1,5 +1,7 @@
-"""Command-line flags of request dataclasses: types, parsers and error messages for tyro. Flags
-follow from field types, and their help from field docstrings."""
+"""Types, parsers, help and error messages of the command-line flags that tyro makes.
+
+Flags follow from the field types of request dataclasses, and their help from field docstrings.
+"""
 
 from __future__ import annotations
 

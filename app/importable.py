@@ -1,8 +1,7 @@
-"""Python interface of the installed package, where this file is ``co_speech_motion/__init__.py``; a
-checkout has ``app.notebook`` instead.
+"""Python interface of the installed package, as ``co_speech_motion/__init__.py``.
 
-The folders ``app``, ``model`` and the other roots lie next to it, and are added to the end of the
-search path at the first use of an attribute.
+A checkout has ``app.notebook`` instead. The folders ``app``, ``model`` and the other roots lie next
+to it, and are added to the end of the search path at the first use of an attribute.
 """
 
 import sys

@@ -1,9 +1,8 @@
-"""Command line entry point of the installed package, where this file is
-``co_speech_motion/__main__.py`` above ``app``, ``model`` and the other roots; a checkout has
-``python -m app`` instead.
+"""Command line of the installed package, as ``co_speech_motion/__main__.py``.
 
-Installed at the top level, they would be ``app`` and ``model`` to every other program of the
-environment. So they lie in one folder, which only this program and its children search.
+A checkout has ``python -m app`` instead. Installed at the top level, ``app``, ``model`` and the
+other roots would be visible to every other program of the environment. So they lie in one folder,
+which only this program and its children search.
 """
 
 import runpy

@@ -1,7 +1,7 @@
-"""Python interface of the program for notebooks: speech and motion as arrays, motion, plans and
-metrics as results, and a player for a cell. It may import the page's player; no module imports it.
+"""Python interface for notebooks, with speech, motion, plans and metrics as objects.
 
-``docs/notebook.ipynb`` walks through it. Errors are ValueErrors with one sentence.
+It may import the page's player; no module imports it. ``docs/notebook.ipynb`` walks through it.
+Errors are ValueErrors with one sentence.
 """
 
 from __future__ import annotations
@@ -167,8 +167,7 @@ def _write_samples(path: Path, samples: np.ndarray, rate: int) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Player:
-    """Player of a run as HTML, shown by a notebook cell. `save` writes a file for any browser,
-    about 3 MB and 50 kB a second for each body."""
+    """Player of a run as HTML, about 3 MB and 50 kB a second for each body, for notebook cells."""
 
     html: str
     height: int = HEIGHT_PX

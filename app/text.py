@@ -1,5 +1,4 @@
-"""User-visible texts that are used in several modules or checked by tests. Texts with a single use
-are defined where they are used."""
+"""User-visible texts that several modules use or tests check; others are where they are used."""
 
 from dataclasses import dataclass
 

@@ -1,5 +1,4 @@
-"""Commands that generate or measure motion: generate, diagnose, steps, hearing, mechanism, plan,
-render; and those of the leaderboard."""
+"""Commands that generate, measure and render motion, and those of the leaderboard."""
 
 from __future__ import annotations
 

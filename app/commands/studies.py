@@ -1,5 +1,4 @@
-"""Commands of a blind user study: from a plan (TOML) to a static web page for any host, and from
-its answers to a report."""
+"""Commands of a blind user study, from a plan (TOML) to a web page and a report."""
 
 from __future__ import annotations
 

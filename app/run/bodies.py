@@ -1,5 +1,4 @@
-"""Conversion of motions for the renderer, their alignment to the origin, and the tracked point: a
-fingertip, rigid or a vertex of a licensed body, or any joint."""
+"""Bodies posed by motions, their alignment to the origin, and the tracked point."""
 
 from __future__ import annotations
 
@@ -58,8 +57,7 @@ def in_register(motion: Motion) -> Motion:
 
 @dataclass(frozen=True)
 class Register:
-    """Root transform that aligns a motion: a rotation about the world's vertical, then a
-    translation."""
+    """Root transform that aligns a motion: rotation about the vertical, then translation."""
 
     turn_rad: float
     shift_m: tuple[float, float, float]

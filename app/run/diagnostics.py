@@ -1,5 +1,4 @@
-"""Metrics of the motions of a run, generated or imported, as ``diagnostics.json`` and a table, and
-their figures."""
+"""Metrics and figures of the motions of a run, generated or imported."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Rows of a run that systems generate from speech; gesture plans sampled from speech without
-motion, or detected in motion without speech."""
+"""Rows of a run that systems generate from speech, and gesture plans without motion."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Binary frames of motion for the browser, and the open body as a GLB with its whole face. The mesh
-of a licensed body is not given to visitors."""
+"""Binary frames of motion and the open body as a GLB for browsers, never a licensed mesh."""
 
 from __future__ import annotations
 

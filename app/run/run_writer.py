@@ -1,5 +1,4 @@
-"""Writer of a run's folder while the run goes on: results, files for viewers, and the `run.json`
-that lists them."""
+"""Writer of a run's folder while the run goes on, with its `run.json`."""
 
 from __future__ import annotations
 
@@ -86,8 +85,7 @@ class _Growing:
 
 @dataclass(frozen=True)
 class Rows:
-    """Motions of one run, generated or imported, with all data needed to measure them; by name,
-    with the reference last."""
+    """Motions of one run with all data needed to measure them, by name, the reference last."""
 
     measured: Mapping[str, Motion]
     staged: Mapping[str, Motion]

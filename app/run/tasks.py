@@ -1,5 +1,4 @@
-"""Tasks of a worker by module and function name, so that the caller imports neither, and their
-results."""
+"""Tasks of a worker, by module and function name, and their results."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Timeline of a run: speech with its words, provided or recognised while the run goes on, curves of
-the motion, and its worst seconds."""
+"""Timeline of a run: speech with its words, curves of the motion, and its worst seconds."""
 
 from __future__ import annotations
 
@@ -187,8 +186,10 @@ def said_in(folder: Path) -> Transcript:
 
 
 class SpokenWords:
-    """Words of a run's speech: from a TextGrid, else from a plain text, else recognised if
-    requested. As a context manager, it stops the recognition at the end of the block."""
+    """Words of a run's speech, from a TextGrid, else aligned text, else recognised on request.
+
+    As a context manager, it stops the recognition at the end of the block.
+    """
 
     def __init__(self, given: Path | Transcript | None, asked: WordSource) -> None:
         """Read the transcript, if there is one; raises TranscriptError if it cannot be used."""

@@ -1,5 +1,4 @@
-"""Choices of the page, read without loading a model: systems, speakers, examples, tracked points,
-guidance scales."""
+"""Choices of the page (systems, speakers, examples, ...), read without loading a model."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""HTML tables of metrics: of a run, raw and filtered (switched by app/page/web/measures.js); of the
-clips of one run; of sets of clips."""
+"""HTML tables of metrics: of one run, of the clips of a run, and of sets of clips."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Tab "Live", in which a body moves to the visitor's live speech, and the last minute can be kept
-as a run."""
+"""Tab "Live", in which a body moves to live speech, with a run of the last minute."""
 
 from __future__ import annotations
 

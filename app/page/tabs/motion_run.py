@@ -247,8 +247,7 @@ class GenerateRunner(RunRunner):
 
 
 class Opening:
-    """Updates of a page that opens: the run of a link, a comparison of two, or the example; and the
-    visitor's runs."""
+    """Updates of a page that opens, with the run of a link, a comparison or the example."""
 
     def __init__(
         self, services: Services, tabs: gr.Tabs, places: Mapping[str, ResultParts], form: Fields

@@ -1,5 +1,4 @@
-"""Services that all tabs share, and the base of runners, which turn a queued click into updates of
-the page."""
+"""Services that all tabs share, and runners, which turn a click into updates of the page."""
 
 from __future__ import annotations
 
@@ -182,8 +181,7 @@ def last_share(events: Sequence[Event]) -> float | None:
 
 
 class TabRunner(ABC):
-    """Runner of a tab's tasks: a click at the head of the queue becomes a run with updates of the
-    tab."""
+    """Runner of a tab's tasks, each a queued click that becomes a run with updates of the tab."""
 
     tab: ClassVar[str]
     is_told: ClassVar[bool] = True

@@ -1,5 +1,4 @@
-"""Actions on a run in the viewer: editing its gestures, and rendering videos, of the viewer or in
-the background."""
+"""Actions on a run in the viewer: editing its gestures, and rendering videos."""
 
 from __future__ import annotations
 
@@ -196,8 +195,10 @@ def line_of(line: str, share: float | None = None, more: str = "") -> str:
 
 @dataclass
 class Remaining:
-    """Estimator of the remaining time from the rate since the first progress; the time before, such
-    as the start of a process, says nothing about the rate."""
+    """Estimator of the remaining time from the rate since the first progress.
+
+    The time before, such as the start of a process, says nothing about the rate.
+    """
 
     first: tuple[float, float] | None = None
     """Fraction and time (s) of the first progress."""
@@ -221,8 +222,7 @@ class Remaining:
 
 
 class VideosBehind:
-    """Queue of background videos, for each visitor those of the newest run, rendered by a process
-    with low priority."""
+    """Background rendering, with low priority, of the videos of each visitor's newest run."""
 
     def __init__(self, services: Services, parts: ResultParts, tab: str) -> None:
         self._services = services

@@ -1,5 +1,4 @@
-"""Tab "Systems": explanations of all systems by their families, with equations and what to look
-for, and experiments."""
+"""Tab "Systems", with explanations of all systems and with experiments."""
 
 from __future__ import annotations
 

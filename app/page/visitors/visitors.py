@@ -1,5 +1,4 @@
-"""Identity of visitors: one open page by Gradio's session, one browser by a cookie; objects behind
-random tokens."""
+"""Identity of visitors by session and cookie, and objects behind random tokens."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Provenance of a result, sufficient to reproduce it or to distinguish two results; settings and
-title of a run in words."""
+"""Provenance of a result, for its reproduction, and settings and title of a run in words."""
 
 from __future__ import annotations
 

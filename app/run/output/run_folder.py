@@ -1,5 +1,4 @@
-"""Content of a run's folder as described by its `run.json`, which is written during the run and
-read by viewers (docs/formats.md)."""
+"""Content of a run's folder as described by its `run.json` (docs/formats.md)."""
 
 from __future__ import annotations
 

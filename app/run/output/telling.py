@@ -1,5 +1,4 @@
-"""Terminal output: sentences and progress bars on standard error, file paths for scripts on
-standard output."""
+"""Terminal output: messages and progress on standard error, file paths on standard output."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Parts that several requests share; tyro makes flags of their fields, and pydantic reads forms and
-files into them (`app.run.requests.convert`)."""
+"""Parts that requests share; tyro makes flags of them, pydantic reads forms and files."""
 
 from __future__ import annotations
 

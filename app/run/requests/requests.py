@@ -46,8 +46,7 @@ Joint = Annotated[str, arg(help="Fingertip or joint to follow, such as left_inde
 
 @dataclass(frozen=True, kw_only=True)
 class RunRequest:
-    """Common part of the requests that generate motion and that measure imported motion; results of
-    both are measured, shown and rendered in the same way."""
+    """Common part of the requests that generate motion and that measure imported motion."""
 
     speech: SpeechInput
     imports: ImportOptions = field(default_factory=ImportOptions)
@@ -86,8 +85,7 @@ def _measured_video() -> VideoOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseRequest(RunRequest):
-    """Request to compute metrics and figures of imported motions; for folders or zips, over their
-    clips."""
+    """Request to compute metrics and figures of imported motions, or of sets of clips."""
 
     speech: SpeechInput = field(default_factory=SpeechInput)
     motions: MotionInput
@@ -101,8 +99,7 @@ AnyRun = GenerateRequest | DiagnoseRequest
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRequest:
-    """Request to sample the gesture plan of a speech or detect that of a motion, without generating
-    motion."""
+    """Request to sample the gesture plan of a speech, or to detect that of a motion."""
 
     speech: PlanSource
     out: Path

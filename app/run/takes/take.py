@@ -1,5 +1,4 @@
-"""Generation of a take: the motion of a run after an edit of its plan, of which only the affected
-windows are generated again."""
+"""Takes: motions of a run after an edit of its plan, generated again where it changed."""
 
 from __future__ import annotations
 

@@ -151,8 +151,7 @@ def _laid_on(first: RenderJob, second: RenderJob, raw: BodyMotion) -> tuple[Rend
 
 @dataclass(frozen=True)
 class _Room:
-    """Layout of the video: the picture of the page, enlarged as far as a screen has room, with even
-    edges, as chroma has half the resolution."""
+    """Layout of the video, enlarged as far as a screen has room, with even edges for chroma."""
 
     width: int
     height: int

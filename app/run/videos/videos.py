@@ -1,5 +1,4 @@
-"""Pictures of motions with the same camera and scales: one video each, a comparison, and poses with
-their jerk."""
+"""Pictures of motions with the same camera and scales: videos, comparison, poses with jerk."""
 
 from __future__ import annotations
 
