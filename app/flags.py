@@ -239,12 +239,11 @@ GROUPS: Mapping[str, str] = {
     "pool options": "Many clips",
     "files options": "Checkpoints of other authors",
 }
-"""Titles of the groups of flags in help, by tyro's, in their order."""
+"""Titles of the groups of flags in help, by those of tyro and in order."""
 
 
 def _in_groups(help_text: str) -> str:
-    """Return tyro's help with its boxes under the titles of `GROUPS`, in their order; where boxes
-    are drawn in ASCII, as it is."""
+    """Sort the boxes of tyro's help, and give them the titles of `GROUPS`, except in ASCII."""
     above, boxes = [], []
     for line in help_text.splitlines():
         if line.startswith("╭─ "):

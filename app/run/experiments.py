@@ -1,7 +1,9 @@
-"""Runs of their own. Does it hear: several speeches with several seeds, and what each decides;
-where a system is deaf, the bodies of one seed move alike, whatever the speech. The paper's argument
-on a body: equal noise on local and on global rotations of one motion. Quality against time: what
-steps of a sampler buy, and what they cost on this machine."""
+"""Experiments: effects of speech and noise seed, rotation noise, and numbers of sampling steps.
+
+`measure_hearing` compares motions that share the speech, the noise or neither. `show_mechanism`
+applies equal noise to local and to global rotations, the paper's argument on a body.
+`measure_step_curve` measures quality and speed on this machine.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +60,7 @@ from renderer.video.compose import compose_videos
 from renderer.video.workers import draw_jobs
 
 HEARD_S = 60.0
-"""Of each speech; the rest is not heard."""
+"""Part of each speech that is used (s)."""
 COMPARED = "Compared {count} system{s}."
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
 _COLUMNS = (
@@ -73,17 +75,18 @@ class _Made:
 
     grid: Grid
     guidance: float | None = None
-    """With which it heard its speech; None where that is not known."""
+    """Guidance scale of the speech; None if it is not known."""
     by_speaker: Grid = field(default_factory=dict)
-    """Of the first speech, by speaker and seed."""
+    """Motions for the first speech, by speaker and seed."""
 
 
 def measure_hearing(request: SpeechEffectRequest, ear: Ear = DEAF) -> None:
-    """Generate each speech with each seed, or read what is in the folder; leave numbers, the
-    figure, what the numbers say as notes, and what was generated.
+    """Generate each speech with each seed, or read a folder of motions, and compare the motions.
+
+    The motions, the metrics, the figure, and sentences as notes are written.
 
     Raises:
-        Cancelled: when ``ear`` said so.
+        Cancelled: if the caller has cancelled.
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, WriteError: with a
             sentence.
     """
@@ -127,7 +130,7 @@ def measure_hearing(request: SpeechEffectRequest, ear: Ear = DEAF) -> None:
 
 
 def _beginning(path: Path, longest_s: float, max_s: float) -> Speech:
-    """No more of a speech than is heard."""
+    """Load a speech, cut to a maximum length."""
     whole = load_speech(path, SpeechLimits(max_s=max_s))
     return replace(whole, waveform=whole.waveform[: int(longest_s * SAMPLE_RATE)])
 
@@ -161,7 +164,7 @@ def _generated(
 
 
 def _read_grids(folder: Path) -> dict[str, Grid]:
-    """Motions of a folder, by what their names say."""
+    """Read the motions of a folder, by the system, speech and seed in their file names."""
     grids: dict[str, dict[tuple[str, int], Motion]] = {}
     for path in sorted(path for path in folder.glob("*.npz") if not path.name.startswith(".")):
         named = _NAMED.fullmatch(path.name)
@@ -178,7 +181,7 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
 
 
 def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:
-    """Of one system, as ``hearing.json`` has them."""
+    """Return the content of ``hearing.json`` for one system."""
 
     def shares(found: Decided) -> dict[str, float]:
         return {column: getattr(found, column) for column in _COLUMNS}
@@ -205,7 +208,7 @@ def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -
 
 
 def _heard_sentence(system: str, numbers: Mapping[str, Any]) -> str:
-    """What the numbers say of the arms, for a person."""
+    """Format the results of a system's arms as sentences."""
     arms = numbers["parts"]["arms"]
     lead, low, high = (round(100 * arms[key]) for key in ("lead", "lead_low", "lead_high"))
     if low > 0:
@@ -262,18 +265,17 @@ def _points(number: int) -> str:
 
 
 NAMES: tuple[str, str] = ("local noise", "global noise")
-"""Of the two bodies: where the noise is."""
+"""Names of the two bodies, by the rotations with noise."""
 DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
 _DRAWN = 0.85
-"""Share of the work that is done when both bodies are drawn."""
+"""Fraction of the work that is done when both bodies are rendered."""
 
 
 def show_mechanism(request: RotationNoiseRequest, ear: Ear = DEAF) -> None:
-    """Move two bodies, leave both for a player with what the noise does, and draw them beside each
-    other where a video is asked for.
+    """Add noise to two copies of a motion, and show both, with a video if requested.
 
     Raises:
-        Cancelled: when ``ear`` said so.
+        Cancelled: if the caller has cancelled.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     request.check()
@@ -300,7 +302,7 @@ def show_mechanism(request: RotationNoiseRequest, ear: Ear = DEAF) -> None:
 
 
 def _draw_growth(request: RotationNoiseRequest, growth: ErrorGrowth, run: RunWriter) -> None:
-    """How far points along the chain are moved."""
+    """Draw the displacement of points along the kinematic chain."""
     spreads = DataFrame(
         {
             "point": growth.points,
@@ -341,7 +343,7 @@ def _draw_bodies(
 
 
 def _growth_told(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
-    """What the experiment shows, and what it does not."""
+    """Yield sentences on the result of the experiment, and on its limits."""
     jerk = growth.jerk_m_s3
     yield growth_sentence(growth, noise_rad)
     yield (
@@ -355,32 +357,30 @@ def _growth_told(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
 
 
 MAX_S = 10.0
-"""Of the speech: time a frame does not depend on its length."""
+"""Part of the speech that is used (s); the time per frame does not depend on the length."""
 MEASURED = "Measured {count} motions."
 AS_CALM = 1.05
-"""So many times the jerk is told as the same."""
+"""Ratio of jerk up to which motion counts as equally smooth."""
 
 
 @dataclass(frozen=True)
 class StepPoint:
-    """One system with one number of steps."""
+    """Quality and speed of one system with one number of steps."""
 
     system: str
     steps: int
     ms_per_frame: float
-    """By the clock, one motion at a time; the features of the speech are computed before."""
+    """Wall time, one motion at a time, without computing the speech features."""
     tip_jerk_m_s3: float
     distance_cm: float
-    """Mean distance of all joints to where the same system, with the same noise, has them with the
-    most steps that were tried."""
+    """Mean distance of all joints (cm) to the motion with the most steps and the same noise."""
 
 
 def measure_step_curve(request: StepSweepRequest, ear: Ear = DEAF) -> None:
-    """Generate with each system and number of steps; leave the table, the plot, and what they say
-    as notes.
+    """Generate with each system and number of steps; write the table, the plot, and notes.
 
     Raises:
-        Cancelled: when ``ear`` said so.
+        Cancelled: if the caller has cancelled.
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
     request.check()
@@ -403,7 +403,7 @@ def measure_step_curve(request: StepSweepRequest, ear: Ear = DEAF) -> None:
 def _points_of(
     system: System, speech: Speech, request: StepSweepRequest, on_share: Callable[[float], None]
 ) -> list[StepPoint]:
-    """From few steps to many."""
+    """Measure one system, and return its results from few steps to many."""
     counts = sorted(set(request.counts), reverse=True)  # the most first: others are compared to it
     speaker = request.speaker or next(iter(system.speakers))
     generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # what is only done once
@@ -434,7 +434,7 @@ def _points_of(
 
 
 def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
-    """Of each system the fewest steps that are as calm as the most."""
+    """Yield for each system the fewest steps that are as smooth as the most."""
     for system, label in short_names(dict.fromkeys(point.system for point in points)).items():
         of_it = [each for each in points if each.system == system]
         most = of_it[-1]

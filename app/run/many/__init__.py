@@ -1,1 +1,1 @@
-"""Many clips at once, shared out over processes or a cluster, and what is told of all together."""
+"""Runs over many clips in parallel processes or on a cluster, and their joint results."""

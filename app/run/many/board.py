@@ -1,7 +1,7 @@
-"""A leaderboard that a lab keeps as one file: where results come from, put together, and as a page.
+"""Leaderboard in one JSON file: entries from results, merging, and the HTML page.
 
-Numbers of two entries can be held against each other where they are of the same *test*: the same
-clips, the same recorded motion, the same encoder. Entries of other tests stand in other tables.
+Entries are comparable if they have the same *test*: the same clips, recorded motion and encoder.
+Other tests have tables of their own.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _CONFIG = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, str_max_l
 
 @dataclass(frozen=True)
 class Value:
-    """Of one measure: the mean over clips and its 95 % bootstrap interval."""
+    """Mean of one metric over clips, with its 95 % bootstrap interval."""
 
     __pydantic_config__ = _CONFIG
     mean: float
@@ -45,22 +45,22 @@ class Value:
 
 @dataclass(frozen=True)
 class Entry:
-    """One system on one test."""
+    """Results of one system on one test."""
 
     __pydantic_config__ = _CONFIG
     system: Annotated[str, AfterValidator(lambda name: printable(name)[:MAX_NAME])]
     test: str
-    """Short digest of the clips, the recorded motion and the encoder."""
+    """Short digest of clips, recorded motion and encoder."""
     files: str
     """Digest of the motion files."""
     clips: int
     made_at: str
-    """ISO 8601."""
+    """Time of the measurement in ISO 8601."""
     project: str
-    """The version that measured."""
+    """Version of this program that measured."""
     measures: dict[str, Value]
     findings: dict[str, int]
-    """Clips by kind of finding."""
+    """Number of clips by kind of finding."""
     note: str = ""
 
     @property
@@ -69,30 +69,30 @@ class Entry:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """Two entries that share it are of the same files on the same test."""
+        """Key that entries for the same files and test share."""
         return self.test, self.system, self.files
 
     @property
     def found(self) -> list[str]:
-        """Kinds of findings with their clips, the most frequent first."""
+        """Kinds of findings with their numbers of clips, the most frequent first."""
         kinds = sorted(self.findings.items(), key=lambda item: -item[1])
         return [f"{kinds_told([kind])} {count}" for kind, count in kinds]
 
 
 class Board(BaseModel):
-    """As its file has it, maybe of another lab."""
+    """Content of a leaderboard file, which may be from another lab."""
 
     format: Literal[1] = FORMAT
     entries: list[Entry]
 
 
 def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[Entry]:
-    """What ``diagnose`` left of whole sets.
+    """Make the entries of a folder of `diagnose` with whole sets.
 
     Args:
-        folder: its ``--out``.
-        note: what a person should know, such as the training or the paper; of all entries.
-        names: of the systems that are taken; empty takes all.
+        folder: output folder of `diagnose`.
+        note: note on all entries, such as the training or the paper.
+        names: systems to include; by default all.
 
     Raises:
         RunError: with one sentence.
@@ -153,14 +153,16 @@ def _entry(told: dict[str, Any], where: dict[str, Any], name: str, note: str) ->
 
 
 def _test_of(where: Mapping[str, Any]) -> str:
-    """Of what must be equal, or numbers cannot be held against each other."""
+    """Compute the digest of everything that must be equal for numbers to be comparable."""
     same = [where[name] for name in ("reference", "encoders", "mean_speeds", "measures")]
     return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def merged(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
-    """All entries; of the same files on the same test the latest measurement, with its note or,
-    where that has none, the one before."""
+    """Merge entries; of those with the same files and test, the latest measurement wins.
+
+    If it has no note, the earlier one's is kept.
+    """
     found: dict[tuple[str, str, str], Entry] = {}
     for board in boards:
         for entry in board:
@@ -176,19 +178,12 @@ def merged(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
 
 
 def write_board(entries: Iterable[Entry], path: Path) -> None:
-    """Write it whole or not at all.
-
-    Raises:
-        WriteError: with the reason.
-    """
+    """Write a leaderboard atomically; raises WriteError."""
     write_atomically(path, f"{Board(entries=list(entries)).model_dump_json(indent=1)}\n")
 
 
 def read_board(path: Path) -> list[Entry]:
-    """
-    Raises:
-        RunError: if it is no board that `write_board` wrote, with one sentence.
-    """
+    """Read a leaderboard; raises RunError if it is not valid."""
     try:
         return read_checked(path, Board, MAX_BYTES).entries
     except FieldError as error:
@@ -196,18 +191,18 @@ def read_board(path: Path) -> list[Entry]:
 
 
 _DISTRIBUTION = "Distribution"
-"""How measures of whole sets begin."""
+"""Prefix of the metrics of whole sets."""
 _TO_RECORDED = _DISTRIBUTION, "Error against the reference"
-"""How measures begin that are distances to the recorded motion."""
+"""Prefixes of metrics that are distances to the recorded motion."""
 _WITHOUT_AIM = {row.key for row in MEASURES if not row.has_target}
 _FIRST = {row.key for row in MEASURES if row.is_first or row.title == "Power above 5 Hz"}
 
 
 def board_page(entries: Sequence[Entry]) -> str:
-    """The whole page: a table for each test, by the template beside this file.
+    """Format the page with a table for each test, from the template in this folder.
 
     Args:
-        entries: as `merged` orders them.
+        entries: entries in the order of `merged`.
     """
     folder = Path(__file__).parent
     env = jinja2.Environment(
@@ -229,13 +224,13 @@ def board_page(entries: Sequence[Entry]) -> str:
 
 
 def _table(entries: list[Entry]) -> dict[str, Any]:
-    """Return one test for the template; an entry's BeatAlign only with its chance level."""
+    """Return one test for the template; BeatAlign is only included with its chance level."""
     entries = [replace(entry, measures=with_partners(entry.measures)) for entry in entries]
     titles = dict.fromkeys(title for entry in entries for title in entry.measures)
     recorded = next((entry.measures for entry in entries if entry.is_recorded), {})
 
     def apart(title: str, value: Value) -> float | None:
-        """Distance to the recorded motion; None where nearness says nothing."""
+        """Return the distance to the recorded motion; None if the metric has no target."""
         if title.startswith(_TO_RECORDED):
             return abs(value.mean)
         aim = None if title in _WITHOUT_AIM else recorded.get(title)

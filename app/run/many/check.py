@@ -1,7 +1,8 @@
-"""Is a set what a leaderboard takes? Clips that are missing or too many, forms, lengths, samples.
+"""Check of sets against the rules of the GENEA leaderboard: clips, formats, lengths, samples.
 
-The GENEA leaderboard asks for motion of every recording of BEAT2's English test set, in SMPL-X's
-form as BEAT2 has it, as long as the recording, and for five samples of each where a system draws.
+The leaderboard asks for motion of every recording of BEAT2's English test set, as SMPL-X parameters
+like BEAT2's, with the length of the recording, and five samples of each from a probabilistic
+system.
 """
 
 from __future__ import annotations
@@ -29,24 +30,24 @@ _MOST_FRAMES_APART = 1
 
 @dataclass(frozen=True)
 class Checked:
-    """How one set stands to the rules."""
+    """Result of the check of one set."""
 
     told: list[str]
-    """Sentences for a person, the gravest first; one that all is right where it is."""
+    """Sentences for the user, the most severe first, or one if there is no problem."""
     listed: list[str]
-    """Clips that are missing, and such as are too many."""
+    """Missing and surplus clips."""
     is_right: bool
 
 
 def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> dict[str, Checked]:
-    """Hold sets against the leaderboard's rules and write ``check.md``; by name of the set.
+    """Check sets against the leaderboard's rules, write ``check.md``, and return results by set.
 
     Args:
-        reference: the recorded test clips, a folder or an archive; or BEAT2's folder, of which
-            those of its test split are meant.
+        reference: recorded test clips, as a folder or an archive; or BEAT2's folder, whose test
+            split is used.
 
     Raises:
-        RunError: without a reference, for what is no set, or a hostile archive.
+        RunError: without a reference, or for anything that is no set, or a hostile archive.
     """
     if reference is None:
         raise RunError(
@@ -77,7 +78,7 @@ def _name_of(path: Path) -> str:
 
 
 def _of_test_split(clips: Mapping[str, Samples], folder: Path) -> dict[str, Path]:
-    """Of recorded clips those that are meant."""
+    """Return the recorded clips of the test split; without one, all."""
     split = next((each for each in (folder, folder.parent) if (each / SPLIT).is_file()), None)
     wanted = {clip: next(iter(samples.values())) for clip, samples in clips.items()}
     if split is not None:

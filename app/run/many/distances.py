@@ -1,7 +1,7 @@
-"""How far sets of motion are from the recorded set: by our encoder's codes, and by EMAGE's.
+"""Fréchet distances of sets of motion to the recorded set, with our encoder and with EMAGE's.
 
-A clip's codes lie beside its record. Sets are put together clip by clip, all draws of the interval
-at once, so that memory does not grow with clips.
+A clip's features are stored next to its record. Sets are summed up clip by clip, for all bootstrap
+draws at once, so that memory does not grow with the number of clips.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ _CLIPS_AT_ONCE = 50
 
 @dataclass(frozen=True)
 class Judge:
-    """An encoder by whose codes sets are told apart."""
+    """Encoder whose features are compared."""
 
     title: str
     codes: Callable[[Motion], Any]
     frames_a_code: int
     offset: float = 0.0
-    """Of `distance_of`."""
+    """Offset argument of `distance_of`."""
 
 
 @cache
 def judges_of(emage_weights: Path | None) -> tuple[Judge, ...]:
-    """Ours, and EMAGE's where a person has it; read once by each process that measures.
+    """Load our encoder, and EMAGE's if there is one, once per process.
 
     Raises:
         CheckpointError: for a file that is not EMAGE's.
@@ -64,7 +64,7 @@ def judges_of(emage_weights: Path | None) -> tuple[Judge, ...]:
 
 
 def check_weights(weights: Path | None, reference: Path | None) -> None:
-    """See before anything is measured that the file is EMAGE's and of use.
+    """Check before measuring that the weights are EMAGE's and can be used.
 
     Raises:
         RunError: without a recorded set.
@@ -81,15 +81,14 @@ def check_weights(weights: Path | None, reference: Path | None) -> None:
 
 
 def codes_path(record: Path) -> Path:
-    """Of a clip, beside its record."""
+    """Return the path of a clip's features, next to its record."""
     return record.with_suffix(".codes.npz")
 
 
 def keep_codes(
     record: Path, motions: Mapping[str, Sequence[Motion]], emage_weights: Path | None
 ) -> None:
-    """Leave the codes of one clip's motions beside its record, whole or not at all; of each system
-    those of all samples."""
+    """Write the features of all samples of one clip, by system, atomically next to its record."""
     codes: dict[str, Any] = {
         f"{number} {name}": np.concatenate([judge.codes(motion) for motion in samples])
         for number, judge in enumerate(judges_of(emage_weights))
@@ -102,11 +101,12 @@ def keep_codes(
 def distance_rows(
     systems: Sequence[str], records: Sequence[Path], emage_weights: Path | None
 ) -> tuple[list[tuple[Any, ...]], list[str]]:
-    """As the other measures have them, of each system and of each pair, and sentences on what is
-    left out; none without a recorded set.
+    """Return the distances of systems and their differences as table rows, and notes.
+
+    The notes say what is omitted. Without a recorded set, both are empty.
 
     Args:
-        records: of the clips, which have codes beside them.
+        records: records of the clips, next to which their features are.
     """
     rows: list[tuple[Any, ...]] = []
     notes: list[str] = []
@@ -123,12 +123,12 @@ def distance_rows(
 
 
 def least_codes(numbers: int) -> int:
-    """Of so many numbers each, for a covariance of full rank."""
+    """Return the number of features of a dimension that a covariance of full rank needs."""
     return numbers + 1
 
 
 def _codes_of(judge: int, records: Sequence[Path], name: str) -> Iterator[np.ndarray]:
-    """Of one set, clip after clip."""
+    """Yield the features of one set, clip by clip."""
     for record in records:
         with np.load(codes_path(record), allow_pickle=False) as file:
             yield file[f"{judge} {name}"].astype(np.float64)
@@ -162,7 +162,7 @@ def _rows(
 
 
 def _drawn(clips: Iterator[np.ndarray], num_clips: int) -> list[Moments]:
-    """Of the codes of all clips, and then of those of each draw."""
+    """Sum up the features of all clips, and then those of each bootstrap draw."""
     drawn = [np.bincount(each, minlength=num_clips) for each in drawn_clips(num_clips, DRAWS)]
     times = np.array([np.ones(num_clips), *drawn])
     sums: Any = 0.0

@@ -1,9 +1,9 @@
-"""Folders, or zips, of motion files beside each other: each measure with an interval over clips.
+"""Metrics of folders or archives of motion files, with intervals over clips.
 
-Files at any depth are paired by clip and sample (`app.run.many.pairing`). Each clip is measured by
-one process, as it is, and its numbers, means over its samples, are kept in ``clips``, so that a run
-that was stopped goes on where it was. A clip of which some set has no file that can be read is left
-out of the tables, and told of.
+Files at any depth are paired by clip and sample (`app.run.many.pairing`). Each clip is measured
+unfiltered by one process, and its metrics, means over samples, are stored in ``clips``, so that an
+interrupted run can continue. A clip without a readable file in some set is left out of the tables,
+and listed.
 """
 
 from __future__ import annotations
@@ -50,21 +50,20 @@ from processes.job import Job
 from processes.pool import JobPool
 
 FORMAT = 7
-"""Of a clip's record; another one is measured anew."""
+"""Format of a clip's record; others are measured again."""
 _SPEECH = "the speech"
 
 
 MAX_BYTES, MAX_FILES = 10**9, 1500
-"""Of all zips that a visitor brings at once, unpacked."""
+"""Limits of all archives of a visitor's request, unpacked."""
 
 
 def measure_sets(request: DiagnoseRequest, ear: Ear = DEAF) -> Sets:
-    """As `diagnose_folders`, of zips, each a system's results, which stay unpacked below
-    ``request.output.out``.
+    """Measure archives of sets as `diagnose_folders`; they stay unpacked in the output folder.
 
     Raises:
-        Cancelled: when ``ear`` said so.
-        RunError: also where all together hold too much.
+        Cancelled: if the caller has cancelled.
+        RunError: also if the archives exceed the limits.
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
     folders = unpack_sets(sets_of(request), request.output.out / UNPACKED, limits)
@@ -77,18 +76,17 @@ def diagnose_folders(
     on_progress: Callable[[float], None] = lambda share: None,
     pool: JobPool | None = None,
 ) -> Sets:
-    """Measure all clips that every folder has, and leave what `write_tables` writes in the
-    request's folder.
+    """Measure all clips that every folder has, and write the tables of `write_tables`.
 
     Args:
-        request: its motions, its reference and its speech are folders, or zips.
-        pool: who measures; by default this process.
+        request: request whose motions, reference and speech are folders or archives.
+        pool: workers; by default this process.
 
     Raises:
-        RunError: where folders have no clip in common or none that can be read, a folder is none,
-            or a zip is hostile.
+        RunError: if folders have no readable clip in common, one is no folder, or an archive is
+            hostile.
         CheckpointError: for weights that are not EMAGE's.
-        JobsError: if those who measure are lost.
+        JobsError: if the workers are lost.
     """
     check_weights(request.metrics.emage_weights, request.imports.reference)
     with ResultFolder(request.output.out, is_kept=True) as results:
@@ -97,7 +95,7 @@ def diagnose_folders(
 
 
 def sets_of(request: DiagnoseRequest) -> list[tuple[Path, tuple[str, ...]]]:
-    """Folders or zips, each with the endings of its files."""
+    """Return folders and archives of the request, each with the suffixes of its files."""
     motions: list[tuple[Path, tuple[str, ...]]] = [
         (path, ENDINGS)
         for path in (*request.motions.motions, request.imports.reference)
@@ -111,7 +109,7 @@ def sets_of(request: DiagnoseRequest) -> list[tuple[Path, tuple[str, ...]]]:
 
 
 def in_folders(request: DiagnoseRequest, folders: Mapping[Path, Path]) -> DiagnoseRequest:
-    """Return the same request of folders, which stand in place of zips."""
+    """Return the request with folders in place of archives."""
     reference, speech = request.imports.reference, request.speech.path
     return replace_fields(
         request,
@@ -209,7 +207,7 @@ def _diagnose_clips(
 
 
 def _counts(numbers: Iterable[int]) -> str:
-    """``5``, or ``3 to 5``."""
+    """Format a range of numbers: ``5`` or ``3 to 5``."""
     counts = sorted(set(numbers))
     return str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
 
@@ -240,16 +238,16 @@ def _speech_folder(request: DiagnoseRequest) -> Path | None:
 
 @dataclass(frozen=True)
 class _Clip:
-    """The motions of one clip, which one process measures; all files by their whole paths."""
+    """Files of one clip, measured by one process; all paths are absolute."""
 
     files: dict[str, Samples]
-    """By set, the recorded one among them."""
+    """Motion files by set, including the recorded one."""
     sound: Path | None
     request: DiagnoseRequest
     record: Path
 
     def _stamp(self) -> str:
-        """Of all that its numbers depend on."""
+        """Return the digest of everything that determines the metrics."""
         request = self.request
         beside = {
             "sound": self.sound,
@@ -277,7 +275,7 @@ class _Clip:
         )
 
     def is_measured(self) -> bool:
-        """Whether its record is there, whole, and of these very files."""
+        """Check whether there is a complete record of these files."""
         try:
             is_kept = json.loads(self.record.read_text()).get("stamp") == self._stamp()
         except (OSError, ValueError, AttributeError):
@@ -285,11 +283,10 @@ class _Clip:
         return is_kept and codes_path(self.record).is_file()
 
     def measure(self) -> None:
-        """All systems beside the reference, over the frames that all have; of each the mean over
-        its samples.
+        """Measure all systems and the reference over their common frames, with means over samples.
 
         Raises:
-            MotionError: if some system has no sample that can be read.
+            MotionError: if some system has no readable sample.
         """
         unread: list[str] = []
         readings = {name: self._readings(name, unread) for name in self.files}
@@ -330,7 +327,7 @@ class _Clip:
         )
 
     def _heard(self) -> dict[str, Any]:
-        """What `raw_evidence` is told of the sound."""
+        """Return the arguments of `raw_evidence` for the speech."""
         if self.sound is None:
             return {}
         speech, speeds = (
@@ -343,10 +340,10 @@ class _Clip:
         return {"onsets_s": onsets_of(speech), "heard": heard, "mean_speeds": speeds}
 
     def _readings(self, name: str, unread: list[str]) -> dict[str, Reading]:
-        """Of those samples that can be read; why others cannot goes to ``unread``.
+        """Read the samples of a set, and append the reasons of unreadable ones to ``unread``.
 
         Raises:
-            MotionError: if none can.
+            MotionError: if none is readable.
         """
         kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
         found: dict[str, Reading] = {}
@@ -367,11 +364,11 @@ class _Clip:
 def _origin_of(
     systems: list[str], numbers: Mapping[str, dict[str, Any]], mean_speeds: Path | None
 ) -> dict[str, Any]:
-    """What stands in ``many.json`` as ``provenance``.
+    """Return the ``provenance`` of ``many.json``.
 
     Args:
-        numbers: of each clip, in ``systems`` by name the ``sha256`` of its file.
-        mean_speeds: published ones that BeatAlign was measured with.
+        numbers: records by clip, with the ``sha256`` of each file.
+        mean_speeds: file of published mean speeds, if BeatAlign used it.
     """
     digests = {}
     for name in systems:
@@ -389,7 +386,7 @@ def _origin_of(
 
 
 def assumed_in(reading: Reading) -> dict[str, Any]:
-    """What is kept of one file: what is not as in our own files, and what it lacks."""
+    """Return the assumptions on a file that differ from our format, and what it lacks."""
     told = [each for each in reading.assumptions if not each.is_usual]
     return {
         "said": [[each.kind, each.value, each.why] for each in told],
@@ -398,8 +395,10 @@ def assumed_in(reading: Reading) -> dict[str, Any]:
 
 
 def told_above(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> list[str]:
-    """Sentences of all records of clips: what sets lack, what they differ in, and, the most
-    frequent first, ``mine: up z in 40 of 40``."""
+    """Return notes on all clips: what sets lack, how they differ, and their assumptions.
+
+    Assumptions are the most frequent first, such as ``mine: up z in 40 of 40``.
+    """
     files = {
         name: [file for each in numbers for file in each["systems"][name]["assumed"]]
         for name in systems
@@ -419,7 +418,7 @@ def told_above(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> lis
 
 
 def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
-    """Yield what sets lack, and which measures are left out for that."""
+    """Yield what sets lack, and which metrics are omitted for that."""
     lacks = {
         name: {part for file in of_set for part in file["lacks"]} for name, of_set in files.items()
     }

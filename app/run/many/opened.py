@@ -1,5 +1,4 @@
-"""A run's folder from somewhere else, measured anew: nobody is shown numbers that were never
-measured."""
+"""Runs opened from another run's folder or zip, which are always measured again."""
 
 from __future__ import annotations
 
@@ -33,24 +32,24 @@ from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
 
 LIMITS = UnpackLimits(files=2_000, total_bytes=10**9, reserve_bytes=10**9)
-"""Of a visitor's zip."""
+"""Limits of a visitor's archive."""
 ENDINGS = (".json", ".npz", ".wav")
 SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
-"""With all that is only looked at."""
+"""Suffixes of all files of a run, including those that are only viewed."""
 OPENED = "opened"
-"""Folder beside the results in which a visitor's zip is unpacked for as long as the run goes on."""
+"""Folder next to the results in which a visitor's archive is unpacked during the run."""
 RUN_ENDING = Path(RUN).suffix
 SPEECHES = "form"
-"""Folder beside the results in which several clips lie."""
+"""Folder next to the results with the speech files of several clips."""
 
 
 def do_in_folder(request: AnyRun, ear: Ear) -> None:
-    """Run, for whom all that comes of it is in the folder. Of a run's zip that is what the run
-    shows, measured anew; of several clips, which lie beside the folder, that of each. No list of
-    paths is read: it might name anybody's files.
+    """Run a request, also one for a run's zip, or for several clips in the folder of the form.
+
+    The motions in a zip are measured again. No list of paths is read, as it might name any file.
 
     Raises:
-        Exception: also where no clip could be done.
+        Exception: also if every clip has failed.
     """
     from app.run.pipeline import run
 
@@ -82,15 +81,15 @@ def do_in_folder(request: AnyRun, ear: Ear) -> None:
 
 
 def is_one_run(motions: Sequence[Path]) -> bool:
-    """Whether what was given is the zip of a run alone, or of those of several clips."""
+    """Check whether the motions are a single zip of a run, or of those of several clips."""
     return len(motions) == 1 and is_run_zip(motions[0])
 
 
 def opened(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseRequest]:
-    """By clip, by no name of one alone, the same of the motions that the run in a zip shows.
+    """Return requests for the motions of a run's zip, by clip, or under "" for a single run.
 
     Args:
-        into: where it is unpacked; not there yet.
+        into: folder to unpack into, which must not exist.
     """
     runs = runs_in(run_folder(request.motions.motions[0], into))
     limit = request.motions.max_frames
@@ -102,7 +101,7 @@ def opened(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseRequest]:
 
 
 def _of_run(request: DiagnoseRequest, folder: Path) -> DiagnoseRequest:
-    """As many of its motions as fit, with its speech, words and plans."""
+    """Return the request for as many motions of a run as fit, with its speech, words and plans."""
     record, name = read_run(folder), printable(request.motions.motions[0].name)
     motions = row_files(folder, "motion")
     others = [each for each in motions if each != REFERENCE_NAME]
@@ -124,7 +123,7 @@ def _of_run(request: DiagnoseRequest, folder: Path) -> DiagnoseRequest:
 def run_folder(
     path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: UnpackLimits = LIMITS
 ) -> Path:
-    """Where a run lies, or those of several clips: the folder itself, or what its zip holds.
+    """Return the folder of a run, or of those of several clips, unpacking a zip.
 
     Raises:
         RunError: as `unpacked`, or if there is none.
@@ -156,16 +155,16 @@ def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackL
 
 
 def _is_run(path: str) -> bool:
-    """Check whether a path in a zip is one at which a run may lie."""
+    """Check whether a path in a zip is a possible ``run.json``."""
     parts = path.split("/")
     return parts[-1] == RUN and len(parts) <= 3
 
 
 def copied_run(path: Path, into: Path) -> Path:
-    """A run of one's own, or its zip, as it is; in ``into``, which is not there yet.
+    """Copy a run of the page's owner, or its zip, into a new folder.
 
     Raises:
-        RunError: if it is none.
+        RunError: if there is no run.
     """
     folder = run_folder(path, into / "unpacked", SEEN_ENDINGS, UnpackLimits())
     for file in files_of(folder):

@@ -1,8 +1,8 @@
-"""Which files of several sets are of one clip, and which are samples of it.
+"""Pairing of the files of several sets by clip and sample.
 
-People write samples as ``ID_sample3``, ``sample2/ID`` or ``ID/3``, speakers as folders, and results
-with EMAGE's ``res_`` and ``_output``. A clip is called by its file's name, with as many folders
-before it as it takes to tell the clips of each set apart.
+Samples are named ``ID_sample3``, ``sample2/ID`` or ``ID/3``, speakers are folders, and results of
+EMAGE's code have ``res_`` and ``_output``. The name of a clip is that of its file, with as many
+parent folders as it takes to distinguish the clips of each set.
 """
 
 from __future__ import annotations
@@ -17,37 +17,37 @@ from conventions.names import file_stem
 from model.formats.parameters import motion_files
 
 GENERATED, RECORDED = "res_", "gt_"
-"""How EMAGE's code and those after it begin the names of results, and of the recordings beside."""
+"""File name prefixes of results and of recordings, by EMAGE's code and its successors."""
 OUTPUT = "_output"
-"""How the results of its newer code end."""
+"""File name suffix of results of its newer code."""
 _SAMPLE = re.compile(
     r"^(?P<clip>.+?)(?:[_.-](?:sample|seed|run)[_-]?|\.s)(?P<sample>\d{1,4})$", re.I
 )
 _FOLDER = re.compile(r"^(?:sample|seed|run)s?[_-]?(?P<sample>\d{1,4})$", re.I)
 _BARE = re.compile(r"^(?:(?:sample|seed|run)[_-]?)?(?P<sample>\d{1,4})$", re.I)
 Samples = dict[str, Path]
-"""Of one clip, by what tells them apart; of one alone by nothing."""
+"""Files of one clip by sample; the key of a single one is empty."""
 
 
 @dataclass(frozen=True)
 class _Found:
     path: Path
     parts: tuple[str, ...]
-    """Folders and name of the clip."""
+    """Parent folders and name of the clip."""
     sample: str = ""
 
 
 def paired_files(
     folders: Mapping[str, tuple[Path, tuple[str, ...]]], recorded: Iterable[str] = ()
 ) -> dict[str, dict[str, Samples]]:
-    """By set and clip the files of its samples. The clips of all sets are called alike.
+    """Pair the files of several sets, by set, clip and sample.
 
     Args:
-        folders: by the name of the set, each with the endings of its files.
-        recorded: sets whose ``gt_`` files are meant, where others lie beside; they hold no samples.
+        folders: folder and suffixes of each set.
+        recorded: sets whose ``gt_`` files are used, if there are others; they have no samples.
 
     Raises:
-        RunError: where two files cannot be told apart.
+        RunError: if two files have the same name.
     """
     recorded = set(recorded)
     files = {
@@ -79,7 +79,7 @@ def paired_files(
 
 
 def no_pair(files: Mapping[str, Mapping[str, Samples]]) -> RunError:
-    """Where sets share no clip; names some of each."""
+    """Return the error for sets without a common clip, naming some clips of each."""
     some = "; ".join(
         f"{name} has {', '.join(sorted(clips)[:3]) or 'none'}" for name, clips in files.items()
     )
@@ -89,19 +89,19 @@ def no_pair(files: Mapping[str, Mapping[str, Samples]]) -> RunError:
 
 
 def first_of(samples: Samples) -> Path:
-    """The file of the first sample."""
+    """Return the file of the first sample."""
     return samples[min(samples, key=lambda sample: (len(sample), sample))]
 
 
 def some_of(names: Iterable[str]) -> str:
-    """A few of many names."""
+    """Format a few of many names."""
     names = sorted(names)
     more = f" and {len(names) - 5} more" if len(names) > 5 else ""
     return ", ".join(names[:5]) + more
 
 
 def _files(folder: Path, kind: str, endings: tuple[str, ...]) -> list[_Found]:
-    """Where results and recordings lie side by side, those of the kind that is asked."""
+    """Find the files of a set; of results and recordings side by side, those of one kind."""
     files = [(path, name) for path, name in motion_files(folder) if ends_in(endings, name)]
     if any(name.name.startswith(kind) for _, name in files):
         files = [(path, name) for path, name in files if name.name.startswith(kind)]
@@ -109,12 +109,12 @@ def _files(folder: Path, kind: str, endings: tuple[str, ...]) -> list[_Found]:
 
 
 def ends_in(endings: tuple[str, ...], path: PurePath) -> bool:
-    """Whether a file of a folder has one of these endings, and is not hidden."""
+    """Check whether a file has one of these suffixes, and is not hidden."""
     return path.suffix.lower() in endings and not is_hidden(path)
 
 
 def is_hidden(path: PurePath) -> bool:
-    """Whether nobody means it who gives the folder."""
+    """Check whether a path is hidden, or made by macOS."""
     return any(part.startswith((".", "__MACOSX")) for part in path.parts)
 
 
@@ -132,13 +132,15 @@ def _read(path: Path, inside: Path) -> _Found:
 
 
 def _is_numbered(found: _Found) -> bool:
-    """Whether it is called by a number alone, in a folder."""
+    """Check whether a file in a folder is named only by a number."""
     return not found.sample and len(found.parts) > 1 and bool(_BARE.match(found.parts[-1]))
 
 
 def _of_folders(files: list[_Found], clip_names: set[str], numbers_are_clips: bool) -> list[_Found]:
-    """Files called by a number alone are samples of the clip that their folder is called after, if
-    there is one, or if all files are called so and no recording is."""
+    """Convert files named by a number to samples of the clip that their folder is named after.
+
+    There must be such a clip, or else all files are named so and no recording is.
+    """
     all_are = not numbers_are_clips and all(map(_is_numbered, files))
     return [
         _Found(each.path, each.parts[:-1], _number(_BARE, each.parts[-1]))
@@ -155,7 +157,7 @@ def _number(pattern: re.Pattern[str], text: str) -> str:
 
 
 def _clips(found: list[_Found], depth: int) -> tuple[dict[str, Samples], tuple[Path, Path] | None]:
-    """By name of so many parts; and two files that such names cannot tell apart."""
+    """Return clips by names of ``depth`` parts, and two files that these do not distinguish."""
     clips: dict[str, Samples] = {}
     for each in found:
         clip = str(PurePosixPath(*each.parts[-depth:]))

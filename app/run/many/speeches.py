@@ -1,7 +1,7 @@
-"""One run for each of several clips, shared out over processes or a cluster.
+"""Runs over several speeches, in parallel processes or on a cluster.
 
-Each run's folder is that of a single run, and its `run.json` says at last of what it is whole.
-Started again, the same command goes on with what is not.
+Each run has the folder of a single run, whose `run.json` finally records the digest of its inputs.
+The same command, run again, continues with incomplete ones.
 """
 
 from __future__ import annotations
@@ -34,33 +34,34 @@ ENDINGS = SOUNDS
 
 @dataclass(frozen=True)
 class ManyRuns:
-    """What was written, and what could not be."""
+    """Result of runs over several clips."""
 
     clips: tuple[str, ...]
-    """Those that are there now."""
+    """Names of finished clips."""
     kept: int
-    """How many of them had been there before."""
+    """Number of clips that had been finished before."""
     failed: dict[str, str]
-    """A sentence by clip."""
+    """Sentence by failed clip."""
     files: tuple[Path, ...]
-    """The tables over all clips."""
+    """Tables over all clips."""
     notes: tuple[str, ...] = ()
-    """What they say together."""
+    """Verdict over all clips."""
 
 
 def is_many(speech: Path) -> bool:
-    """Whether a path stands for several pieces of speech."""
+    """Check whether a path stands for several speeches."""
     return speech.is_dir() or speech.suffix.lower() == LIST_ENDING
 
 
 def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
-    """Return a request for each piece of speech, by the name of its file, as its folder has it.
+    """Return a request for each speech, by its file name.
 
     Args:
-        request: its speech is a folder of sound files, or a text file with one path a line.
+        request: request whose speech is a folder of audio files, or a text file with one path per
+            line.
 
     Raises:
-        RunError: if nothing can be begun.
+        RunError: if no run can be started.
     """
     request.check()
     if request.imports.reference is not None or request.speech.transcript is not None:
@@ -87,16 +88,15 @@ def do_clips(
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
     do: Callable[[str, Any], Done] | None = None,
 ) -> ManyRuns:
-    """Do a run for each clip, in its own folder, and leave beside them the tables over all that are
-    done, with the verdict over them.
+    """Run each clip in its own folder, and write the tables and the verdict over finished ones.
 
     Args:
-        on_done: told the folder of each run as it is there, and the share done.
-        do: does one in this process; by default whoever works does `app.run.pipeline.run`.
+        on_done: called with the folder of each finished run, and the fraction done.
+        do: runs one clip in this process; by default, workers run `app.run.pipeline.run`.
 
     Raises:
-        Cancelled: where ``do`` said so.
-        JobsError: if those who work are lost; what is done is kept.
+        Cancelled: if ``do`` was cancelled.
+        JobsError: if the workers are lost; finished clips are kept.
     """
     jobs, out = [], next(iter(requests.values())).output.out.parent
     for clip, request in requests.items():
@@ -123,10 +123,10 @@ def do_clips(
 def do_jobs(
     jobs: Sequence[Job], pool: JobPool, on_done: Callable[[str, float], None]
 ) -> tuple[int, dict[str, str]]:
-    """How many of them had been done before, and why others cannot be.
+    """Run jobs, and return how many had been done before, and the errors of failed ones.
 
     Args:
-        on_done: told the name of each as it is done, and the share of all.
+        on_done: called with the name of each finished job, and the fraction done.
     """
     kept = done = sum(job.is_done() for job in jobs)
 
@@ -139,14 +139,13 @@ def do_jobs(
 
 
 def find_speeches(source: Path) -> dict[str, Path]:
-    """By the name that each one's results get: that of its file. Hidden files of a folder, such as
-    macOS's ``._a.wav``, are left out.
+    """Return the speech files by name, without hidden ones such as macOS's ``._a.wav``.
 
     Args:
-        source: a folder of sound files, or a text file with one path a line, relative to it.
+        source: folder of audio files, or text file with one path per line, relative to it.
 
     Raises:
-        RunError: if there is none, one is missing, or two have the same name.
+        RunError: if there is no file, one is missing, or two have the same name.
     """
     if source.is_dir():
         inside = sorted(path for path in source.iterdir() if path.is_file())
@@ -183,10 +182,10 @@ def _listed(source: Path) -> list[Path]:
 
 
 def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
-    """The plan of each clip: the file of its name.
+    """Return the gesture plan file of each clip, which has the clip's name.
 
     Raises:
-        RunError: if it is no folder, or a clip has no plan.
+        RunError: if the path is no folder, or a clip has no plan.
     """
     from model.plan.files import ENDINGS as PLAN_ENDINGS
 
@@ -210,8 +209,7 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
 
 
 def _stamp(request: AnyRun) -> str:
-    """Return the digest of everything that decides what a run's files hold; not of where they
-    lie."""
+    """Return the digest of everything that determines a run's results, without locations."""
     read = {"speech": request.speech.path}
     if isinstance(request, GenerateRequest):
         read |= {"plan": request.planning.plan, "style": request.planning.style}
@@ -226,7 +224,7 @@ def _stamp(request: AnyRun) -> str:
 
 
 def stamp_of(files: Mapping[str, Path], said: object) -> str:
-    """Digest of what a clip's results depend on: files, by what they are, and what was asked."""
+    """Return the digest of a request and its files, by name, size and modification time."""
     of_files = {}
     for name, path in files.items():
         found = path.stat()
@@ -261,7 +259,7 @@ def _is_done(folder: Path, stamp: str) -> bool:
 
 
 def _kept(run: RunRecord) -> dict[str, Any]:
-    """Of one clip, for the tables of all."""
+    """Return the metrics and findings of one clip for the tables."""
     return {
         "systems": {
             name: {

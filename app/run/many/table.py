@@ -1,7 +1,7 @@
-"""Numbers of many clips told together: intervals over clips, and the figure of their spread.
+"""Tables of metrics over many clips, with intervals over clips, and the figure of distributions.
 
-Intervals say how much the mean would vary with other clips of the same kind, not with other seeds
-or speakers.
+Intervals show how the mean would vary with other clips of the same kind, not with other seeds or
+speakers.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from model.storage.harmless import csv_text, markdown, tex
 
 DISTANCE = "Distribution: FGD to the recorded set, our encoder"
 NUM_WORST = 10
-"""Clips of a system that are named."""
+"""Maximum number of worst clips of a system that are listed."""
 Cells = dict[str, list[str]]
-"""By measure, what is told of each system."""
+"""Table cells of all systems by metric."""
 OfSystems = dict[str, list[tuple[str, dict[str, Any]]]]
-"""By system, each clip and what is kept of it."""
+"""Clips with their records by system."""
 Row = tuple[Any, ...]
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
@@ -37,8 +37,10 @@ HEADER = (
 
 
 def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What is kept of a clip: of each measure the mean over samples, and in ``spread`` their
-    standard deviation; of findings those that half of the samples have."""
+    """Average the samples of a clip: means, standard deviations (``spread``) and common findings.
+
+    Common findings are those of at least half of the samples.
+    """
     if len(told) == 1:
         return dict(told[0])
     known = {
@@ -58,7 +60,7 @@ def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def interval(values: Sequence[float]) -> tuple[float, float, float]:
-    """Mean over clips and its 95 % bootstrap interval; the mean alone for a single clip."""
+    """Compute the mean over clips with its 95 % bootstrap interval, which a single clip lacks."""
     from model.evaluation.tables import bootstrap
 
     found = bootstrap(values)
@@ -75,16 +77,18 @@ def write_tables(
     origin: Mapping[str, Any] | None = None,
     more: Iterable[Row] = (),
 ) -> tuple[tuple[Path, ...], dict[str, Any]]:
-    """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``; what the
-    second holds is given back, too.
+    """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
 
     Args:
-        numbers: of each clip in ``systems`` by name the ``numbers`` of its motion as it is, by the
-            keys of `MEASURES`, and its ``findings`` by kind.
-        notes: stand above the numbers.
-        left_out: by clip, why.
-        origin: where they come from.
-        more: rows of measures that are taken of whole sets.
+        numbers: records by clip, with the raw ``numbers`` (keys of `MEASURES`) and the ``findings``
+            of each of the ``systems``.
+        notes: notes above the numbers.
+        left_out: reasons by omitted clip.
+        origin: provenance of the numbers.
+        more: rows of metrics of whole sets.
+
+    Returns:
+        The files, and the content of ``many.json``.
     """
     left_out = left_out or {}
     of_systems = {
@@ -122,7 +126,7 @@ def write_tables(
 
 
 def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[tuple[Any, ...]]:
-    """A header, a row for each clip of each system, and one for each that is left out."""
+    """Yield the header, a row for each clip of each system, and one for each omitted clip."""
     titles = [titled(row) for row in MEASURES]
     yield ("clip", "system", "findings", *titles, "left out because")
     for name, clips in of_systems.items():
@@ -134,8 +138,10 @@ def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[t
 
 
 def worst_clips(of_systems: OfSystems) -> list[dict[str, Any]]:
-    """Those with most kinds of findings; of equal ones, the jerkiest first: of each the mean jerk
-    of the followed point in m/s^3, None where it says nothing."""
+    """Return the worst clips of each system, by kinds of findings, then by jerk.
+
+    ``jerk`` is the mean of the tracked point in m/s^3, or None if it is not comparable.
+    """
 
     def badness(each: dict[str, Any]) -> tuple[int, float]:
         return len(each["kinds"]), each["jerk"] or 0.0
@@ -167,14 +173,14 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _grid(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """A table of Markdown; the cells of its rows are harmless."""
+    """Format a Markdown table; the cells of its rows must be escaped."""
     titles = [markdown(title) for title in head]
     lines = [f"| {' | '.join(cells)} |" for cells in (titles, *rows)]
     return [lines[0], "|" + "---|" * len(titles), *lines[1:]]
 
 
 def _spread_lines(of_systems: OfSystems) -> list[str]:
-    """How far samples of one clip lie apart, where there are some."""
+    """Format the standard deviations between samples of one clip, if there are any."""
     spreads = {
         name: [told["spread"] for _, told in clips if "spread" in told]
         for name, clips in of_systems.items()
@@ -206,7 +212,7 @@ def _latex(systems: list[str], clips: int, means: Cells) -> str:
 
 
 def _rows(of_systems: OfSystems) -> Iterator[Row]:
-    """Of each measure the mean of each system, and the difference of each two."""
+    """Yield the mean of each system and the differences of all pairs, by metric."""
     for measure in MEASURES:
         values = {
             name: np.array([told["numbers"].get(measure.key, np.nan) for _, told in clips])
@@ -226,7 +232,7 @@ def _rows(of_systems: OfSystems) -> Iterator[Row]:
 
 
 def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
-    """Means with their intervals, and stars as of `star_told`."""
+    """Format means with their intervals, and stars as explained by `star_told`."""
     told: Cells = {}
     for title in dict.fromkeys(row["measure"] for row in rows):
         own = [row for row in rows if row["measure"] == title]
@@ -236,7 +242,7 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
 
 
 def star_told(systems: Sequence[str], clips: int) -> str:
-    """What a star is; few clips are no evidence, and have none."""
+    """Return the explanation of stars; with few clips there are none."""
     if clips < ENOUGH_CLIPS:
         return f"With fewer than {ENOUGH_CLIPS} clips no difference is starred."
     return f"* the interval of the paired difference to {systems[-1]} leaves out 0."
@@ -278,16 +284,16 @@ def _sheet(systems: list[str], told: Mapping[str, Any], means: Cells) -> list[st
 
 
 LEAST_CLIPS = 5
-"""A spread of fewer says nothing."""
+"""Minimum number of clips of a distribution figure."""
 
 
 def draw_spread(
     out: Path, systems: list[str], numbers: list[dict[str, Any]]
 ) -> tuple[tuple[Path, ...], list[str]]:
-    """Write ``distributions.png`` and beside it; files and what must be said of them.
+    """Draw ``distributions.png`` in all formats, and return the files with notes.
 
     Args:
-        numbers: as of `write_tables`.
+        numbers: records as for `write_tables`.
     """
     if len(numbers) < LEAST_CLIPS:
         return (), []
@@ -325,7 +331,7 @@ def _whose(row: Measure) -> str:
 
 
 def titled(row: Measure) -> str:
-    """Its key and its unit."""
+    """Return the key and unit of a metric."""
     return _with_unit(row.key, row.unit)
 
 

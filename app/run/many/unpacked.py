@@ -1,8 +1,8 @@
-"""Zips and tars of result sets, unpacked so that whoever made them can do no harm.
+"""Safe extraction of untrusted zip and tar archives of result sets.
 
-Before a byte is unpacked every name is judged, and sizes and numbers are held against limits. Then
-one file after the other is written, never over another, and never more than it says it has.
-Archives in an archive are unpacked as well, within what is left of the limits.
+All names, sizes and counts are checked against limits before anything is written. Then the files
+are written one by one, never over another, and never more than the stated size. Archives within an
+archive are extracted as well, within the remaining limits.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from model.storage.npz import MAX_FILE_BYTES
 
 TARS = PACKED[1:]
 UNPACKED = "unpacked"
-"""Folder of the results in which a visitor's sets lie."""
+"""Folder of the results with a visitor's unpacked sets."""
 _MAX_NESTED = 2
-"""Archives in archives; deeper ones are refused."""
+"""Maximum depth of archives in archives."""
 _MAX_HEADER_BYTES = 1 << 20
-"""Of one name or one list of a tar, which is held in memory."""
+"""Maximum size (bytes) of a header of a tar, which is held in memory."""
 _MAX_NAME_BYTES, _MAX_PATH_CHARS, _MAX_DEPTH = 200, 1000, 16
 _BYTES_AN_ENTRY = 1024
-"""Of the list of files at the end of a zip; usual entries have a tenth."""
+"""Maximum size (bytes) of an entry in a zip's directory; usual entries have a tenth."""
 _DAMAGED = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError),
     *(RuntimeError, UnicodeDecodeError, struct.error, ValueError, tarfile.TarError),
@@ -49,25 +49,24 @@ _DAMAGED = (
 
 @dataclass
 class UnpackLimits:
-    """What of archives is unpacked at most; what was unpacked is taken off."""
+    """Limits of extraction, reduced by what has been extracted."""
 
     files: int = 10_000
-    """Also of such as are left out."""
+    """Maximum number of files, ignored ones included."""
     total_bytes: int = 20 * 2**30
     file_bytes: int = MAX_FILE_BYTES
     reserve_bytes: int = 0
-    """Of the disk, which are left free."""
+    """Disk space (bytes) that stays free."""
 
 
 def unpack_sets(
     sets: Sequence[tuple[Path, tuple[str, ...]]], top: Path, together: UnpackLimits | None = None
 ) -> dict[Path, Path]:
-    """Folders in place of those sets that are archives, by the archive's path: below ``top``, each
-    under the name of its archive.
+    """Extract the archives among some sets into ``top``, and return their folders by archive.
 
     Args:
-        sets: archives and folders, each with the endings of the files that are wanted of it.
-        together: limits of all of them; by default each has its own.
+        sets: archives and folders, each with the suffixes of the required files.
+        together: limits of all archives; by default each has its own.
 
     Raises:
         RunError: as `unpacked`.
@@ -83,12 +82,12 @@ def unpack_sets(
 
 
 def is_packed(path: Path) -> bool:
-    """Whether a person means a zip or a tar by it."""
+    """Check whether a path is named like an archive, and is no folder."""
     return _ending_of(path.name) is not None and not path.is_dir()
 
 
 def stem_of(path: Path) -> str:
-    """Its name without the ending of an archive."""
+    """Return the name of a file without the suffix of an archive."""
     return path.name[: -len(_ending_of(path.name) or "")] if is_packed(path) else path.stem
 
 
@@ -103,23 +102,22 @@ def unpacked(
     limits: UnpackLimits | None = None,
     is_named: Callable[[str], bool] | None = None,
 ) -> int:
-    """Unpack the files with these endings from a stranger's zip or tar into an empty folder.
+    """Extract the files with some suffixes from an untrusted archive into an empty folder.
 
-    Their times tell what is in them, not when they were made: the same file unpacked again has the
-    same.
+    Their modification times are checksums of their content: the same file always gets the same.
 
     Args:
-        limits: by default those of a set on the command line.
-        is_named: whether a path in the archive is unpacked; archives in it then are not. By default
-            all are.
+        limits: limits of extraction; by default those of a set on the command line.
+        is_named: selects paths in the archive, without nested archives; by default all are
+            extracted.
 
     Returns:
-        How many files there were.
+        The number of files.
 
     Raises:
-        RunError: if it is no readable archive, holds links, names that lead elsewhere, one name
-            twice, nothing that is wanted, or more than the limits; files that were unpacked before
-            it was seen may be left.
+        RunError: if the archive is unreadable, contains links, unsafe names, a name twice, no
+            required file, or more than the limits. Files extracted before that was detected may
+            remain.
     """
     count = _Archive(archive, endings, limits or UnpackLimits(), is_named).unpack(folder)
     if not count and is_named is None:
@@ -132,7 +130,7 @@ def unpacked(
 
 @dataclass(frozen=True)
 class _Entry:
-    """A file or folder of an archive."""
+    """File or folder of an archive."""
 
     path: PurePosixPath
     size: int
@@ -141,7 +139,7 @@ class _Entry:
 
 
 class _Archive:
-    """One that is being unpacked."""
+    """Archive that is being extracted."""
 
     def __init__(
         self,
@@ -156,7 +154,7 @@ class _Archive:
         self._name = printable(path.name)
 
     def unpack(self, folder: Path) -> int:
-        """How many files that are wanted were in it, and in those in it."""
+        """Extract the required files, nested archives included, and return their number."""
         name, noun = self._name, "tar" if _ending_of(self._path.name) in TARS else "zip"
         try:
             with self._tar() if noun == "tar" else self._zip() as entries:
@@ -205,7 +203,7 @@ class _Archive:
 
     @contextmanager
     def _zip(self) -> Iterator[list[_Entry]]:
-        """Names that Windows wrote have its backslashes."""
+        """List the entries of a zip; backslashes of Windows are converted."""
         most = self._limits.files
         with self._path.open("rb") as file:
             if list_bytes(file) > _BYTES_AN_ENTRY * most:  # which is read whole
@@ -243,7 +241,7 @@ class _Archive:
                 yield entries
 
     def _wanted(self, entries: list[_Entry]) -> list[_Entry]:
-        """Of files; what they take is taken off the limits."""
+        """Return the entries of required files, and subtract their sizes from the limits."""
         name, left = self._name, self._limits
         if len(entries) > left.files:
             raise RunError(
@@ -275,11 +273,7 @@ class _Archive:
         return list(wanted.values())
 
     def _checked(self, path: str, is_usual: bool) -> PurePosixPath:
-        """Where an entry would lie.
-
-        Raises:
-            RunError: if that is outside, or it is neither a file nor a folder.
-        """
+        """Return the path of an entry; raises RunError if it is unsafe, or no file or folder."""
         shown = printable(path[:80])
         if not is_usual:
             raise RunError(
@@ -301,7 +295,7 @@ class _Archive:
 
 
 class _Capped:
-    """A stream that is read no further than the limits let a tar reach, nor much at once."""
+    """Stream that cannot be read beyond the limits of a tar, nor in large pieces."""
 
     def __init__(self, file: IO[bytes], name: str, limits: UnpackLimits) -> None:
         self._file, self._name = file, name
@@ -340,7 +334,7 @@ def _is_plain(part: str) -> bool:
 
 
 def _write(source: IO[bytes], size: int, path: Path) -> int:
-    """Checksum of what was written."""
+    """Write a file, and return the CRC-32 checksum of its content."""
     path.parent.mkdir(parents=True, exist_ok=True)
     left, check = size, 0
     with path.open("xb") as target:
