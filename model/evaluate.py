@@ -53,7 +53,7 @@ from model.networks.autoencoder import load_encoder
 from model.sampling.samplers import USUAL, Sampling, UnknownNameError
 from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError, two_speakers
-from model.storage.files import write_atomically
+from model.storage.files import FileVersions, file_versions, write_atomically
 from model.storage.npz import MotionError
 from model.systems.helpers.config import HEARING_JUDGE
 from model.systems.helpers.matching import load_judge
@@ -109,7 +109,8 @@ def main(arguments: list[str] | None = None) -> int:
 def _motion(args: argparse.Namespace) -> None:
     calm_and_lively, weights = two_speakers(args.speakers), args.weights.absolute()
     names = list_systems(weights) if args.systems == "all" else args.systems.split(",")
-    cast = partial(load_cast, tuple(names), weights)
+    versions = file_versions(weights.glob("[!.]*"))
+    cast = partial(load_cast, tuple(names), weights, versions)
     table = evaluate(
         cast,
         args.data.absolute(),
@@ -232,8 +233,9 @@ def evaluate(
 
 
 @cache
-def load_cast(names: tuple[str, ...], weights: Path) -> Cast:
-    """Load systems by name, and all available classifiers and encoders; once in each process."""
+def load_cast(names: tuple[str, ...], weights: Path, versions: FileVersions) -> Cast:
+    """Load systems by name, and all available classifiers and encoders; once in each process for
+    each version of their files."""
     judges = {
         measure: load_encoder(weights, encoder)
         for measure, encoder in frechet.ENCODERS.items()

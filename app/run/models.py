@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from conventions.views import LOOKS
+from model.storage.files import FileVersions, file_versions
+from model.systems.registry import list_systems, load_system, system_files
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -20,13 +22,13 @@ _LOADING = threading.Lock()  # the warm-up and a first visitor must not read the
 
 
 def get_system(name: str, weights: Path) -> System:
-    """Return a system by name, loading it at its first use.
+    """Return a system by name, loading it at its first use and when its files have changed.
 
     Raises:
         UnknownNameError, CheckpointError, FamilyError: see `model.systems.registry.load_system`.
     """
     with _LOADING:
-        return _load_system(name, weights)
+        return _load_system(name, weights, file_versions(system_files(name, weights)))
 
 
 def get_body(path: Path | None, look: str = LOOKS[0]) -> Body:
@@ -36,19 +38,16 @@ def get_body(path: Path | None, look: str = LOOKS[0]) -> Body:
         BodyError: if the file is not a body, or there is no such look.
     """
     with _LOADING:
-        modified = path.stat().st_mtime if path and path.exists() else 0.0
-        return _load_body(path, look, modified)
+        return _load_body(path, look, file_versions([path] if path else []))
 
 
 @functools.lru_cache(maxsize=16)
-def _load_system(name: str, weights: Path) -> System:
-    from model.systems.registry import load_system
-
+def _load_system(name: str, weights: Path, versions: FileVersions) -> System:
     return load_system(name, weights)
 
 
 @functools.lru_cache(maxsize=4)
-def _load_body(path: Path | None, look: str, modified: float) -> Body:
+def _load_body(path: Path | None, look: str, versions: FileVersions) -> Body:
     from renderer.body.body import load_body
 
     return load_body(path, look)
@@ -66,7 +65,6 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
     from model.generation.family import FamilyError
     from model.generation.windows import GenerateOptions, generate_motion
     from model.speech.audio import Speech
-    from model.systems.registry import list_systems
     from renderer.body.levels import body_at
 
     body_at(get_body(body), height_px=1.0)  # coarser meshes of a licensed body are made once

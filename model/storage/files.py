@@ -5,8 +5,8 @@ import hashlib
 import os
 import secrets
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -100,6 +100,20 @@ def file_sha256(path: Path) -> str:
     """Compute the SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+FileVersions = tuple[tuple[str, int, int], ...]
+"""Path, size and time of change of files: a key by which a cache sees that one was replaced."""
+
+
+def file_versions(paths: Iterable[Path]) -> FileVersions:
+    """Return the versions of the files that exist among ``paths``, in the order of their paths."""
+    versions = []
+    for path in sorted(paths):
+        with suppress(OSError):  # it may be replaced meanwhile
+            state = path.stat()
+            versions.append((str(path), state.st_size, state.st_mtime_ns))
+    return tuple(versions)
 
 
 def list_bytes(file: IO[bytes]) -> int:

@@ -1,8 +1,9 @@
 """Registry of all families, bundled and installed, and of every system by name; does not need
 torch."""
 
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -170,6 +171,17 @@ def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
         return ()
     shared = [name for name in tables[0] if all(name in table for table in tables)]
     return tuple(sorted(shared, key=lambda name: tables[0][name]))
+
+
+def system_files(name: str, folder: Path = BUNDLED_WEIGHTS) -> Iterator[Path]:
+    """Yield every file that a system may be read from: all weights and cards of its folder, and the
+    files that a person named for its family. Yields nothing of an unknown system."""
+    for family in _FAMILIES:
+        if name in family.names:
+            for home in {folder, family.home_of(name, folder)}:
+                yield from (*home.glob("[!.]*.safetensors"), *home.glob("[!.]*.json"))
+            for named in filter(None, (os.environ.get(each.variable) for each in family.files)):
+                yield from (Path(named), *Path(named).rglob("*"))
 
 
 def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":

@@ -19,7 +19,7 @@ from model.motion.motion import Motion, load_motion
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
-from model.storage.files import file_sha256
+from model.storage.files import FileVersions, file_sha256, file_versions
 from model.storage.npz import MotionError
 from model.systems.official.config import (
     FAMILY,
@@ -176,20 +176,16 @@ def _vectors(
 
 
 @functools.lru_cache(maxsize=2)
-def _shared(part: Part, path: Path, changed: float) -> nn.Module:
+def _shared(part: Part, path: Path, versions: FileVersions) -> nn.Module:
     """Load a network once for both systems."""
     return load_network(part, path)
-
-
-def _changed(path: Path) -> float:
-    return path.stat().st_mtime
 
 
 def load(name: str, folder: Path) -> OfficialSystem:
     """Load the named checkpoints."""
     motion, expression = official_file("motion"), official_file("expression")
-    network = cast(OfficialMotionNetwork, _shared("motion", motion, _changed(motion)))
-    expressions = _shared("expression", expression, _changed(expression))
+    network = cast(OfficialMotionNetwork, _shared("motion", motion, file_versions([motion])))
+    expressions = _shared("expression", expression, file_versions([expression]))
     card = FAMILY.card(name, folder)
     return OfficialSystem(
         name=name,

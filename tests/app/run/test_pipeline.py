@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from shutil import copytree
 
 import av
 import numpy as np
@@ -26,6 +27,7 @@ from model.motion.motion import load_motion, save_motion
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
 from model.speech.audio import write_wav
+from model.storage.checkpoint import load_weights, save_weights
 from model.systems.registry import list_systems
 from renderer.draw import probe
 from tests.app.requests import generate_request
@@ -381,3 +383,16 @@ def test_reading_stops_after_each_system_so_that_work_can_come_between(weights: 
     assert len(names) > 1
     assert sum(1 for _ in warming_up(weights, None)) == 1 + len(names)
     assert all(get_system(name, weights) is get_system(name, weights) for name in names)
+
+
+def test_weights_trained_anew_are_read_anew_and_no_others(weights: Path, tmp_path: Path) -> None:
+    own = copytree(weights, tmp_path / "weights")
+    before = get_system(LOCAL, own)
+    tensors, card = load_weights(own, LOCAL)
+    (own / "log.csv").write_text("step")
+    assert get_system(LOCAL, own) is before
+    moved = {name: tensor + 1 for name, tensor in tensors.items()}
+    save_weights(own, LOCAL, moved, {key: card[key] for key in card if key != "sha256"})
+    after = get_system(LOCAL, own)
+    assert after.sha256s[LOCAL] == load_weights(own, LOCAL)[1].sha256 != before.sha256s[LOCAL]
+    assert get_system(LOCAL, own) is after
