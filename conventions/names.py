@@ -23,8 +23,7 @@ _LATER_SAMPLE = re.compile(r"(?P<system>.+)\.s(?P<number>[2-9]|[1-9][0-9]+)")
 
 @dataclass(frozen=True)
 class SampleName:
-    """Name of one sample of a system: the system's name for the first, with ``.s2`` and so on for
-    later ones."""
+    """Name of a system's sample: the system's name for the first, later with ``.s2`` and so on."""
 
     system: str
     number: int = 1

@@ -1,2 +1,1 @@
-"""Child processes: communication, reports of how one ended, and parallel jobs on this machine or a
-Dask cluster. It may import `conventions`."""
+"""Child processes, reports of how one ended, and parallel jobs; may import `conventions`."""

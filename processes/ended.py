@@ -1,5 +1,7 @@
-"""Log of child processes, and diagnosis of how one ended from its status, its last lines and the
-kernel's count of out-of-memory kills."""
+"""Log of child processes, and diagnosis of how one ended.
+
+It uses the status, the last lines and the kernel's count of out-of-memory kills.
+"""
 
 import re
 import signal

@@ -20,8 +20,7 @@ class JobsError(RuntimeError):
 
 @dataclass(frozen=True)
 class Job:
-    """One job. Both functions are sent to other processes, so they must be importable, or
-    `functools.partial` of such a function."""
+    """One job, with functions that other processes can import (or `functools.partial` of such)."""
 
     name: str
     is_done: Callable[[], bool]

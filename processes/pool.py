@@ -1,5 +1,7 @@
-"""Parallel execution of jobs, each once: by processes of this machine, or by a Dask cluster with
-workers that see the same files. Dask is optional; see ``requirements-cluster.txt``."""
+"""Parallel execution of jobs by processes of this machine, or by a Dask cluster.
+
+The cluster's workers must see the same files. Dask is optional; see ``requirements-cluster.txt``.
+"""
 
 import asyncio
 import logging

@@ -66,8 +66,7 @@ class Plans:
     def of(
         self, batch: Batch, context: int
     ) -> tuple[Float[Tensor, "B heard tracks"], Int[Tensor, "B heard 2"]]:
-        """Return a batch's plans with ``context`` frames on either side, held past a clip's
-        ends."""
+        """Return a batch's plans with ``context`` frames on either side, held at a clip's ends."""
         frames = batch.frames
         rows = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
         which = np.searchsorted(self._starts, frames[:, 0], side="right") - 1

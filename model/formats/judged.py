@@ -1,5 +1,4 @@
-"""Properties of a draft that are estimated from its motion: up and forward axes, units, reference
-pose of hands, joints between samples, and the frame rate."""
+"""Estimates from a draft's motion: axes, units, hand reference, seams of samples, and rate."""
 
 from __future__ import annotations
 

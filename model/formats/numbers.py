@@ -1,5 +1,4 @@
-"""Shared parts of the readers: a draft of the motion, conversion of rotation formats and joint sets
-to axis-angle, and resampling."""
+"""Draft of a motion, conversion of rotations and joint sets to axis-angle, and resampling."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Numpy files: archives of BEAT2, AMASS, SMPL-X parameters and variants of them, and single
-arrays."""
+"""Numpy files: archives of BEAT2, AMASS, SMPL-X parameters and their variants; single arrays."""
 
 from __future__ import annotations
 

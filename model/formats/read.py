@@ -1,5 +1,4 @@
-"""Reading of any motion file, with the assumptions that were needed: a reader per file type, and
-estimates from the motion itself."""
+"""Reading of any motion file, with a record of each assumption that was needed."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Changes to motions: rotation noise, change of speed, exaggeration of fast motion, and the
-Savitzky-Golay filter of the official GlobalDiff inference."""
+"""Changes to motions: noise, speed, exaggeration, and GlobalDiff's Savitzky-Golay filter."""
 
 from dataclasses import replace
 

@@ -46,8 +46,10 @@ class RestSkeleton:
 
     @cached_property
     def bones_to_joints(self) -> Float[Tensor, "55 3 55"]:
-        """Matrix (55, 3, 55) of positions over rotation columns: entry [k, :, j] is the sum of the
-        bones that start in joint j and lie between the pelvis and joint k."""
+        """Linear map (55, 3, 55) from columns of rotation matrices to joint positions.
+
+        Entry [k, :, j] is the sum of the bones that start in joint j between the pelvis and k.
+        """
         with torch.inference_mode(False):
             bones = self.bone_offsets()
             matrix = bones.new_zeros(NUM_JOINTS, 3, NUM_JOINTS)
@@ -108,8 +110,7 @@ def _product(
 
 
 def global_from_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
-    """Compute world rotations: ``R_global[j] = R_global[parent(j)] @ R_local[j]`` (GlobalDiff eq.
-    1)."""
+    """Compute world rotations: ``R[j] = R[parent(j)] @ R_local[j]`` (GlobalDiff eq. 1)."""
     levels = [_take(local_rot, _LEVELS[0])]
     for level, parents in zip(_LEVELS[1:], _PARENT_IN_LEVEL_ABOVE, strict=True):
         levels.append(_product(_take(levels[-1], parents), _take(local_rot, level)))

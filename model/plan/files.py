@@ -486,8 +486,7 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
 
 
 def markers_of(plan: GesturePlan) -> list[tuple[float, str]]:
-    """Return sorted starts (s) and names of events: phases but rests, nods, gazes, brows,
-    blinks."""
+    """Return sorted starts (s) and names of phases but rests, of nods, gazes, brows and blinks."""
     found = [(nod.time_s, f"nod {nod.depth_deg:.0f}°") for nod in plan.nods]
     for side in SIDES:
         for phase in plan.hand(side):

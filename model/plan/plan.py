@@ -44,8 +44,7 @@ class PlanError(ValueError):
 
 
 class _FromJson:
-    """Base of classes that are validated strictly from JSON: no other fields, no texts for
-    numbers."""
+    """Base of classes with strict validation from JSON: no other fields, no texts for numbers."""
 
     __pydantic_config__: ClassVar[Any] = {
         "strict": True, "extra": "forbid", "allow_inf_nan": False,

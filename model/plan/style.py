@@ -320,8 +320,7 @@ MANNER_LIMITS = {
 
 @dataclass(frozen=True)
 class Manner:
-    """Sliders of live generation, as factors of what the speech gives; 1 (and 0 m) for no
-    change."""
+    """Sliders of live generation: factors (or m) relative to what the speech gives."""
 
     often: float = 1.0
     """Factor of the probability that a gesture begins."""

@@ -32,8 +32,7 @@ _VALUE = re.compile(r'"([^"]*(?:""[^"]*)*)"|(?<![^\s=])([-+.\d][^\s"]*)')
 
 @dataclass(frozen=True)
 class Interval:
-    """A labelled interval of a tier, such as a word, in seconds; a point if both times are
-    equal."""
+    """A labelled interval of a tier, such as a word (s); a point if both times are equal."""
 
     start_s: float
     end_s: float

@@ -1,5 +1,8 @@
-"""Interface and names of the speech encoders, which compute features of a waveform at the motion's
-frame rate; and the outputs of the trained one (`model.networks.speech_codes`)."""
+"""Interface of the speech encoders, their names, and the outputs of the trained one.
+
+An encoder computes features of a waveform at the motion's frame rate; the trained one is
+`model.networks.speech_codes`.
+"""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable

@@ -1,5 +1,4 @@
-"""Words and phones of speech without a TextGrid, from aligning a plain text or from recognition.
-English only; the work is done in a child process (`listener`)."""
+"""Recognition or alignment of English words and their phones in a child process (`listener`)."""
 
 from __future__ import annotations
 

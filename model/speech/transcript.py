@@ -1,5 +1,7 @@
-"""Words, phones and gestures with their times, from a Praat TextGrid as BEAT2, forced aligners and
-our corpus write them, or from recognisers and captions; and plain texts, to be aligned later."""
+"""Words, phones and gestures with their times, from TextGrids and files of timed words.
+
+TextGrids are those of BEAT2, forced aligners and our corpus; plain texts are aligned later.
+"""
 
 from __future__ import annotations
 
@@ -84,8 +86,7 @@ NOTHING_SAID = Transcript()
 
 @dataclass(frozen=True)
 class GivenWords:
-    """Content of a file of words: words with their times, or a text to be aligned with the
-    speech."""
+    """Content of a file of words: words with times, or a text to be aligned with the speech."""
 
     transcript: Transcript = NOTHING_SAID
     text: str | None = None

@@ -1,5 +1,6 @@
-"""WavLM (Chen et al. 2022) and HuBERT (Hsu et al. 2021) features, computed as GlobalDiff's authors
-do: separate windows of 2 s, with 99 vectors each that are resampled to 60 frames.
+"""WavLM (Chen et al. 2022) and HuBERT (Hsu et al. 2021) features as GlobalDiff computes them.
+
+Speech is cut into windows of 2 s, of which 99 vectors each are resampled to 60 frames.
 
 Needs the ``transformers`` package and a folder with ``config.json`` and the weights, such as
 ``patrickvonplaten/wavlm-libri-clean-100h-large`` that GlobalDiff uses. Nothing is downloaded.

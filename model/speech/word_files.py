@@ -1,5 +1,8 @@
-"""Parsers of timed words and captions: tables of times (GENEA, Whisper, Audacity, HTK), CTM, SRT,
-WebVTT, and the JSON of Whisper, WhisperX and Gentle."""
+"""Parsers of timed words and captions.
+
+They read tables of times (GENEA, Whisper, Audacity, HTK), CTM, SRT, WebVTT, and the JSON of
+Whisper, WhisperX and Gentle.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""JSON cards of weights: reading and writing of configuration dataclasses, and lookup in a folder.
-Nothing here imports torch."""
+"""JSON cards of weights, and configurations as dataclasses; imports no torch."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping

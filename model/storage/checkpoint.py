@@ -1,5 +1,7 @@
-"""Weights on disk: our fp16 safetensors with a JSON card that states their sha256, and untrusted
-files of ``torch.save``, read without executing anything in them."""
+"""Weights on disk: our fp16 safetensors with JSON cards, and untrusted ``torch.save`` files.
+
+A card states the sha256 of its weights; nothing in untrusted files is executed.
+"""
 
 import hashlib
 import io
