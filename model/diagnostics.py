@@ -220,8 +220,7 @@ class _Ways:
 def _versions(
     motion: Motion, ways: _Ways, windows: Windowing | None, recorded: Sequence[Evidence] = ()
 ) -> Iterator[Evidence]:
-    """Yield the unfiltered motion, then the filtered one, each with the reference of the same
-    version.
+    """Yield the unfiltered motion, then the filtered one, each with the reference's same version.
 
     Periods, lag and mean speeds are those of the unfiltered motion.
     """
@@ -284,10 +283,7 @@ def _measure_beats(
 def _usual_speed(
     published: Float[np.ndarray, " joints"] | None, recorded: Tracks | None, own: Tracks
 ) -> tuple[Float[np.ndarray, " joints"], BeatSpeeds]:
-    """Return mean speeds (m/s) of the joints with beats, pelvis-aligned, and their source.
-
-    The published ones take precedence.
-    """
+    """Return mean speeds (m/s) of the joints with beats, published ones first, and their source."""
     if published is not None:
         return published, "emage"
     joints = _rooted(own if recorded is None else recorded)[:, BEAT_JOINTS]

@@ -107,8 +107,7 @@ def _lag(
 
 
 def rest_speeds(places: Places, plan: GesturePlan) -> list[float]:
-    """Compute the mean speed (m/s) of each resting wrist, of rests of .8 s and longer without
-    edges."""
+    """Compute the mean speed (m/s) of each resting wrist, for rests of .8 s or more."""
     found = []
     for side in SIDES:
         speed = _speed(places[side])
@@ -277,8 +276,8 @@ def ask_clip(
 def distances(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, float]]:
     """Compute the FGD to recorded motion of unedited and edited motion, and their ratio.
 
-    Edited motion has the same number of clips (mean over edits). ``clips`` holds the codes of each
-    clip: recorded, unedited, edited ones. Empty for a single clip.
+    ``clips`` holds the codes of each clip: recorded, unedited, edited ones. Edited motion is
+    compared in sets of as many clips (mean over edits). Empty for a single clip.
     """
     if len(clips) < 2:
         return {}
@@ -314,8 +313,7 @@ def _in_order(measured: Sequence[float]) -> list[float]:
 
 
 def gesture_size(places: Places, gesture: Gesture) -> float:
-    """Compute a gesture's size as plans define it: distance of the stroke's end from the rest
-    position."""
+    """Compute a gesture's size: the distance of the stroke's end from the rest position (m)."""
     return math.dist(_lands_at(places, gesture), REST_PLACE)
 
 

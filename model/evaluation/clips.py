@@ -1,6 +1,4 @@
-"""Protocol ``motion``: metrics of each clip for every system and the recorded motion, stored on
-disk,
-and their intervals over all clips."""
+"""Protocol ``motion``: metrics of each clip, stored on disk, and their intervals over clips."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -65,11 +63,7 @@ MOTION_MEASURES = (
 def clip_measures(
     motion: Motion, recorded: Motion, joints: Float[np.ndarray, "T 55 3"]
 ) -> dict[str, float]:
-    """Compute smoothness (unfiltered), wander, diversity within the clip, and the error of the
-    face.
-
-    Metrics for which the clip is too short are left out.
-    """
+    """Compute smoothness, wander, diversity and face error, as far as the clip is long enough."""
     found = raw_evidence(motion, open_body_skeleton(), windows=OWN_WINDOWS).raw.as_json()
     numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
     jerk = np.asarray(found["joint_jerk_m_s3"], float)
@@ -83,10 +77,8 @@ def clip_measures(
 
 
 def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> dict[str, float]:
-    """Compute the effect of speech and of noise by part of the body (`model.measures.hearing`).
-
-    Empty unless ``motions`` and ``elsewhere`` (another speech) have two noise seeds in common.
-    """
+    """Compute the effect of speech and noise by body part; empty without two seeds of each
+    speech."""
     grid = {("own", seed): motion for seed, motion in enumerate(motions)}
     grid |= {("foreign", seed): motion for seed, motion in enumerate(elsewhere)}
     shortest = min(motion.num_frames for motion in grid.values())
@@ -100,17 +92,13 @@ def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> 
 
 
 def rooted_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:
-    """Compute pelvis-aligned joint positions (m) with the pelvis' orientation, as in EMAGE's
-    metrics."""
+    """Compute pelvis-aligned joint positions (m) with the pelvis' orientation, as EMAGE does."""
     joints = track_points(motion, open_body_skeleton()).joints
     return joints - joints[:, :1]
 
 
 def mean_pairwise_l1(positions: Sequence[Float[np.ndarray, "_ J 3"]]) -> Float[np.ndarray, "n n"]:
-    """Compute the diversity between clips: L1 distance of every two, averaged over frames (m).
-
-    Frames are compared up to the end of the shorter clip; distances are summed over coordinates.
-    """
+    """Compute the mean L1 distance (m) of every two clips, summed over coordinates."""
     distances = np.zeros((len(positions), len(positions)))
     for i, a in enumerate(positions):
         for j, b in enumerate(positions[:i]):
@@ -152,9 +140,7 @@ class ClipRow:
     arrays: dict[str, np.ndarray]
     """``positions``: pelvis-aligned joints of the first frames for each noise seed, for the
     pairwise
-    distances; ``windows`` of the first seed (`differences.windows_of`); and by distance the codes
-    of each
-    encoder that needs no more than the motions have."""
+    distances; ``windows`` of the first seed (`differences.windows_of`); and codes by distance."""
 
 
 @dataclass(frozen=True)
@@ -169,8 +155,7 @@ class ClipContext:
 
     @cached_property
     def heard(self) -> tuple[np.ndarray, np.ndarray]:
-        """Input of the matching classifier: features of the clip's own speech and of the foreign
-        one."""
+        """Features of the clip's own speech and of the foreign one, for the classifier."""
         own, foreign = (
             MelEncoder().encode(sound, len(sound) * FPS // SAMPLE_RATE)
             for sound in (self.sound, self.foreign)
@@ -188,8 +173,7 @@ class ClipContext:
         return frame_loudness(self.sound, self.recorded.num_frames)
 
     def wrists_with_loudness(self, positions: Sequence[np.ndarray]) -> dict[str, float]:
-        """Compute correlations of the wrists' speed with the speech's loudness, and their chance
-        levels.
+        """Compute correlations of wrist speed with the speech's loudness, and chance levels.
 
         Chance is the same speech at another time, and the foreign one: choosing a lag raises the
         correlation above 0 for any two signals.
@@ -295,8 +279,7 @@ class OneClip:
     """Mean speeds (m/s) of the joints with beats, over all clips."""
 
     def measure(self, name: str, other: str, out: Path) -> None:
-        """Measure clip ``name`` and write its rows; ``other`` is the clip with the mismatched
-        speech."""
+        """Measure clip ``name`` and write its rows; the speech of ``other`` is mismatched."""
         cast = self.cast()
         (motion, speech), (_, foreign) = (
             read_recording(self.folder, clip) for clip in (name, other)
@@ -397,9 +380,8 @@ def settings() -> dict[str, float]:
 
 
 def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Estimate | None:
-    """Compute the pairwise L1 distance of motions that differ by chance only.
+    """Compute the pairwise L1 distance of noise seeds, or of each speaker's recorded clips.
 
-    These are noise seeds for the same speech, or with ``speakers`` recorded clips of one speaker.
     None without two of either.
     """
     if speakers is None:

@@ -46,10 +46,7 @@ def left_out(judges: Mapping[str, FrozenEncoder], recorded: Iterable[Motion]) ->
 
 @torch.inference_mode()
 def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
-    """Compute the coarsest codes of a whole clip, cut to whole codes.
-
-    None if the encoder needs ARKit blendshapes and the motion lacks them.
-    """
+    """Compute the coarsest codes of a clip; None if the encoder needs blendshapes that it lacks."""
     config = encoder.network.config
     if config.face_channels > 0 and motion.expression_basis != "arkit52":
         return None
@@ -93,8 +90,7 @@ def frechet_distance(a: Features, b: Features) -> float:
 
 
 def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
-    """Compute `frechet_distance` from moments, with ``offset`` on the diagonals of both covariances
-    under the root."""
+    """Compute `frechet_distance` from moments, with ``offset`` on the covariances' diagonals."""
     under = offset * np.eye(len(a.total))
     values, vectors = np.linalg.eigh(a.covariance + under)
     root = vectors * np.sqrt(values.clip(0)) @ vectors.T
@@ -105,8 +101,7 @@ def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
 
 @_ONE_THREAD
 def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Estimate:
-    """Compute the distance of all clips, with its interval over clips (in pairs; biased
-    upwards)."""
+    """Compute the distance of all clips, with its interval (drawn in pairs; biased upwards)."""
 
     def statistic(index: np.ndarray) -> float:
         chosen = [np.concatenate([clips[i] for i in index]) for clips in (recorded, generated)]
@@ -133,10 +128,7 @@ def split_half_floor(recorded: Sequence[Features]) -> Estimate:
 
 
 def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Estimate]:
-    """Compute the mean distance of windows within random batches of 50 from all clips.
-
-    ``div_gesture``, and if all clips have blendshapes ``div`` of body and face together.
-    """
+    """Compute the mean distance of windows in random batches of 50, of gestures and of all."""
     owner = np.repeat(np.arange(len(clips)), [len(windows) for windows in clips])
     if len(owner) < 2:
         return {}
@@ -158,8 +150,7 @@ def _over_batches(
         np.add.at(pairs, between, 1.0 - np.eye(len(batch)))
 
     def statistic(index: Int[np.ndarray, " n"]) -> float:
-        """Average pairs of windows within or across clips, but not of a clip that was drawn
-        twice."""
+        """Average pairs of windows, but not of a clip with its copy in the draw."""
         chosen = np.ix_(index, index)
         counts = (index[:, None] != index) | np.eye(len(index), dtype=bool)
         total = pairs[chosen][counts].sum()

@@ -60,9 +60,8 @@ MEASURES: Mapping[str, tuple[str, ...]] = {
     "matched_arms": ("arms",),
     "matched_face": ("face",),
 }
-"""Metrics, and the body parts on which the classifier is used for them: lips, which dominate where
-they
-move, have a separate metric."""
+"""Metrics, and the body parts in their agreements: lips, which would dominate, have a separate
+metric."""
 ALIKE = 1e-3
 """Difference of two agreements below which they are a tie."""
 _VOICING = NUM_MELS + 3
@@ -96,9 +95,9 @@ def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
 def matched(judge: MatchingJudge, motion: Motion, own: _Heard, foreign: _Heard) -> dict[str, float]:
     """Compute for each of `MEASURES` how often the classifier prefers the motion's own speech.
 
-    Every piece of the motion with its speech is compared with every piece of the foreign one; a tie
-    counts half. ``arm_speed_heard`` is the correlation of the arms' log speed with its prediction
-    from the speech alone, mean over pieces. Empty for less than 10 s.
+    Every piece of the motion is compared with its speech and every piece of the foreign one; a tie
+    counts half. ``arm_speed_heard`` is the mean correlation of the arms' log speed with its
+    prediction from speech alone. Empty for less than 10 s.
     """
     shared = min(motion.num_frames, len(own))
     spoke = spoken(own[:shared])
@@ -126,8 +125,7 @@ def preferred(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
 def frame_loudness(
     waveform: Float[np.ndarray, " N"], num_frames: int
 ) -> Float[np.ndarray, " num_frames"]:
-    """Compute the level of each motion frame (dB, at least -60 of full scale); silence after the
-    end."""
+    """Compute the level of each motion frame in dB, at least -60 dB of full scale."""
     edges = (np.arange(num_frames + 1) * SAMPLE_RATE / FPS).astype(int)
     energy = np.concatenate([[0.0], np.cumsum(waveform.astype(np.float64) ** 2)])
     total = np.diff(energy[edges.clip(max=len(waveform))])
@@ -165,10 +163,7 @@ class SpeakerJudge:
     bias: Float64[np.ndarray, " speakers"]
 
     def share_right(self, motion: Motion, speaker: str) -> float | None:
-        """Compute the share of a motion's pieces that are assigned to the speaker.
-
-        None for an unknown speaker, or a motion of less than 10 s.
-        """
+        """Compute the share of pieces assigned to the speaker; None if unknown or too short."""
         numbers = manner_numbers(motion)
         if speaker not in self.speakers or not len(numbers):
             return None
@@ -183,10 +178,7 @@ class SpeakerJudge:
 
 
 def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerJudge | None:
-    """Fit the classifier of some speakers to their first recordings in the training split.
-
-    None if fewer than two have usable ones.
-    """
+    """Fit the classifier to the speakers' first training recordings; None for fewer than two."""
     own: dict[str, list[str]] = {speaker: [] for speaker in sorted(set(speakers))}
     for name, kind in sorted(read_split(folder).items()):
         if kind == "train" and (speaker := speaker_of(name)[1]) in own:
@@ -212,11 +204,7 @@ def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> Speake
 
 
 def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
-    """Compute the classifier's features for each piece of 10 s.
-
-    They are mean and log spread of rotation vectors and wrist positions, and the log of mean
-    speeds.
-    """
+    """Compute mean and log spread of rotations and wrists, and log speeds, for pieces of 10 s."""
     if motion.num_frames < PIECE_FRAMES:
         return np.zeros((0, 0))
     points = track_points(motion, open_body_skeleton()).joints
@@ -232,8 +220,7 @@ def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
 def manner_of(motions: Grid) -> dict[str, float]:
     """Compute the effect of the speaker on the arms for one speech, by speaker and noise seed.
 
-    It is the share of their speed, and the correlation of their rotations between speakers with the
-    same noise; near 1, another speaker has the same gestures.
+    ``arm_rotations_same_noise`` near 1: another speaker has the same gestures.
     """
     return {
         "by_speaker": decided(motions)["arms"].by_speech,
@@ -257,9 +244,7 @@ class FewClips:
 
     names: tuple[str, ...]
     speakers: tuple[str, str] | None
-    """A calm speaker and a lively one; None if not every system has them: then each clip's own
-    speaker is
-    used, and style is not measured."""
+    """A calm and a lively speaker; None if a system lacks one: then style is not measured."""
     recorded: Mapping[str, tuple[str, str]]
     """A recording of the calm speaker and one of the lively for each clip."""
 
@@ -289,8 +274,7 @@ class FewClips:
     def measures(
         self, system: System, name: str, speech: Speech, asked: Sampling
     ) -> dict[str, float]:
-        """Compute a system's metrics on clip ``name``; empty for a clip that is not among the
-        few."""
+        """Compute a system's metrics on clip ``name``; empty if it is not among the few."""
         if name not in self.names:
             return {}
         heard = with_silence(speech)

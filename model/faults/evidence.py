@@ -42,8 +42,7 @@ class Evidence:
 
     @cached_property
     def turning(self) -> Float[np.ndarray, "T1 55 3"]:
-        """Angular velocity (rad/s) of each joint against its parent, from each frame to the
-        next."""
+        """Angular velocity (rad/s) of each joint against its parent, frame to frame."""
         return angular_velocity(self.tracks.local_rot)
 
     @cached_property
@@ -58,16 +57,14 @@ class Evidence:
 
     @cached_property
     def floor_m(self) -> float:
-        """Median height of the lower foot (m), which is robust to frames with an impossible
-        foot."""
+        """Median height of the lower foot (m), robust to frames with an impossible foot."""
         return float(np.median(self.lower_foot_m))
 
 
 MOST_STRETCHES = 20
 WRONG, SEEN, MEASURED = 3, 2, 1
-"""Gravities: no person moves so; visible in positions of points of the body; visible in angles
-between
-neighbours, or in numbers alone, which counts half."""
+"""Gravities: no person moves so; visible in positions; visible in angles between neighbours or in
+numbers alone, which counts half."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +84,7 @@ class Finding:
     worst_frame: int | None = None
     """Frame at which the fault is worst; None if it is the same everywhere."""
     stretches: tuple[tuple[int, int], ...] = ()
-    """First and last frame of each place where the fault shows, the longest first, at most
-    `MOST_STRETCHES`; empty if it is everywhere."""
+    """First and last frame of up to `MOST_STRETCHES` places of the fault, the longest first."""
     gravity: int = SEEN
     kind: str = ""
     """Kind of fault, set by the table like the gravity (`table.FAULTS`)."""
@@ -131,10 +127,9 @@ def _order(finding: Finding) -> tuple[bool, float]:
 
 
 def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
-    """Rank the findings of several motions, each with the name of its motion.
+    """Rank findings with the names of their motions: the gravest of each motion first.
 
-    First the gravest finding of each motion, the motion with the worst findings in sum first; then
-    all others, by their distance from what people do.
+    Motions with the worst findings in sum come first; then all other findings, by severity.
     """
 
     def badness(found: Sequence[Finding]) -> tuple[int, float]:
@@ -156,8 +151,7 @@ def clock(frame: int) -> str:
 
 
 def stretches_of(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
-    """Return first and last frame of each run of true, the longest first, `MOST_STRETCHES` at
-    most."""
+    """Return first and last frame of the longest `MOST_STRETCHES` runs of true, longest first."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]])))
     runs = sorted(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda run: run[0] - run[1])
     return tuple((int(first), int(last)) for first, last in runs[:MOST_STRETCHES])

@@ -40,13 +40,11 @@ COPIES = 2
 LEAST_DEG_S = 3.0
 """Mean angular speed around a frame below which nothing is concluded from it."""
 SKIP_RATIO, SKIP_ALIKE = (1.6, 2.6), 0.9
-"""Limits for a missing frame: a step about twice as long as those around it, in their direction.
-Ratio
-of the lengths along them, and cosine."""
+"""Limits for a missing frame: ratio of a step to those around it, along them, and its cosine to
+them."""
 SKIPS, FRAMES_A_SKIP = 3, 300
-"""Limits of the number of skips, because people make such steps, too: 2 in 1,876 recorded frames.
-They
-are reported from `SKIPS` on, and if there is more than one in so many frames."""
+"""Limits of the number of skips, and of frames for each: people skip in 2 of 1,876 recorded
+frames."""
 LEAST_RAD_S = 1e-3
 HALF_RATE = 0.35
 """Median change of speed at the quieter of every two frames, over that at the other. Frames
@@ -160,8 +158,7 @@ def copied_frames(evidence: Evidence) -> Iterator[Finding]:
 
 
 def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
-    """Detect steps twice as long as the ones around them, in all joints and in the same
-    direction."""
+    """Detect steps twice as long as those around them, in all joints and the same direction."""
     turning = evidence.turning[:, list(UPPER_AND_HANDS)]
     if len(turning) < 3:
         return
@@ -209,15 +206,14 @@ def stretched_rate(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _quieter(track: Float[np.ndarray, " N"]) -> float:
-    """Return the quieter half's median over that of the other half of every two; 1 if all is
-    still."""
+    """Return the quieter half's median over the other's, of every two; 1 if all is still."""
     medians = sorted(float(np.median(track[start::2])) for start in (0, 1))
     return medians[0] / medians[1] if medians[1] > LEAST_RAD_S else 1.0
 
 
 SEAM_CHANCE = 1e-3
-"""Largest chance of `recurring_jerk`; clean: at least 0.0026 in 3,540 whole clips and stretches of
-10 s."""
+"""Largest chance of `recurring_jerk`; clean: at least 0.0026 in 3,540 clips and stretches of 10
+s."""
 
 
 def seams(evidence: Evidence) -> Iterator[Finding]:

@@ -108,8 +108,7 @@ def _times(ratio: float) -> str:
 
 
 def _worst(level: Level, evidence: Evidence, is_low: bool) -> int | None:
-    """Return the middle of the second with most jerk of the hands, or with least or most
-    turning."""
+    """Return the middle of the second with most jerk of the hands, or least or most turning."""
     if level.kind in ("jerk", "high_frequency"):
         track = derivative_magnitudes(evidence.tracks.fingertips, 3).mean(axis=1)
     else:
@@ -132,16 +131,14 @@ def high_frequency_share(evidence: Evidence) -> float:
 
 
 def amplitude_deg(evidence: Evidence) -> float:
-    """Compute the root mean square distance of the upper body's joint angles from their mean
-    (degrees)."""
+    """Compute the root mean square distance of upper body angles from their mean (degrees)."""
     angles = evidence.motion.poses.reshape(-1, 55, 3)[:, list(UPPER_BODY)].astype(np.float64)
     off = angles - angles.mean(axis=0)
     return float(np.degrees(np.sqrt((off**2).sum(axis=-1).mean())))
 
 
 def turning_speed_deg_s(evidence: Evidence) -> float:
-    """Return the mean angular speed of the upper body's joints against their parents
-    (degrees/s)."""
+    """Return the mean angular speed of the upper body's local rotations (degrees/s)."""
     return float(evidence.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
 
 

@@ -31,12 +31,10 @@ FOOT_SLIDE_M_S = 0.15
 """Mean speed of feet on the ground (m/s); clean: at most 0.12, and 0.07 over a whole clip."""
 FLOATING_FRAMES = 8
 RISE_M = 0.10
-"""Height of the lower foot above its own 5th percentile (m); recorded clips: at most 0.08 in 10
-s."""
+"""Height of the lower foot above its 5th percentile (m); recorded clips: at most 0.08 in 10 s."""
 SINKING_FRAMES = 2
 CONTACT_SHARE = 0.35
-"""Smallest share of frames with ground contact; clean: at least 0.52 in 10 s, 0.97 in a whole
-clip."""
+"""Least share of frames with ground contact; clean: at least 0.52 in 10 s, 0.97 in a whole clip."""
 
 
 def lying(evidence: Evidence) -> Iterator[Finding]:
@@ -85,11 +83,7 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
 
 
 def feet_float(evidence: Evidence) -> Iterator[Finding]:
-    """Detect frames with both feet in the air.
-
-    They are above the median height of the lower foot or, if the body bobs, above its lowest
-    height.
-    """
+    """Detect both feet above the lower foot's median height, or its lowest if the body bobs."""
     above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
     contact = evidence.raw.posture.foot_contact_share
     is_up = (evidence.lower_foot_m - evidence.floor_m > FLOATING_M) | (above > RISE_M)
@@ -143,11 +137,10 @@ NAMED = 3
 ELBOWS_BACKWARDS = 0.5
 """Share of all frames, on both sides; clean: 0."""
 SWAPPED_ERROR_RATIO = 0.6
-"""Error with the sides changed over the error without. Unrelated motions of the same speech give
-about
-1, a swapped copy 0."""
+"""Error with sides changed over the error without; unrelated motions have about 1, a swapped copy
+0."""
 INSIDE_M = 0.06
-"""Distance (m) of a wrist, knuckle or fingertip from the line through pelvis, spine and neck, which
+"""Distance (m) of wrist, knuckle or fingertip from the line through pelvis, spine and neck, which
 is
 10 cm and more under the skin in front; clean: at least 0.099."""
 INSIDE_FRAMES = 3
@@ -208,8 +201,8 @@ def hand_in_body(evidence: Evidence) -> Iterator[Finding]:
 def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
     """Detect exchanged sides by comparison with a reference of the same speech.
 
-    Without one, only exchanged joint names show, because then both elbows bend backwards; a whole
-    mirror image is as good a motion as any.
+    Without one, only exchanged joint names show (both elbows bend backwards); a mirror image does
+    not.
     """
     if evidence.raw.errors is not None:
         errors = evidence.raw.errors.rotation_error_by_sides_deg
@@ -249,8 +242,7 @@ FROZEN_FRAMES = 8
 """Shortest freeze (frames). Clean: no two frames in a row in which upper body and fingers all turn
 slower than 1 degree per second, in two recorded and 90 procedural clips."""
 HAND_STILL = 0.5
-"""Share of all frames; clean: 0, because living fingers are never still for a thirtieth of a
-second."""
+"""Share of all frames; clean: 0, because living fingers are never still for 1/30 s."""
 MOVING_FRAMES = 2 * FPS
 """Shortest clip for the check (frames): nobody's pelvis is bit-identical for two seconds."""
 

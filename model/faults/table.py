@@ -20,8 +20,7 @@ class Fault:
     explains: tuple[str, ...] = ()
     """Kinds that follow from this one and are not reported together with it."""
     of: tuple[str, ...] = ()
-    """Parts of a motion file (`formats.read.Part`) without any of which the detector is not
-    used."""
+    """Parts of a motion file (`formats.read.Part`) without any of which it is not used."""
 
 
 FAULTS: tuple[Fault, ...] = (

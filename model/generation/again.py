@@ -1,6 +1,5 @@
-"""Generation that is stored, in memory or in a file, and partly repeated after its condition, such
-as
-a plan, has changed.
+"""Stored generation, in memory or in a file, that is partly repeated after its condition has
+changed.
 
 Windows with unchanged input stay bit-identical, but for the one after each changed stretch: it
 blends from the new motion into the old within a window, so that the following ones can stay.
@@ -33,8 +32,7 @@ from processes.job import Cancelled
 
 OnPiece = Callable[[Motion], None]
 SAME = 1e-3
-"""Largest difference of input features at which a condition counts as unchanged: soft edges of far
-events."""
+"""Largest difference of features of an unchanged condition: soft edges of far events."""
 
 
 class KeptError(ValueError):

@@ -27,13 +27,12 @@ from model.storage.cards import Card
 
 
 def num_windows(num_frames: int, window: int, overlap: int) -> int:
-    """Return the number of windows for ``num_frames``; each starts ``window - overlap`` after the
-    last."""
+    """Return the number of windows for ``num_frames``, at steps of ``window - overlap``."""
     return 1 + max(0, -(-(num_frames - window) // (window - overlap)))
 
 
 def fade_weights(overlap: int) -> Float[Tensor, " overlap"]:
-    """Return the share of the newer window on each shared frame: a minimum-jerk ramp inside (0, 1).
+    """Return the newer window's share of each shared frame: a minimum-jerk ramp inside (0, 1).
 
     ``10 s^3 - 15 s^4 + 6 s^5`` starts and ends with zero slope and curvature, so a seam adds
     neither a step in velocity nor one in acceleration.
@@ -122,10 +121,7 @@ class Draw:
         return SpeechGuide(self.guidance, normaliser, space)
 
     def noise(self, shape: tuple[int, ...], *step: int) -> Float[Tensor, "samples ..."]:
-        """Draw standard normal noise that depends only on keys, shape and step.
-
-        It is the same for every system, and for any number of samples in a batch.
-        """
+        """Draw standard normal noise, the same for all systems and batches of any size."""
         samples = range(self.first_sample, self.first_sample + self.samples)
         keys = [[self.seed, sample, self.index, *step] for sample in samples]
         return torch.stack([seeded_noise(key, shape) for key in keys])
@@ -133,11 +129,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class Window:
-    """Motion of one window before it is joined to the others.
-
-    A family may add tensors (B, n, ...) that the next window needs: it starts from the last
-    ``overlap`` frames.
-    """
+    """Motion of one window before blending; a family may add tensors (B, n, ...) for the next."""
 
     rotmat: Float[Tensor, "B n 55 3 3"]
     """Joint rotations, local or global by the system's `frame`."""
@@ -169,11 +161,9 @@ class ConditionStream(Protocol):
         final: int,
         stop: int,
     ) -> Any:
-        """Return the ``condition`` around frames ``first`` to ``stop``, with its first frame
-        ``origin``.
+        """Return the ``condition`` of frames ``first`` to ``stop``, and its first frame ``origin``.
 
-        Events that begin before ``final`` are decided for good. Features of future frames are
-        extrapolated.
+        Events that begin before ``final`` are final. Features of future frames are extrapolated.
         """
         ...
 
@@ -309,8 +299,7 @@ class System(ABC):
         """
 
     def join(self, older: Window, newer: Window) -> Window:
-        """Blend the first frames of ``newer`` with the same frames of the motion so far
-        (``older``).
+        """Blend the first frames of ``newer`` into ``older``, the end of the motion so far.
 
         Rotations are blended along the geodesic, all else linearly.
         """

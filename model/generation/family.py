@@ -62,8 +62,7 @@ class Claim:
     """A paper's claim about the jerk of its systems, which is checked in every run."""
 
     what: str
-    """Property of the systems in ``less``, in the words of "the paper's claim, that *what* jerk
-    less than
+    """Property of systems in ``less``: *what* in "the paper's claim, that *what* jerk less than
     *than*"."""
     than: str
     """Property of the systems in ``more``, in the same sentence."""
@@ -115,7 +114,7 @@ class FamilyError(ValueError):
 class Family:
     """Description of a family for training, evaluation, the page and the command line.
 
-    A new one is a folder in `model.systems`, or a package of its author (`model.systems.registry`),
+    A new one is a folder in `model.systems`, or an installed package (`model.systems.registry`),
     that makes one of these; nothing else needs to know it.
     """
 
@@ -152,9 +151,7 @@ class Family:
     files_title: str = ""
     """Heading of the flags of ``files``."""
     files: tuple[FileFlag, ...] = ()
-    """Files that the user must name for its generators; a family with files overrides the methods
-    that
-    read them."""
+    """Files that users must name; a family with files overrides the methods that read them."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -195,10 +192,7 @@ class Family:
         )
 
     def home_of(self, name: str, folder: Path) -> Path:
-        """Return the folder of the weights of a generator or helper.
-
-        It is ``folder``, or the family's own folder if that has none.
-        """
+        """Return the folder of a network's weights: ``folder``, or the family's own without any."""
         if self.weights is None or _weights_file(folder, self.weights_of(name)).is_file():
             return folder
         return self.weights

@@ -33,9 +33,7 @@ class Pace:
     hop: int = 9
     """Fewest new frames per window; speech features arrive three at a time."""
     heard_ahead: int = 9
-    """Look-ahead: frames of speech needed after the last final frame. The next window is joined
-    there, so
-    it is no less than the overlap."""
+    """Look-ahead: frames of speech after the last final frame, at least the overlap of windows."""
 
 
 class LiveMotion:
@@ -90,10 +88,9 @@ class LiveMotion:
         self._speech = torch.cat([self._speech, features])
 
     def step(self) -> list[Motion]:
-        """Generate one window and return its final frames, one motion for each sample.
+        """Generate one window when it `is_due`; returns its final frames for each sample.
 
-        Call it when it `is_due`. It returns all waiting frames, but no more than a window's
-        advance.
+        They are all waiting frames, but no more than a window's advance.
         """
         assert self.is_due
         hop = min(self.waiting, self._cut.advance)
@@ -129,10 +126,7 @@ class LiveMotion:
         return self._chain.window(window, hop, ahead.condition, at)
 
     def _heard_from(self, first: int, stop: int) -> Float[Tensor, "heard dim"]:
-        """Return speech features of frames ``first`` to ``stop``, extrapolated at both ends.
-
-        They are mirrored at the end of the speech so far, and repeated before its beginning.
-        """
+        """Return features of frames ``first`` to ``stop``, mirrored at the end, held before 0."""
         wanted = torch.arange(first, stop)
         mirrored = torch.where(wanted < self.heard, wanted, 2 * self.heard - 1 - wanted)
         return self._speech[(mirrored - self._first).clamp(min=0)]

@@ -29,7 +29,7 @@ _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit torch to one thread inside the block, and restore the number of threads after it.
+    """Limit torch to one thread inside the block, and restore their number after it.
 
     Windows are small: a second thread saves a fifth on an idle machine, and on a busy one both wait
     for each other and take three times as long. Results stay the same.
@@ -52,9 +52,7 @@ class GenerateOptions(Sampling):
     first_sample: int = 0
     """Number of the first sample, so that one of many can be generated alone."""
     conditions: tuple[Any, ...] = ()
-    """Conditions besides speech (`System.condition_type`): one for all samples, or one for each;
-    empty lets
-    the system draw them."""
+    """Conditions besides speech: one for all samples, one for each, or empty to draw them."""
     words: tuple[Interval, ...] = ()
     """Words with their times, if known: conditions may be drawn to fit them."""
 

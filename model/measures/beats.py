@@ -45,8 +45,7 @@ def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onse
 
 
 def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:
-    """Read the mean speeds (13,) of `BEAT_JOINTS` (m/s) from EMAGE's
-    ``mean_vel_smplxflame_30.npy``.
+    """Read mean speeds (m/s) of `BEAT_JOINTS` from EMAGE's ``mean_vel_smplxflame_30.npy``.
 
     The file is in BEAT2's folder ``weights`` and has one number for each of the 55 joints.
 
@@ -93,8 +92,7 @@ def motion_beats(
 def _nearness(
     times: Float[np.ndarray, " n"], others: Float[np.ndarray, " m"], sigma_s: float
 ) -> float:
-    """Return the mean Gaussian of each time's distance to the nearest of ``others``; 0 without
-    any."""
+    """Return the mean Gaussian of each time's distance to the nearest other; 0 without any."""
     if not len(times) or not len(others):
         return 0.0
     distance = np.abs(times[:, None] - others).min(axis=1)
@@ -153,8 +151,7 @@ def beat_scores(
 
 
 def _shifted(onsets: Float[np.ndarray, " n"], duration_s: float) -> list[Float[np.ndarray, " n"]]:
-    """Return circular shifts, which keep the speech's rhythm and break its relation to the
-    motion."""
+    """Return circular shifts: they keep the speech's rhythm, not its relation to the motion."""
     length = max(duration_s - 2 * MARGIN_S, 1.0)
     shifts = np.linspace(0, length, CHANCE_SHIFTS + 2)[1:-1]
     return [MARGIN_S + (onsets - MARGIN_S + shift) % length for shift in shifts]

@@ -38,16 +38,11 @@ PARTS = {
     "head": r"(neck|head)",
     "legs": r".*_(hip|knee|ankle|foot)",
 }
-"""Regular expressions for the beginnings of a part's joint names; all other joints are of the
-face."""
+"""Regular expression for the start of each part's joint names; all others are of the face."""
 
 
 def degrees_by_part(first: Motion, second: Motion) -> dict[str, float]:
-    """Compute the mean angle between two motions' local rotations for each part (degrees).
-
-    The mean is over all joints of a part and all frames that both motions have; the part that
-    differs most comes first.
-    """
+    """Compute the mean angle of local rotations in each part (degrees), the largest first."""
     shortest = min(first.num_frames, second.num_frames)
     a, b = (first_frames(motion, shortest).local_rotations() for motion in (first, second))
     angles = geodesic_angle(a.double(), b.double()).rad2deg().mean(0)
@@ -157,8 +152,7 @@ def diversity(positions: Float[np.ndarray, "T J 3"]) -> Diversity:
 
 
 def l1_to_mean(positions: Float[np.ndarray, "T J 3"]) -> float:
-    """Compute EMAGE's L1 diversity: distance to the clip's mean pose, summed over coordinates
-    (m)."""
+    """Compute EMAGE's L1 diversity: distance to the mean pose, summed over coordinates (m)."""
     return float(np.abs(positions - positions.mean(0)).sum((1, 2)).mean())
 
 
@@ -180,17 +174,14 @@ def windows_of(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
 
 
 def batches(num_windows: int) -> Iterator[Int[np.ndarray, " B"]]:
-    """Yield batches of 50 shuffled window indices, always in the same order; the rest comes
-    last."""
+    """Yield batches of 50 shuffled window indices, always the same; the rest comes last."""
     order = np.random.default_rng(0).permutation(num_windows)
     for start in range(0, num_windows, BATCH_WINDOWS):
         yield order[start : start + BATCH_WINDOWS]
 
 
 def pair_distances(windows: Float[np.ndarray, "B T dim"]) -> Float[np.ndarray, "B B"]:
-    """Compute the L1 distances between all windows (the terms of AsynFusion's eq. 17).
-
-    A distance is the mean over a window's numbers, so that it does not depend on how many they are.
-    """
+    """Compute the L1 distances of all windows (eq. 17 of AsynFusion), as means over their
+    numbers."""
     flat = windows.reshape(len(windows), -1)
     return squareform(pdist(flat, "cityblock")) / flat.shape[1]

@@ -55,11 +55,9 @@ class ErrorGrowth:
     """Spread predicted by the closed form above, with the lever arms of the clip's poses (m)."""
     predicted_global_spread_m: Float64[np.ndarray, " points"]
     jerk_m_s3: dict[str, float]
-    """Mean jerk of the tracked point: ``clean``, and with noise on ``local`` and ``global``
-    rotations."""
+    """Mean jerk (m/s³) of the tracked point: ``clean``, with ``local`` and ``global`` noise."""
     local_angle_error_ratio: float
-    """Error of local angles from noisy global rotations over that of noisy local ones; expected
-    sqrt(2)."""
+    """Error of local angles from noisy global rotations over noisy local ones; sqrt(2) expected."""
 
     @property
     def ratio(self) -> float:
@@ -144,8 +142,7 @@ def growth_sentence(growth: ErrorGrowth, noise_rad: float) -> str:
 def _points(
     global_rot: Float[Tensor, "T 55 3 3"], point: str, skeleton: RestSkeleton
 ) -> Float[Tensor, "T chain 3"]:
-    """Compute root-relative positions of the chain after the pelvis, with the tracked point
-    last."""
+    """Compute root-relative positions of the chain's joints and, last, of the tracked point."""
     joints = joint_positions_from_global(global_rot, skeleton)
     points = torch.cat([fingertip_positions(global_rot, joints, skeleton), joints], dim=1)
     way = [len(FINGERTIP_NAMES) + joint for joint in moving_chain(point)[1:]]

@@ -53,7 +53,7 @@ SMOOTHING_FRAMES = 9
 
 
 def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -> float:
-    """Compute the highest correlation over lags of up to 0.5 s, after smoothing both over 0.3 s.
+    """Compute the highest correlation over lags of up to 0.5 s, after smoothing over 0.3 s.
 
     Choosing the lag raises it above 0 for any two signals: compare with a shifted one.
     """
@@ -65,8 +65,7 @@ def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -
 
 
 def correlation(a: np.ndarray, b: np.ndarray, lag: int = 0) -> float:
-    """Compute the correlation of ``a`` with ``b`` ``lag`` frames earlier; 0 if either is
-    constant."""
+    """Compute the correlation of ``a`` with ``b`` ``lag`` frames before; 0 if one is constant."""
     a, b = (a[lag:], b[: len(b) - lag]) if lag >= 0 else (a[:lag], b[-lag:])
     if len(a) < 2 or min(a.std(), b.std()) < 1e-12:
         return 0.0

@@ -30,8 +30,7 @@ LEAST_FRAMES = 3 * FPS
 ARMS = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
 
 Grid = Mapping[tuple[str, int], Motion]
-"""Motions of one system by speech and noise seed; `model.evaluation.judges` uses the speaker in
-place of the speech."""
+"""Motions of one system by speech, or in `model.evaluation.judges` speaker, and noise seed."""
 
 
 @dataclass(frozen=True)
@@ -158,8 +157,7 @@ def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> Decided:
 
 
 def _difference_limits(ones: Sequence[float], others: Sequence[float]) -> tuple[float, float]:
-    """Compute Welch's 95 % limits of the difference of two means; the difference if neither
-    varies."""
+    """Compute Welch's 95 % limits of a difference of means; the difference if neither varies."""
     difference = float(np.mean(ones) - np.mean(others))
     errors = [float(np.var(each, ddof=1) / len(each)) for each in (ones, others)]
     if sum(errors) < 1e-12:
@@ -185,8 +183,7 @@ def spoken_and_silent(
 ) -> tuple[Bool[np.ndarray, " T"], Bool[np.ndarray, " T"]]:
     """Return the frames of speech, and the first `SILENCE_S` of each silence after it.
 
-    A silence is a stretch without voice of `SILENCE_S` or more. Frames before the first voice, the
-    rest of a long silence, and an end that is too short are neither.
+    Neither are frames before the first voice, the rest of a silence, and too short an end.
     """
     spoken, silent = np.zeros(len(voiced), bool), np.zeros(len(voiced), bool)
     wanted = round(SILENCE_S * FPS)

@@ -134,15 +134,15 @@ def rotation_noise(
 FLEXION_DEG = {1: (-45.0, 90.0), 2: (0.0, 100.0), 3: (0.0, 90.0)}
 """Range of a finger's first, second and third joint (degrees): outwards (negative) and inwards."""
 THUMB_BEND_DEG = {1: 70.0, 2: 55.0, 3: 80.0}
-"""Largest bend of the thumb's joints (degrees) in any direction: its axes are at an angle to those
-of the rest pose."""
+"""Largest bend of the thumb's joints (degrees) in any direction, as its axes are oblique."""
 SIDEWAYS_DEG = 40.0
-"""Largest sideways bend (degrees). The first joints spread by 20 degrees; the limit is twice that,
-because a little finger's rest bone is at an angle to the plane in which it bends."""
+"""Largest sideways bend (degrees): twice the spread of 20 degrees, because a little finger's rest
+bone
+is at an angle to the plane in which it bends."""
 TOLERANCE_DEG = 20.0
-"""Tolerance (degrees) for errors of motion capture and for a rest pose that is not the anatomist's
-zero. With it, less than 1 % of the frames and finger joints of the recorded clips that were tried
-lie outside."""
+"""Tolerance (degrees) for errors of motion capture and of the rest pose. With it, less than 1 % of
+the
+frames and finger joints of the recorded clips that were tried lie outside."""
 ELBOW_BACKWARDS_DEG = 15.0
 """Backward bend of an elbow that counts (degrees); healthy elbows overextend by up to 10 to 15."""
 

@@ -1,5 +1,4 @@
-"""Lag of a motion behind its speech, with a confidence interval; unknown if the motion does not
-follow this speech.
+"""Lag of a motion behind its speech, with a confidence interval; unknown if it does not follow it.
 
 Face (expression coefficients and jaw) and sound (mel bands) are high-pass filtered at about a
 second and transformed into uncorrelated components of equal variance. Their agreement at a lag is
@@ -88,10 +87,7 @@ def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"
 
 
 def find_lag(motion: Motion, heard: Float[np.ndarray, "T2 BANDS"]) -> Lag:
-    """Estimate the lag from the face, otherwise from the body.
-
-    Unknown if the clip is too short, or if neither follows this speech.
-    """
+    """Estimate the lag from the face, else the body; unknown if neither follows this speech."""
     frames = min(motion.num_frames, len(heard))
     if frames < LEAST_FRAMES:
         return UNKNOWN
@@ -112,8 +108,7 @@ def _face(motion: Motion) -> Float[np.ndarray, "T columns"]:
 
 
 def _body(motion: Motion) -> Float[np.ndarray, "T columns"]:
-    """Compute the turning of the head and the speed of the arms, which is low at the end of
-    strokes."""
+    """Compute the turning of the head and the arms' speed, which is low at the end of strokes."""
     poses = motion.poses.reshape(motion.num_frames, -1, 3).astype(np.float64)
     turns = np.asarray(np.gradient(poses, axis=0)) * FPS
     head = turns[:, [JOINT_INDEX["neck"], JOINT_INDEX["head"]]].reshape(motion.num_frames, -1)
@@ -123,10 +118,7 @@ def _body(motion: Motion) -> Float[np.ndarray, "T columns"]:
 
 
 def _parts(track: Float[np.ndarray, "T columns"]) -> Float[np.ndarray, "T parts"]:
-    """Transform a track into its first `PARTS` uncorrelated components of equal variance.
-
-    There are fewer if it hardly moves.
-    """
+    """Transform a track into up to `PARTS` uncorrelated components of equal variance."""
     fine = gaussian_filter1d(np.asarray(track, np.float64), FINE_FRAMES, axis=0)
     track = fine - gaussian_filter1d(track, LEVEL_FRAMES, axis=0)
     track = track - track.mean(axis=0)
@@ -176,8 +168,7 @@ def _lag(
 def _shared_in_a_circle(
     moves: Float[np.ndarray, "T parts"], sound: Float[np.ndarray, "T parts2"]
 ) -> Float[np.ndarray, " T"]:
-    """Compute at entry ``lag`` the sum of squared correlations with the sound so many frames
-    earlier."""
+    """Compute at entry ``lag`` the squared correlations with the sound so many frames before."""
     ours, theirs = np.fft.rfft(moves, axis=0), np.conj(np.fft.rfft(sound, axis=0))
     found = np.zeros(len(moves))
     for each in ours.T:
@@ -207,9 +198,9 @@ def _products(
 def _slanted(
     products: Float32[np.ndarray, "blocks reach products"], slope: int
 ) -> Float32[np.ndarray, "blocks lags products"]:
-    """Select the products for a lag that grows linearly by ``slope`` frames over the clip.
+    """Select products for a lag that grows by ``slope`` frames over the clip.
 
-    The lag in the middle of the clip is up to `MOST_LAG_FRAMES`.
+    Its middle is at up to `MOST_LAG_FRAMES`.
     """
     count = len(products)
     places = (np.arange(count) + 0.5) / count - 0.5

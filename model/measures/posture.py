@@ -24,17 +24,13 @@ LOW_PERCENTILE, HIGH_PERCENTILE = 5, 95
 
 
 def spine_tilt_deg(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T"]:
-    """Compute the angle between the upward vertical and the line from the pelvis to the neck
-    (degrees)."""
+    """Compute the angle between vertical and the line from pelvis to neck (degrees)."""
     spine = joints[:, JOINT_INDEX["neck"]] - joints[:, JOINT_INDEX["pelvis"]]
     return np.degrees(np.arctan2(np.hypot(spine[:, 0], spine[:, 2]), spine[:, 1]))
 
 
 def height_above_ground(feet: Float[np.ndarray, "T feet 3"]) -> Float[np.ndarray, "T feet"]:
-    """Compute heights above the ground (m): the 5th percentile of the lowest foot's height.
-
-    With a percentile, one bad frame does not move the ground.
-    """
+    """Compute heights (m) above the ground: the 5th percentile of the lowest foot's height."""
     return feet[..., 1] - np.percentile(feet[..., 1].min(axis=1), GROUND_PERCENTILE)
 
 
@@ -56,8 +52,8 @@ def foot_slide(feet: Float[np.ndarray, "T feet 3"]) -> float:
 def foot_contact(feet: Float[np.ndarray, "T feet 3"]) -> tuple[float, float, float]:
     """Compute the shares of frames with ground contact, with floating and with sinking feet.
 
-    Contact: a foot is within 5 cm of the ground (that of `foot_slide`). Floating: the lower foot is
-    8 cm or more above its median height. Sinking: it is 6 cm or more below.
+    Contact: a foot is within 5 cm of the ground. Floating, sinking: the lower foot is 8 cm or more
+    above, 6 cm or more below its median height.
     """
     lower = feet[..., 1].min(axis=1)
     off = lower - np.median(lower)
@@ -66,10 +62,7 @@ def foot_contact(feet: Float[np.ndarray, "T feet 3"]) -> tuple[float, float, flo
 
 
 def hand_speed_symmetry(joints: Float[np.ndarray, "T 55 3"]) -> float:
-    """Compute the Pearson correlation of the two wrists' speeds relative to the pelvis.
-
-    1: both always move together; NaN under 3 frames or if the speed of one never changes.
-    """
+    """Compute the Pearson correlation of the wrists' speeds; NaN under 3 frames or if constant."""
     wrists = joints[:, list(WRISTS)] - joints[:, :1]
     left, right = derivative_magnitudes(wrists, 1).T
     if len(left) < 2 or np.ptp(left) < 1e-9 or np.ptp(right) < 1e-9:
@@ -78,11 +71,7 @@ def hand_speed_symmetry(joints: Float[np.ndarray, "T 55 3"]) -> float:
 
 
 def root_drift(pelvis: Float[np.ndarray, "T 3"]) -> float:
-    """Compute the horizontal distance (m) between the pelvis' mean position in first and last
-    second.
-
-    NaN under 2 s.
-    """
+    """Compute the horizontal drift of the pelvis, first to last second (m); NaN under 2 s."""
     if len(pelvis) < 2 * FPS:
         return float("nan")
     apart = pelvis[-FPS:].mean(axis=0) - pelvis[:FPS].mean(axis=0)

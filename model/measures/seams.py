@@ -38,16 +38,14 @@ LONGEST_RIPPLE, SHORTEST_PULSES = 16, 8
 MIN_PERIODS = 4
 """Smallest number of whole periods, or stretches of ripple, for a test."""
 CHANCE = 2.5e-4
-"""False-alarm probability in a clip without a period, for each of the two tests; see the table of
-false alarms in ``docs/others.md``."""
+"""False-alarm probability without a period, for each of the two tests; see ``docs/others.md``."""
 LEVEL_FRAMES = 31
 STRETCH_FRAMES = 64
 CUT = 1.4
-"""Amplitude over the background at which it is clipped: hardly less sensitive to a faint clock,
-insensitive to a loud minority."""
+"""Amplitude over the background at which it is clipped, against the influence of loud
+minorities."""
 SAME_PERIOD = 0.75
-"""Share of the repeating power that a shorter period must explain; half of a true one explains
-half."""
+"""Share of repeating power that a shorter period must explain; half of a true one explains half."""
 WORST = 5
 _LEAST_M_S3 = 1e-3
 """Jerk added before the logarithm (m/s³)."""
@@ -186,10 +184,10 @@ def _ripple(scores: Float[np.ndarray, " N"], part: str) -> Iterator[_Candidate]:
 def _background(
     scores: Float[np.ndarray, " N"],
 ) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
-    """Compute the background power at each frequency, and the frequencies in cycles per frame.
+    """Compute the background power by frequency, and the frequencies in cycles per frame.
 
-    It is a running median, which spectral lines do not raise; that of an exponential is its mean
-    times ln 2.
+    It is a running median over ln 2 (of an exponential, that is the mean): spectral lines do not
+    raise it.
     """
     power = np.abs(np.fft.rfft(scores)) ** 2 / len(scores)
     width = max(15, len(scores) // 40) | 1
@@ -199,10 +197,7 @@ def _background(
 
 @cache
 def _cut_power() -> tuple[float, float]:
-    """Compute the mean square of a clipped standard normal, and of a clipped complex one.
-
-    The complex one has a mean square of 1 before clipping.
-    """
+    """Compute the mean square of a clipped standard normal, real and complex."""
     inside = chi2.cdf(CUT**2, 3)  # the integral of x^2 below the cut
     return float(inside + CUT**2 * chi2.sf(CUT**2, 1)), float(-np.expm1(-(CUT**2)))
 
@@ -295,10 +290,7 @@ class RecurringJerk:
 
 
 def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> RecurringJerk:
-    """Find the peak of `by_phase` with medians, so that no single jump can cause it.
-
-    NaN under 4 whole windows, and where nothing moves.
-    """
+    """Find the peak of `by_phase` with medians, against single jumps; NaN under 4 windows."""
     by_frame = np.concatenate([np.full(2, np.nan), jerk])  # entry f: frames f - 2 to f + 1
     num_windows = len(by_frame) // window_advance
     if num_windows < MIN_PERIODS:
@@ -331,10 +323,7 @@ class SeamMeasures:
 
 
 def seam_measures(tracks: Tracks, windows: Windowing | None, period: Period | None) -> SeamMeasures:
-    """Compute the metrics of seams by folding jerk on the windows, or else on the period.
-
-    A period may start anywhere, so that seams are measured in windows only.
-    """
+    """Compute the metrics of seams on windows, or of a period, which may start anywhere."""
     if windows is not None:
         jerk = derivative_magnitudes(tracks.joints, 3).mean(axis=1)
         return SeamMeasures(

@@ -56,8 +56,7 @@ def mean_by_depth(by_joint: Float[np.ndarray, " 55"]) -> Float[np.ndarray, " 11"
 
 WELCH_FRAMES = 128
 MIN_SPECTRUM_FRAMES = 32
-"""Shortest clip for a spectrum (frames), about a second: fewer cannot separate 5 Hz from what lies
-below it."""
+"""Shortest clip for a spectrum (frames), about a second: it must resolve 5 Hz."""
 HIGH_FREQUENCY_HZ = 5.0
 
 
@@ -82,10 +81,7 @@ class VelocitySpectrum:
 
 
 def velocity_spectrum(velocity: Float[np.ndarray, "T *points 3"]) -> VelocitySpectrum | None:
-    """Compute Welch's spectrum (Hann, 128 frames or all, half overlapping, mean removed).
-
-    None for fewer than 32 frames of velocity.
-    """
+    """Compute Welch's spectrum (Hann, 128 frames, half overlapping); None under 32 frames."""
     if len(velocity) < MIN_SPECTRUM_FRAMES:
         return None
     frequency, density = welch(velocity, fs=FPS, nperseg=min(WELCH_FRAMES, len(velocity)), axis=0)

@@ -26,8 +26,7 @@ Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
 
 
 class ResidualBlock(nn.Module):
-    """Pre-activated residual block of two convolutions over three frames each, the first
-    dilated."""
+    """Pre-activated residual block of two convolutions over three frames, the first dilated."""
 
     def __init__(
         self, width: int, dilation: int = 1, ends: Literal["zeros", "replicate"] = "zeros"
@@ -49,8 +48,7 @@ def _blocks(config: AutoencoderConfig) -> nn.Sequential:
 
 
 class MotionAutoencoder(nn.Module):
-    """Autoencoder of normalised frames (motion, blendshapes or both) with codes at
-    ``config.scales``."""
+    """Autoencoder of normalised frames (motion, blendshapes or both) at ``config.scales``."""
 
     def __init__(self, config: AutoencoderConfig) -> None:
         super().__init__()
@@ -81,8 +79,7 @@ class MotionAutoencoder(nn.Module):
         is_hidden: Bool[Tensor, "B T"] | None,
         noise: Sequence[Float[Tensor, "B _ dim"]] | None,
     ) -> tuple[Float[Tensor, "B T channels"], list[Codes]]:
-        """Restore motion from its codes (their means without noise), and return it with the
-        codes."""
+        """Restore motion from its codes (means without noise), and return both."""
         codes = self.encode(motion, is_hidden)
         drawn = [mean for mean, _ in codes]
         if noise is not None:
@@ -114,8 +111,7 @@ class MotionAutoencoder(nn.Module):
         return codes
 
     def decode(self, codes: Sequence[Float[Tensor, "B _ dim"]]) -> Float[Tensor, "B T channels"]:
-        """Decode motion from one code sequence for each scale, finest first, as `encode` orders
-        them."""
+        """Decode motion from one code sequence for each scale, finest first as in `encode`."""
         scales = sorted(self.config.scales)
         by_scale = dict(zip(scales, codes, strict=True))
         x: Tensor | None = None

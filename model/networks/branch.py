@@ -1,5 +1,4 @@
-"""Networks over windows of frames, and their parts: embeddings, attention, motion block, speech
-tokens, conditioning, one branch, and a branch with a prior."""
+"""Networks over windows of frames, from embeddings and attention to a branch with a prior."""
 
 import math
 
@@ -128,10 +127,7 @@ SPEAKER_WIDTH = 64
 
 
 class SpeechTokens(nn.Module):
-    """Encoder of speech features to one token per frame.
-
-    With context, dilated convolutions add the speech before and after the window.
-    """
+    """Encoder of speech to one token per frame; dilated convolutions add the context."""
 
     def __init__(self, speech_dim: int, width: int, context: int) -> None:
         super().__init__()
@@ -152,9 +148,7 @@ class SpeechTokens(nn.Module):
 
 
 class AddedTokens(nn.Module):
-    """Encoder of further frame-wise conditions to tokens that are added to those of the speech; its
-    output
-    is zero before training."""
+    """Encoder of further conditions to tokens added to the speech's; zero before training."""
 
     def __init__(self, dim: int, width: int, context: int) -> None:
         super().__init__()
@@ -235,8 +229,7 @@ class MotionBranch(nn.Module):
         has_seed: Bool[Tensor, " B"],
         condition: Float[Tensor, "B width"],
     ) -> tuple[Float[Tensor, "B T width"], Float[Tensor, "B S width"], Float[Tensor, "B width"]]:
-        """Compute the input of the blocks: frame tokens, seed tokens and the conditioning
-        vector."""
+        """Compute the input of the blocks: frame tokens, seed tokens and conditioning vector."""
         x = self.fuse(torch.cat([self.region_in(region), self.body_in(body), speech], dim=-1))
         x = x + self.positions
         seed_tokens = torch.where(has_seed[:, None, None], self.seed_in(seed), self.no_seed)
@@ -271,8 +264,7 @@ def shown(told: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]) -> Float
 
 
 class PriorNetwork(ConditionedNetwork):
-    """Network that predicts x_1 (components of motion, or of a face) from x_t, time, speech, seed,
-    speaker.
+    """Network that predicts x_1 (motion or face) from x_t, time, speech, seed and speaker.
 
     Args:
         channels: number of components.
@@ -307,10 +299,9 @@ class PriorNetwork(ConditionedNetwork):
         expression: Float[Tensor, "B T expression_dim"] | None = None,
         beside: Float[Tensor, "B T width"] | None = None,
     ) -> Float[Tensor, "B T C"]:
-        """Predict the clean components x_1.
+        """Predict the clean components x_1, with the inputs of `globaldiff.system.MotionNetwork`.
 
-        The arguments are those of `model.systems.globaldiff.system`. ``beside`` are tokens of
-        further frame-wise conditions, which are added to the speech's.
+        ``beside``: tokens of further frame-wise conditions, which are added to the speech's.
         """
         tokens = self.hear(speech, has_speech)
         if beside is not None:

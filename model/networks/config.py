@@ -14,9 +14,9 @@ class BranchConfig:
     num_heads: int = 6
     feedforward_ratio: int = 2
     conv_kernel: int = 7
-    """Kernel of each block's depthwise temporal convolution (frames); 0 omits it, as in the paper.
-    It lets
-    a small network learn smooth motion in few steps."""
+    """Kernel of each block's temporal convolution (frames); 0 omits it, as in the paper. It lets a
+    small
+    network learn smooth motion in few steps."""
     speech_dim: int = 68
     expression_dim: int = 52
     num_speakers: int = 31
@@ -33,8 +33,7 @@ class BranchConfig:
 
 @dataclass(frozen=True)
 class AutoencoderConfig:
-    """Shape of the motion autoencoders: the variational one of L_m, and the encoders of Fréchet
-    distances."""
+    """Shape of an autoencoder: the variational one of L_m, or that of a Fréchet distance."""
 
     motion_channels: int = 333
     """Motion channels of each frame; 0 for a network of faces only."""
@@ -50,8 +49,7 @@ class AutoencoderConfig:
     mask_share: float = 0.3
     """Share of frames hidden from the encoder in training, so that it learns to continue motion."""
     kl_weight: float = 1e-4
-    """Weight of the KL divergence from a standard normal; 0 makes a plain autoencoder without
-    noise."""
+    """Weight of the codes' KL divergence; 0 makes a plain autoencoder without noise."""
 
     @property
     def channels(self) -> int:

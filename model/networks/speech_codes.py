@@ -1,5 +1,5 @@
-"""Speech encoder of this project: codes from which one linear layer reads phones, accents, ends of
-phrases and mean plans.
+"""Speech encoder of this project, from which a linear layer reads phones, accents, phrase ends,
+plans.
 
 It takes the place of WavLM in the papers. It is trained on the corpus's exact annotation with
 augmentation for many microphones (`model.systems.helpers`), and is frozen for all networks that use
@@ -38,8 +38,7 @@ class SpeechReading:
 
 
 class CodesNetwork(nn.Module):
-    """Dilated convolutions over `MelEncoder`'s features, and linear predictions from their
-    codes."""
+    """Dilated convolutions over `MelEncoder`'s features, and linear outputs of their codes."""
 
     def __init__(self, config: CodesConfig) -> None:
         super().__init__()
@@ -57,8 +56,7 @@ class CodesNetwork(nn.Module):
         self.told = nn.Linear(config.codes, len(TOLD))
 
     def codes(self, speech: Float[Tensor, "B T speech_dim"]) -> Float[Tensor, "B T codes"]:
-        """Compute codes from -1 to 1 of normalised features; beyond the ends features are their
-        mean."""
+        """Compute codes (-1 to 1) of normalised features, which are 0 beyond the ends."""
         x = self.frames(speech)
         for convolution, mixed in zip(self.around, self.mixed, strict=True):
             x = x + mixed(F.silu(convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)))

@@ -1,5 +1,4 @@
-"""Registry of all families, bundled and installed, and of every system by name; does not need
-torch."""
+"""Registry of all families, bundled and installed, and systems by name; does not need torch."""
 
 import os
 import re
@@ -126,8 +125,7 @@ def family_of(name: str) -> Family:
 
 
 def usual_systems(use: Use) -> tuple[str, ...]:
-    """Return the default systems for a use, in the order of the families, with or without
-    weights."""
+    """Return the default systems for a use, in the order of families, with or without weights."""
     return tuple(name for family in _FAMILIES for name in family.usual.get(use, ()))
 
 
@@ -160,10 +158,8 @@ def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> Card:
 
 
 def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
-    """Return the speakers that every system in ``folder`` has, in the order of their numbers.
-
-    Systems of other packages count only if there are no others.
-    """
+    """Return the speakers of every bundled system in ``folder``, or else of every other, in
+    order."""
     names = list_systems(folder)
     own = [name for name in names if family_of(name) in _BUNDLED]
     tables = [read_card(name, folder).speakers for name in own or names]

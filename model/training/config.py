@@ -12,12 +12,9 @@ class TrainConfig:
     encoder: str = "mel64"
     """Name of the speech encoder (`model.speech`)."""
     augment_speech: bool = True
-    """True to vary level, spectral colour and background noise of the features, as microphones
-    do."""
+    """True to vary level, colour and background noise of the features, as microphones do."""
     throats: tuple[float, float] | None = None
-    """Range of the factor that stretches the mel bands, as vocal tracts of other lengths do; for
-    networks
-    that must understand voices outside the data."""
+    """Range of factors that stretch the mel bands as other vocal tracts do, for unknown voices."""
     augmented_copies: int = 1
     """Number of copies of each training recording at another speed and with another microphone."""
     steps: int = 8000
@@ -65,10 +62,7 @@ PAPER: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class GeometricWeights:
-    """Weights of the terms in `model.training.losses`; a term with weight 0 is not computed.
-
-    Positions are in metres, differences per frame.
-    """
+    """Weights of the terms in `model.training.losses` (metres, per frame); 0 skips a term."""
 
     simple: float = 1.0
     """Weight of GlobalDiff eq. 7, on normalised channels."""

@@ -1,5 +1,4 @@
-"""Training loop: prepare, step, validate, save; and the run folder with settings, log, state and
-card.
+"""Training loop: prepare, step, validate, save; and the run folder.
 
 Every random draw of a step follows from the step's number, so a run that was stopped and resumed
 equals one that was not.
@@ -115,10 +114,7 @@ def make_card(
 
 
 def revision() -> str:
-    """Return the Git revision, with ``+`` for uncommitted changes; "unknown" without Git.
-
-    Untracked files do not count: results may lie next to the code.
-    """
+    """Return the Git revision, with ``+`` for changes in tracked files; "unknown" without Git."""
     root = Path(__file__).parent
 
     def git(*command: str) -> str:

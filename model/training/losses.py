@@ -32,8 +32,7 @@ def points_loss(
 ) -> Float[Tensor, " B"]:
     """Compute L_pos: smooth L1 error of points in metres (joints through forward kinematics).
 
-    With an order above 0, the error of their differences, metres per frame^order (official code,
-    not in the paper).
+    With an order above 0, that of differences, metres per frame^order (official code only).
     """
     a, b = positions.diff(n=order, dim=1), target.diff(n=order, dim=1)
     return F.smooth_l1_loss(a, b, beta=SMOOTH_L1_BETA, reduction="none").mean((1, 2, 3))

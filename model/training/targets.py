@@ -1,5 +1,4 @@
-"""Inputs and targets of a training step, and statistics of the training split: means, scales,
-priors.
+"""Inputs and targets of a training step, and statistics of the training split.
 
 Targets are computed once for all clips; a step then reads a window's rows instead of converting and
 posing it each time it is drawn.
@@ -61,10 +60,7 @@ class Targets:
     """Joint positions (N, 165) in metres, with the pelvis at its place in the rest pose."""
 
     def of(self, batch: Batch, *, rotations: bool) -> tuple[Float[Tensor, "B T C"], Decoded]:
-        """Return the vectors of a batch's windows, and their decoded motion.
-
-        Without ``rotations`` global ones may be None.
-        """
+        """Return the vectors of a batch's windows, decoded too; global ones may be None."""
         vectors = self.windows(batch)
         if rotations and self.space != "global":
             return vectors, decode(vectors, self.space, self.skeleton, self.root)
@@ -193,10 +189,7 @@ def fit_normaliser(
 def fit_motion_prior(
     data: PreparedData, targets: Targets, shape: BranchConfig, given: Trained | None
 ) -> tuple[Normaliser, GaussianPrior]:
-    """Fit components of motion and their linear-Gaussian prior to windows of the training split.
-
-    With ``given`` weights, theirs are returned.
-    """
+    """Fit components of motion and their Gaussian prior, or return those of ``given`` weights."""
     if given is not None:
         return given.normaliser, given.prior(shape.seed_frames)
     windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]

@@ -177,7 +177,7 @@ class DescentTask(ABC):
     def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
         """Compute the loss of a network on the shard's share of a batch.
 
-        Random numbers are drawn for the whole batch, so that several processes together equal one.
+        Random numbers are drawn for the whole batch, so that several processes equal one.
         """
 
     def step_loss(
@@ -198,8 +198,10 @@ class DescentTask(ABC):
 
     @cached_property
     def parallel(self) -> nn.Module:
-        """Network with gradients averaged over all processes; made at the first step, when all of
-        them are there: tasks are made by one after the other."""
+        """Network with gradients averaged over all processes.
+
+        It is made at the first step, when all are there: tasks are made by one after the other.
+        """
         return self.shard.wrap(self.network)
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:

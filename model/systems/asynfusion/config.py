@@ -41,8 +41,7 @@ class AsynFusionLoss:
     velocity: float = 1.0
     huber: float = 1.0
     huber_delta: float = 1.0
-    """Error at which eq. 14 turns from squared to absolute; normalised channels. The paper gives
-    none."""
+    """Error at which eq. 14 turns from squared to absolute; the paper gives none."""
 
 
 @dataclass(frozen=True)
@@ -53,17 +52,15 @@ class AsynFusionConfig(TrainConfig):
     aim: Aim = "noise"
     loss: AsynFusionLoss = field(default_factory=AsynFusionLoss)
     apart: float = 0.5
-    """Share of samples with independent steps of the branches, as in sampling with fewer steps for
-    the
-    face; the paper does not mention training for that."""
+    """Share of samples with independent steps of the branches, as in sampling the face with fewer
+    steps;
+    the paper does not mention it."""
     solver_steps: int = 50
-    """Teacher's steps from noise to motion: a student learns to agree with itself one of them
-    earlier.
-    1,000 / 50 is the skipping step of Luo et al. (2023)."""
+    """Teacher's steps from noise to motion: a student agrees with itself one of them earlier. 1,000
+    / 50
+    is the skipping step of Luo et al. (2023)."""
     teacher_guidance: float = 2.5
-    """Guidance scale of the speech for the teacher's gesture (as in Luo et al. 2023): the student
-    learns
-    the scale at which its teacher is used."""
+    """Guidance scale of the teacher's gesture (as in Luo et al. 2023), which the student learns."""
 
     def __post_init__(self) -> None:
         if self.aim not in get_args(Aim):

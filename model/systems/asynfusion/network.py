@@ -1,5 +1,4 @@
-"""AsynFusion's networks: two branches, face and body, that predict clean motion and are coupled by
-CoSync."""
+"""AsynFusion's networks: branches for face and body, coupled by CoSync."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,9 +15,9 @@ from model.systems.asynfusion.config import DualBranchConfig
 
 
 class CoSync(nn.Module):
-    """Exchange ``MLP(LN(softmax(Q K^T / sqrt(d)) V)) + F`` (eqs. 9 and 10) between the branches.
+    """Exchange ``MLP(LN(softmax(Q K^T / sqrt(d)) V)) + F`` of a branch with the other.
 
-    Queries are from a branch's own frames, keys and values from the other's. Initially the
+    Eqs. 9 and 10: queries from its own frames, keys and values from the other's. Initially
     identity.
     """
 

@@ -40,9 +40,7 @@ from model.systems.asynfusion.network import (
 
 NUM_STEPS = 1000
 FIRST_BETA, LAST_BETA = 1e-4, 0.02
-"""First and last beta of the linear schedule, as in DDPM (Ho et al. 2020); the paper only says
-1,000
-steps."""
+"""Betas of the linear schedule, as in DDPM (Ho et al. 2020); the paper only says 1,000 steps."""
 
 
 @cache

@@ -42,9 +42,10 @@ HUBER_C = 0.03
 
 
 class BranchesTask(DescentTask):
-    """Training of both branches with eqs. 12 to 14; or of a student, which starts as its teacher
-    (`DDIM`
-    among the helpers), with their consistency."""
+    """Training of both branches by eqs. 12 to 14, or by consistency of a student with its teacher.
+
+    The student starts as the teacher, `DDIM` among the helpers.
+    """
 
     is_compiled = True
     config: AsynFusionConfig
@@ -126,8 +127,7 @@ def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) 
 def draw_steps(
     size: int, config: AsynFusionConfig, generator: torch.Generator
 ) -> tuple[Int[Tensor, " B"], Int[Tensor, " B"]]:
-    """Draw diffusion steps of expression and gesture: equal, or independent in a share of the
-    samples."""
+    """Draw diffusion steps of both branches: equal, or independent in a share of the samples."""
     # A student needs one step of the solver below it.
     first = NUM_STEPS // config.solver_steps if config.aim == "teacher" else 0
     gesture = torch.randint(first, NUM_STEPS, (size,), generator=generator)
@@ -145,11 +145,7 @@ def noise_terms(
     noise: Float[Tensor, "B T C"],
     t: Float[Tensor, " B"],
 ) -> dict[str, Float[Tensor, " B"]]:
-    """Compute weighted eqs. 12 to 14: noise in components, velocity and motion in normalised
-    channels.
-
-    Channels are axis-angle and blendshapes.
-    """
+    """Compute weighted eqs. 12 to 14: noise in components, the others in normalised channels."""
     told, wanted = (normaliser.scaled(normaliser.restore(x)) for x in (predicted, x_1))
     huber = F.huber_loss(told, wanted, reduction="none", delta=weights.huber_delta)
     return {
@@ -190,8 +186,5 @@ def one_solver_step(
 def pseudo_huber(
     predicted: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]
 ) -> Float[Tensor, " B"]:
-    """Compute ``sqrt(d^2 + c^2) - c`` of the root mean square difference d of a window.
-
-    Outlying windows count less than squared (Song and Dhariwal 2024).
-    """
+    """Compute ``sqrt(d^2 + c^2) - c`` of a window's RMS difference d (Song and Dhariwal 2024)."""
     return (losses.simple_loss(predicted, target) + HUBER_C**2).sqrt() - HUBER_C

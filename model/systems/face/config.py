@@ -29,8 +29,7 @@ class FaceTrainConfig(TrainConfig):
     time_weight_floor: float | None = 0.5
     """Floor of `model.sampling.flow.time_weight`."""
     plan_dropout: float = 0.5
-    """Share of windows without a plan, as most systems have none; at 1 the recordings need no
-    annotation."""
+    """Share of windows without a plan, as for most systems; at 1 recordings need no annotation."""
 
 
 def presets(system: str) -> dict[str, FaceTrainConfig]:

@@ -32,8 +32,7 @@ from model.systems.face.config import EXPRESSION, ExpressionConfig
 
 
 class FaceNetwork(PriorNetwork):
-    """Network that predicts blendshapes x_1 from the inputs of `PriorNetwork` and a plan's
-    tracks."""
+    """Network that predicts blendshapes x_1 from `PriorNetwork`'s inputs and a plan's tracks."""
 
     config: ExpressionConfig
 
@@ -50,10 +49,10 @@ class FaceNetwork(PriorNetwork):
         has_plan: Bool[Tensor, " B"] | None = None,
         **conditions: Tensor,
     ) -> Float[Tensor, "B T E"]:
-        """Predict the clean components x_1.
+        """Predict the clean components x_1, with the inputs of `PriorNetwork` and a plan.
 
-        Inputs are those of `PriorNetwork` and `model.plan.tracks.FACE_TRACKS` of the same frames as
-        the speech; ``has_plan`` drops them for some samples.
+        ``tracks`` are `model.plan.tracks.FACE_TRACKS` of the speech's frames; ``has_plan`` drops
+        them.
         """
         if tracks is None:
             return super().forward(x_t, t, **conditions)
@@ -119,10 +118,9 @@ class Face:
         index: int,
         plan: Float[Tensor, "heard tracks"] | None = None,
     ) -> Float[Tensor, "T E"]:
-        """Sample the blendshapes of one window, blended with the window before.
+        """Sample the blendshapes of one window, blended with the end of the one before.
 
-        The last frames of the window before are the first ones of this. Results are cached, because
-        all systems of a run without a plan have the same face.
+        Results are cached, as all systems of a run without a plan have the same face.
         """
         shared = self.config.seed_frames
         end = None if before is None else before[-shared:]
@@ -201,11 +199,7 @@ class FacedSystem(System):
         """
 
     def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
-        """Generate a window (`System.window`): first the face, the same for all samples, then the
-        body.
-
-        The face continues the window before, and conditions the body.
-        """
+        """Generate a window (`System.window`): the face, for all samples, then the body."""
         assert before is None or isinstance(before, BodyWindow)
         frames = self.windowing.frames
         heard = speech.around(self.face.config.speech_context, frames)

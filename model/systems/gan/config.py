@@ -45,20 +45,19 @@ class GanLoss:
 
     adversarial: float = 1.0
     geometric: float = 10.0
-    """Weight of the explicit loss on x_0: the paper's lambda. 0 leaves the adversarial loss
-    alone."""
+    """Weight of the explicit loss on x_0, the paper's lambda; 0 is adversarial alone."""
     terms: GeometricWeights = field(
         default_factory=lambda: GeometricWeights(
             simple=1.0, position=5.0, velocity=15.0, acceleration=15.0, contact=0.25, rooted=True
         )
     )
-    """Shares of the explicit loss. The paper's is ``simple`` alone, here the Huber error of
+    """Shares of the explicit loss. The paper's is ``simple`` alone, here a Huber error of
     normalised
     channels; the others are those of `workbench/priorflow`."""
     spread: float = 0.1
     """Weight of the likelihood of sampled x_0 in the explicit loss: it fits the deviation, and
     keeps the
-    mean exact where the prior leaves little open, as no other term does."""
+    mean exact where the prior leaves little open."""
     time_weight_floor: float | None = 0.1
     """Floor of `model.sampling.flow.time_weight`, at the flow time of a diffusion time."""
     gradient_penalty: float = 0.05
@@ -79,8 +78,7 @@ class GanConfig(TrainConfig):
 
 
 def presets(system: str) -> dict[str, GanConfig]:
-    """Return the settings by name: ``demo`` trained the bundled weights, ``smoke`` takes a
-    minute."""
+    """Return the settings by name: ``demo`` of the bundled weights, ``smoke`` for a minute."""
     config = GanConfig(
         system=system, steps=3000, batch_size=32, learning_rate=8e-4, clip_norm=10.0,
         ema_decay=0.998, save_every=250, validate_every=1000,

@@ -30,10 +30,7 @@ def signal_and_noise(t: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def flow_time(t: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute the flow time with the same ratio of data and noise, and the scale of x_t.
-
-    The scale is the factor by which x_t is larger than the flow's ``tau x_0 + (1 - tau) eps``.
-    """
+    """Compute the flow time of the same ratio of data and noise, and the scale of x_t to it."""
     signal, noise = signal_and_noise(t)
     return signal / (signal + noise), signal + noise
 
@@ -55,10 +52,7 @@ def posterior(
     before: Float[Tensor, " B"],
     now: Float[Tensor, " B"],
 ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "B 1 1"]]:
-    """Compute mean and deviation of x at the earlier time ``before`` from x at ``now`` and x_0.
-
-    At ``before`` 0 they are x_0 and 0.
-    """
+    """Compute mean and deviation of x at ``before`` from x at ``now`` and x_0; x_0 and 0 at 0."""
     kept = _kept(before, now)
     signal_before, noise_before = signal_and_noise(before)
     _, noise_now = signal_and_noise(now)
@@ -93,10 +87,7 @@ def _rows(values: Float[Tensor, " B"]) -> Float[Tensor, "B 1 1"]:
 def stepped(
     x: Float[Tensor, "B T C"], x_0: Float[Tensor, "B T C"], before: float, now: float
 ) -> Float[Tensor, "B T C"]:
-    """Compute x at the earlier time ``before`` for constant x_0 with DDIM (Song et al. 2021).
-
-    The noise in x is mixed anew. At ``before`` 0 the result is x_0.
-    """
+    """Compute x at ``before`` for constant x_0 by DDIM (Song et al. 2021); x_0 at 0."""
     (signal_before, signal), (noise_before, noise) = (
         factors.tolist()
         for factors in signal_and_noise(torch.tensor([before, now], dtype=torch.float64))
@@ -168,10 +159,10 @@ class Generator(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
-        """Predict mean and deviation of the clean components x_0.
+        """Predict mean of the clean x_0, and deviation along the prior's eigenvectors.
 
-        The deviation is along the prior's eigenvectors; `drawn` samples x_0. A step leads from the
-        diffusion time ``now``, 1 (noise) to 0 (data), to the earlier ``before``.
+        `drawn` samples x_0. A step leads from the diffusion time ``now``, 1 (noise) to 0 (data), to
+        the earlier ``before``.
         """
         tokens = self.hear(speech, has_speech)
         face = shown(expression, has_speech)
@@ -228,8 +219,7 @@ class Generator(ConditionedNetwork):
         seed: Float[Tensor, "B S C"],
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
-        """Compute the prior's mean of x_0 from x at flow time ``tau``, as `GaussianPrior.posterior`
-        does."""
+        """Compute the mean of x_0 for x at flow time ``tau`` as `GaussianPrior.posterior` does."""
         expected = self.prior.expected(seed) * has_seed[:, None, None]
         variance = self._variance(has_seed)
         share = tau * variance / (tau**2 * variance + (1 - tau) ** 2)
@@ -243,8 +233,7 @@ class Generator(ConditionedNetwork):
     def prior_deviation(
         self, tau: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
-        """Compute the prior's deviation of x_0 along its eigenvectors, for x at flow time
-        ``tau``."""
+        """Compute the deviation of x_0 along the prior's eigenvectors at flow time ``tau``."""
         variance = self._variance(has_seed)
         return (1 - tau) * (variance / (tau**2 * variance + (1 - tau) ** 2)).sqrt()
 
@@ -252,8 +241,7 @@ class Generator(ConditionedNetwork):
 class Discriminator(nn.Module):
     """Discriminator of seven layers (linear, SELU, GroupNorm) over both ends of a step.
 
-    Further inputs are its times and the generator's conditions. The first layer is shared by all
-    frames, the others take the window at once.
+    Further inputs are its times and the generator's conditions. The first layer is per frame.
     """
 
     def __init__(self, config: DiscriminatorConfig, motion: GeneratorConfig) -> None:

@@ -33,11 +33,7 @@ class GanSystem(FacedSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: Draw,
     ) -> BodyWindow:
-        """Sample the body (`FacedSystem.body`).
-
-        As in training, x_0 is sampled at each time, and x at the earlier time from the posterior;
-        DDIM uses the mean of x_0 instead.
-        """
+        """Sample the body (`FacedSystem.body`) from posteriors as trained, or by DDIM."""
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         guide = draw.guide(self.normaliser, "axis-angle")

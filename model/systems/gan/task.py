@@ -25,8 +25,7 @@ FAR = 5.0
 
 
 def discriminator_loss(real: Float[Tensor, " B"], fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
-    """Compute the discriminator's loss of scores: positive for real samples, negative for fake
-    ones."""
+    """Compute the discriminator's loss of scores, which should be positive for real samples."""
     return F.softplus(-real) + F.softplus(fake)
 
 
@@ -38,10 +37,7 @@ def generator_loss(fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
 def gaussian_loss(
     error: Float[Tensor, "*shape"], deviation: Float[Tensor, "*shape"]
 ) -> Float[Tensor, ""]:
-    """Compute the negative log-likelihood of errors under a deviation of each.
-
-    Errors are clipped at `FAR` deviations, so that few of them do not dominate.
-    """
+    """Compute the negative log-likelihood of errors, clipped at `FAR` of their deviations."""
     ratio = (error / deviation).clamp(-FAR, FAR)
     return (deviation.log() + ratio.square() / 2).mean()
 
@@ -49,8 +45,7 @@ def gaussian_loss(
 def gradient_penalty(
     scores: Float[Tensor, " B"], real: Float[Tensor, "B T C"]
 ) -> Float[Tensor, " B"]:
-    """Compute R1 (Mescheder et al., 2018): half the squared gradient of the scores at real
-    samples."""
+    """Compute R1 (Mescheder et al., 2018): half the scores' squared gradient at real samples."""
     (slope,) = torch.autograd.grad(scores.sum(), real, create_graph=True)
     return slope.square().sum((1, 2)) / 2
 
@@ -76,10 +71,9 @@ class Drawn:
 
 
 class GanTask(DescentTask):
-    """Task of generator and discriminator, each with an optimizer.
+    """Task of generator and discriminator; it exports the generator's moving average alone.
 
-    Only the moving average of the generator is exported. Losses of validation are the explicit
-    terms, which alone can be compared from step to step.
+    Losses of validation are the explicit terms, which alone can be compared from step to step.
     """
 
     kept = (*DescentTask.kept, "discriminator", "judging")

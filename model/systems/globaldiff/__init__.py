@@ -1,2 +1,1 @@
-"""GlobalDiff's ablation, and this project's system with a prior; may import the face and what
-systems may."""
+"""GlobalDiff's ablation, and this project's system with a prior; may import the face."""

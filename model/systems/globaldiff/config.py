@@ -15,8 +15,8 @@ class NetworkConfig(BranchConfig):
     """Shape of the two-branch motion network (GlobalDiff, "Overall Structure")."""
 
     rotation_space: RotationSpace = "global"
-    """Format of rotations. Global is GlobalDiff's; axis-angle is nearest to Gaussian, so that the
-    network
+    """Format of rotations: global as in GlobalDiff; axis-angle is nearest to Gaussian, for a
+    network that
     extends the linear-Gaussian denoiser (`model.sampling.prior`)."""
     root: RootMotion = "velocity"
     """Format of root motion; with absolute positions ("place") the body returns to its home."""
@@ -45,9 +45,9 @@ class GlobalDiffLoss(GeometricWeights):
     motion: float = 0.0
     """Weight of L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
     time_weight_floor: float | None = 0.5
-    """Floor of the sample weight 1 / ((1 - t)^2 + floor), scaled to mean 1, so that late steps of
-    the flow,
-    which decide how smooth the motion is, count enough. None: equal weights."""
+    """Floor of the sample weight 1 / ((1 - t)^2 + floor), scaled to mean 1, which raises late steps
+    of the
+    flow, on which smoothness depends. None: equal weights."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,8 @@ class GlobalDiffConfig(TrainConfig):
     representation: Representation = "normalised"
     loss: GlobalDiffLoss = field(default_factory=GlobalDiffLoss)
     flow_time_power: float = 2.0
-    """Exponent of flow times, ``u ** power`` with u uniform: above 1 there are more early ones,
-    where x_t
-    says little and speech has to decide."""
+    """Exponent of flow times, ``u ** power``, u uniform: above 1 more are early, where speech
+    decides."""
 
 
 @dataclass(frozen=True)
@@ -83,24 +82,21 @@ LADDER: dict[str, Rung] = {
 """Ablation steps in the order of the paper's Table 2; each adds one thing to the one before."""
 
 BEST = "workbench/priorflow"
-"""This project's system: the paper's network on a linear-Gaussian prior
-(`model.sampling.prior`)."""
+"""This project's system: the paper's network on a Gaussian prior (`model.sampling.prior`)."""
 
 SYSTEMS: tuple[str, ...] = (BEST, *LADDER)
 """Names of all systems of the family, in the order of display."""
 
 CONSTRAINT_WEIGHTS: dict[str, float] = {"joint": 900.0, "skeleton": 3.0, "motion": 0.045}
-"""Weights at which each constraint has a gradient 0.4 times as long as that of the other terms
-together, measured on a trained `globaldiff/global`. The official weights suit raw errors, and the
-paper gives none; eq. 10 is in metres squared at 5 cm, hence its large factor."""
+"""Weights at which each constraint has 0.4 times the gradient of the other terms together, measured
+on
+a trained `globaldiff/global`. The official weights suit raw errors, and the paper gives none; eq.
+10
+is in metres squared at 5 cm, hence its large factor."""
 
 
 def presets(system: str) -> dict[str, GlobalDiffConfig]:
-    """Return the settings of one system by name.
-
-    ``demo`` trained the bundled weights, ``paper`` is the size of the paper and the official code,
-    ``smoke`` trains for a minute.
-    """
+    """Return the settings of one system: ``demo`` (bundled), ``paper`` (its size), ``smoke``."""
     config = _best() if system == BEST else _rung(system)
     large = replace(
         config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
@@ -114,11 +110,9 @@ def presets(system: str) -> dict[str, GlobalDiffConfig]:
 
 
 def _rung(system: str) -> GlobalDiffConfig:
-    """Return the settings of an ablation step with the paper's losses and the official
-    representation.
+    """Return the settings of an ablation step, with the paper's losses and raw 6D as in its code.
 
-    Raw 6D under unit noise, L_simple and L_pos, flow times uniform and equal in weight. Size and
-    length can be trained from nothing on a processor in half an hour: 600,000 windows.
+    Flow times are uniform and equal in weight. 600,000 windows are half an hour on a processor.
     """
     rung = LADDER[system]
     weights: dict[str, Any] = {name: CONSTRAINT_WEIGHTS[name] for name in rung.constraints}

@@ -22,8 +22,7 @@ from model.systems.globaldiff.config import FAMILY, NetworkConfig
 
 
 class MotionNetwork(ConditionedNetwork):
-    """Network that predicts x_1 (normalised motion) from x_t, time, speech, expression, seed and
-    speaker."""
+    """Network that predicts x_1 (normalised motion) from x_t, time and conditions."""
 
     prior = None
     """Absent prior; `PriorNetwork` has one."""
@@ -73,10 +72,7 @@ class MotionNetwork(ConditionedNetwork):
 
     @torch.no_grad()
     def start_at(self, x_1: Float[Tensor, "333"]) -> None:
-        """Set the untrained network's prediction to this vector in every frame.
-
-        With raw 6D, zero is no rotation, and its gradient through Gram-Schmidt has no bound.
-        """
+        """Set the untrained output to this vector: raw 6D of zero has an unbounded gradient."""
         self.hands.out.bias.copy_(x_1[HAND_CHANNELS])
         self.torso.out.bias.copy_(x_1[TORSO_CHANNELS])
 
@@ -93,9 +89,8 @@ def make_network(
 
 
 INPAINT_UNTIL = 0.7
-"""Flow time up to which the seed frames are held. With 10 Euler steps, the jerk of a wrist at seams
-was
-1.2 times the inside's (worst frame of the seam 1.6); held to the end 1.3 (2.7)."""
+"""Flow time up to which the seed frames are held. With 10 Euler steps, wrist jerk at seams was 1.2
+times the inside's (worst frame 1.6); held to the end 1.3 (2.7)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,12 +110,11 @@ class GlobalDiffSystem(FacedSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: Draw,
     ) -> BodyWindow:
-        """Sample the body (`FacedSystem.body`).
+        """Sample the body (`FacedSystem.body`), with in-painting of the seed early in the flow.
 
-        Early in the flow the seed frames of x_1 are held at the seed (in-painting); later the
-        network may reconcile them with the following ones, which halves the pop after the seed that
-        holding them to the end causes. A network with a prior has the seed as a condition and needs
-        no holding. The seam is blended afterwards.
+        Later the network may reconcile seed and following frames, which halves the pop that holding
+        to the end leaves after the seed. A network with a prior has the seed as a condition
+        instead. The seam is blended afterwards.
         """
         config, prior, size = self.config, self.network.prior, draw.samples
         x_0 = self.noise(draw)
@@ -184,8 +178,7 @@ class GlobalDiffSystem(FacedSystem):
 def led_home(
     vectors: Float[Tensor, "B T C"], seed_frames: int, home_s: float
 ) -> Float[Tensor, "B T C"]:
-    """Return the body towards home by its share of ``home_s`` seconds, in x and z of the root
-    alone.
+    """Return the body towards home by its share of ``home_s``, in x and z of the root alone.
 
     The distance from home (0, 0) is that of the seed's last frame. The network's own pull is too
     weak for long speech: without this a body was .8 m from the mean of its places after ten

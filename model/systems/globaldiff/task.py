@@ -39,10 +39,7 @@ SHORTEST_BONE_M = 1e-4
 
 
 class MotionTask(DescentTask):
-    """Flow matching of motion with geometric terms and constraints.
-
-    The recorded face conditions the network; at generation a sampled one does.
-    """
+    """Flow matching of motion with constraints, conditioned on the recorded face."""
 
     is_compiled = True
     config: GlobalDiffConfig
@@ -133,8 +130,7 @@ def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"
 def constraint_terms(
     weights: GlobalDiffLoss, predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
 ) -> dict[str, Float[Tensor, " B"]]:
-    """Compute the paper's three constraints, weighted, one value per sample, without those of
-    weight 0.
+    """Compute the paper's three constraints, weighted, one value per sample, if not of weight 0.
 
     L_j and L_m need rotations and vectors, L_m its encoder.
     """
@@ -161,8 +157,7 @@ def constraint_terms(
 
 
 def octahedron_anchors() -> Float[Tensor, "6 3"]:
-    """Return N = 6 anchors, one on each half axis of a joint's frame, 5 cm from it (official
-    code)."""
+    """Return N = 6 anchors, on the half axes of a joint's frame, 5 cm from it (official code)."""
     axes = torch.eye(3)
     return ANCHOR_DISTANCE_M * torch.cat([axes, -axes])
 
@@ -184,10 +179,7 @@ def joint_structure_loss(
 def bone_directions(
     positions: Float[Tensor, "*batch J 3"],
 ) -> tuple[Float[Tensor, "*batch bones 3"], Float[Tensor, "*batch bones"]]:
-    """Compute unit vectors from parents to joints (GlobalDiff eq. 11), and bone lengths in metres.
-
-    A degenerate bone gets the zero vector.
-    """
+    """Compute unit vectors of bones (GlobalDiff eq. 11; zero if degenerate), and lengths (m)."""
     bones = positions[..., 1:, :] - positions[..., list(PARENTS[1:]), :]
     length = bones.square().sum(-1).clamp_min(1e-18).sqrt()
     is_valid = length > SHORTEST_BONE_M
@@ -233,8 +225,7 @@ def temporal_structure_loss(
     codes: Sequence[Float[Tensor, "B _ dim"]],
     target: Sequence[Float[Tensor, "B _ dim"]],
 ) -> Float[Tensor, " B"]:
-    """Compute L_m, GlobalDiff eq. 15: squared distance of the codes ``z = g(X)`` (eq. 14) of two
-    motions.
+    """Compute L_m, GlobalDiff eq. 15: squared distance of codes ``z = g(X)`` (eq. 14).
 
     Every scale of the encoder counts the same, as the mean over its numbers.
     """

@@ -1,3 +1,1 @@
-"""Networks that systems and evaluation use: L_m's encoder, classifiers, the speech encoder; may
-import
-what systems may."""
+"""Networks used by systems and evaluation, such as encoders; may import what systems may."""

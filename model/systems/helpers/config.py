@@ -15,10 +15,9 @@ HEARING_JUDGE = "hearing-judge"
 JUDGE = AutoencoderConfig(
     rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
 )
-"""Shape of the encoders of Fréchet distances, with local rotations as EMAGE's. It differs from
-L_m's
-encoder in space, scale and weights, so that a system trained with L_m is not measured by its
-teacher."""
+"""Shape of the Fréchet distances' encoders. It differs from L_m's encoder in space (local, as
+EMAGE's),
+scale and weights, so that a system trained with L_m is not measured by its teacher."""
 AUTOENCODERS = {
     MOTION_VAE: AutoencoderConfig(),
     FGD_ENCODER: JUDGE,
@@ -46,12 +45,9 @@ class MatchingTrainConfig(TrainConfig):
     piece_frames: int = 300
     """Length of a piece of speech or motion (frames)."""
     pieces: int = 4
-    """Number of consecutive pieces of each window, so that pieces of the same clip, with the same
-    voice and
-    habits, are among the mismatched ones."""
+    """Consecutive pieces of each window: the mismatched ones include the same voice and habits."""
     arm_speed_weight: float = 0.3
-    """Weight of the error of the arms' log speed predicted from speech alone, added to the
-    contrastive loss."""
+    """Weight of the arms' log speed error, added to the contrastive loss."""
 
 
 @dataclass(frozen=True)

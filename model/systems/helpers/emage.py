@@ -65,7 +65,7 @@ class BonePool(nn.Module):
 
 
 class EmageLevel(nn.Module):
-    """Two parallel convolutions, of four frames and of one, with common pooling and activation.
+    """Parallel convolutions of four frames and of one, pooled together.
 
     The first has group normalisation over groups of channels *and all frames of the clip*.
     """
@@ -114,10 +114,9 @@ def load_emage_encoder(path: Path) -> EmageEncoder:
 
 @torch.inference_mode()
 def emage_codes(encoder: EmageEncoder, motion: Motion) -> Float[np.ndarray, "codes 240"]:
-    """Compute the codes of a whole clip, cut to a multiple of 32 frames; empty for a shorter one.
+    """Compute the codes of a clip, cut to a multiple of 32 frames; empty for a shorter one.
 
-    The input is the rotations of all 55 joints to their parents, the pelvis to the world, as the
-    first two rows of each matrix; neither translation nor expressions.
+    The input is the 6D local rotations of all 55 joints; neither translation nor expressions.
     """
     whole = motion.num_frames - motion.num_frames % WHOLE_FRAMES
     if not whole:

@@ -38,9 +38,7 @@ PARTS: Mapping[str, tuple[int, ...]] = {
     "trunk": (TRACKS.index("head"), TRACKS.index("trunk")),
     "face": (TRACKS.index("jaw"), TRACKS.index("jaw_open")),
 }
-"""Parts of the body that are classified separately, and their tracks: arms and hands, head and
-trunk,
-jaw."""
+"""Tracks of the parts that are classified separately: arms and hands, head and trunk, jaw."""
 PREDICTED = [
     TRACKS.index(f"{side}_{j}") for j in ("shoulder", "elbow") for side in ("left", "right")
 ]
@@ -97,7 +95,7 @@ def arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
 
 
 class Tower(nn.Module):
-    """Convolutional encoder of frames to centred tracks at half their rate, one for each name.
+    """Convolutional encoder of frames to a centred track per name, at half the frame rate.
 
     Ends are replicated, so that constant input gives a constant track.
     """
@@ -147,8 +145,7 @@ class MatchingNetwork(nn.Module):
     def forward(
         self, speech: Float[Tensor, "B T dim"], tracks: Float[Tensor, "B T tracks"]
     ) -> tuple[dict[str, Tensor], dict[str, Tensor], Float[Tensor, "B T2 1"], Tensor]:
-        """Compute tracks of speech, tracks of motion, the arms' predicted log speed, and
-        `log_scale`."""
+        """Compute tracks of speech and of motion, predicted arm speed, and `log_scale`."""
         heard = self.hear(speech)
         return heard, self.see(tracks), self.speed(heard["arms"]), self.log_scale
 
@@ -156,10 +153,8 @@ class MatchingNetwork(nn.Module):
 def agreement(
     heard: Float[Tensor, "A T dim"], seen: Float[Tensor, "B T dim"]
 ) -> Float[Tensor, "B A"]:
-    """Compute the correlation over time of every motion's track with every speech's.
-
-    All numbers of a vector are taken together: -1 to 1, and near 0 for constant tracks.
-    """
+    """Compute the correlation of every motion's track with every speech's, over time and
+    channels."""
     heard, seen = (F.normalize(x.flatten(1), dim=-1, eps=LEAST_SIZE) for x in (heard, seen))
     return seen @ heard.T
 
@@ -188,8 +183,7 @@ class MatchingJudge:
     def arm_speeds(
         self, poses: Float[Tensor, "B T 165"], speech: Float[Tensor, "B T dim"]
     ) -> tuple[Float[Tensor, "B T2 1"], Float[Tensor, "B T2 1"]]:
-        """Compute the arms' log speed, centred: of the motion, and predicted from the speech
-        alone."""
+        """Compute the arms' centred log speed, of the motion and predicted from speech."""
         tracks = self.normaliser.normalise(motion_tracks(poses))
         told = self.network.speed(self.network.hear(speech)["arms"])
         return arm_speed(tracks), told

@@ -124,11 +124,10 @@ TRACK_STD_FLOOR = 0.01
 
 
 class MatchingTask(DescentTask):
-    """Contrastive training: for each part, the cross-entropy of matching speech and motion.
+    """Contrastive training of matching speech and motion for each part, and of arm speed.
 
     All pieces of the batch are candidates (InfoNCE, van den Oord et al. 2018; in both directions as
-    in CLIP). The error of the arms' log speed predicted from speech is added. Several processes
-    compare the pieces of their own shares.
+    in CLIP). Several processes compare the pieces of their own shares.
     """
 
     config: MatchingTrainConfig
@@ -180,8 +179,7 @@ def contrastive_loss(scores: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
 
 
 def share_right(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
-    """Compute how often a motion (row) agrees more with its speech than with another of the
-    batch."""
+    """Compute how often a motion (row) agrees more with its own than with another speech."""
     own = agreements.diagonal()[:, None]
     others = ~torch.eye(len(agreements), dtype=torch.bool, device=agreements.device)
     return (own > agreements)[others].float().mean()
@@ -192,9 +190,8 @@ _NUMBERS = ("strength", "speed")
 
 
 class CodesTask(DescentTask):
-    """Training with cross-entropies of phone, accent, phrase end, voice and strokes on words, and
-    squared
-    errors of accent strength (at accents) and of the speed."""
+    """Training by cross-entropies of phones, accents, phrase ends, voice and strokes, and squared
+    errors."""
 
     config: SpeechEncoderConfig
 

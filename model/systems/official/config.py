@@ -142,8 +142,7 @@ class OfficialFamily(Family):
         return ()
 
     def systems_in(self, folder: Path) -> tuple[str, ...]:
-        """Return both systems if a folder was named; missing files are reported when they are
-        read."""
+        """Return both systems if a folder was named; reading them reports missing files."""
         return () if official_folder() is None else self.systems
 
     def require_files(self) -> None:
@@ -175,10 +174,7 @@ class OfficialFamily(Family):
         return () if folder is None else tuple(reports_of(folder))
 
     def card(self, name: str, folder: Path) -> Card:
-        """Make a card from the names of the checkpoints.
-
-        Speakers of the other systems are number 0, no speaker, here.
-        """
+        """Make a card from the checkpoints' names; other systems' speakers are number 0."""
         motion = official_file("motion")
         content = {
             "system": name,

@@ -40,8 +40,7 @@ class _Frequencies(nn.Module):
 
 
 class Positions(nn.Module):
-    """Positional encoding of the frame's number: sine in the even channels, cosine in the odd
-    ones."""
+    """Positional encoding of the frame's number: sine in even channels, cosine in odd ones."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -158,8 +157,7 @@ def _level(tokens: Float[Tensor, "B T width"]) -> Float[Tensor, "B T width"]:
 
 
 class OfficialMotionNetwork(nn.Module):
-    """Network that predicts clean motion from noisy motion, time, speech, expressions, seed and
-    speaker."""
+    """Network that predicts clean motion from x_t, time, speech, expressions, seed and speaker."""
 
     def __init__(self) -> None:
         super().__init__()

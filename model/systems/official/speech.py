@@ -25,8 +25,7 @@ MODELS = {"wavlm": "WavLMModel", "hubert": "HubertModel"}
 
 
 class OfficialEncoder:
-    """Speech encoder (`model.speech.encoder.SpeechEncoder`) with two halves of 1024 numbers per
-    frame."""
+    """Speech encoder (`model.speech.encoder`) with two halves of 1024 numbers per frame."""
 
     name = "official"
     dim = 2 * SPEECH_DIM

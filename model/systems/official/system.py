@@ -1,6 +1,4 @@
-"""The authors' checkpoints as a system: sampler, windows, seams and filter, reimplemented; and the
-8
-frames at the start of a clip."""
+"""The authors' checkpoints as a system: sampler, windows, seams, filter and start of a clip."""
 
 import functools
 import os
@@ -137,10 +135,7 @@ def smoothed(vectors: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
 
 
 def first_seed() -> Float[Tensor, "8 333"]:
-    """Return the start of the motion file that ``OFFICIAL_SEED`` names, else a still standing pose.
-
-    The authors' script starts from that of the recording.
-    """
+    """Return the start of the motion file that ``OFFICIAL_SEED`` names, else a still pose."""
     named = os.environ.get(SEED_VARIABLE)
     return seed_of(load_motion(Path(named))) if named else standing()
 

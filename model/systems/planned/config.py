@@ -22,9 +22,7 @@ class PlannerConfig:
 
     speech_dim: int = 68
     codes: int = 0
-    """Size of the codes of this project's speech encoder (`model.networks.speech_codes`), an input
-    besides
-    the features; 0 for none, as in earlier planners."""
+    """Size of the codes of `model.networks.speech_codes`, a further input; 0 for none."""
     width: int = 128
     head_width: int = 96
     dilations: tuple[int, ...] = (1, 2, 4, 8, 16)
@@ -47,9 +45,8 @@ class PlannerTrainConfig(TrainConfig):
 
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     speakerless: float = 0.5
-    """Share of the windows without speech that have no speaker either: guidance amplifies the
-    effect of
-    speech and speaker together."""
+    """Share of the windows without speech that have no speaker either, as guidance amplifies
+    both."""
 
 
 @dataclass(frozen=True)

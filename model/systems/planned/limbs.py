@@ -1,5 +1,4 @@
-"""Foot lock and hand constraint: feet and hands follow the plan by inverse kinematics of legs and
-arms.
+"""Foot lock and hand constraint of a plan, by inverse kinematics of legs and arms.
 
 A network predicts rotations, and a foot is the end of four of them: it slides and jitters where it
 should stand. The plan defines when a foot is planted, and the network where: it stays where it
@@ -227,13 +226,12 @@ def _back(rotmat: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 3 3"]:
 
 
 LED = 0.6
-"""Share of the way from the network's wrist to the plan's. People are 3.8 cm from their own plans
-on
-average; this leaves 3.2."""
+"""Share of the way from the network's wrist to the plan's. People are 3.8 cm off on average; this
+leaves 3.2."""
 SOFT_FRAMES = 1.5
-"""Deviation (frames) of the Gaussian on the planned path: phases begin and end with a jolt. At 1
-fingertips had 1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time.
-"""
+"""Deviation (frames) of the Gaussian on the planned path, which starts with a jolt. At 1 fingertips
+had
+1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time."""
 SOFT_MARGIN = round(4 * SOFT_FRAMES)
 """Frames of the plan that are needed on either side."""
 LONGEST = 0.99
@@ -322,10 +320,8 @@ def _hinge(
     upper: Float[np.ndarray, "T 3"],
     lower: Float[np.ndarray, "T 3"],
 ) -> Float[np.ndarray, "T 3"]:
-    """Compute the axis of the elbow: across both bones.
-
-    For a nearly straight arm it is that of an elbow that bends forwards in the T-pose.
-    """
+    """Compute the axis of the elbow: across the bones, or forwards if the arm is nearly
+    straight."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     bone = rest[JOINT_INDEX[f"{side}_elbow"]] - rest[JOINT_INDEX[f"{side}_shoulder"]]
     usual = shoulder @ unit(np.cross(bone, _FORWARD))

@@ -51,10 +51,9 @@ class PlannedNetwork(PriorNetwork):
         has_plan: Bool[Tensor, " B"],
         **conditions: Tensor,
     ) -> Float[Tensor, "B T C"]:
-        """Predict the clean components x_1.
+        """Predict the clean components x_1, with the inputs of `PriorNetwork` and a plan.
 
-        Inputs are those of `PriorNetwork`, and the plan's tracks and the gesture types of the left
-        and the right hand for the same frames as the speech.
+        The plan's tracks, and the gesture types of both hands, are those of the speech's frames.
         """
         plan = self.plan(self.plan.told(tracks, kinds), has_plan)
         return super().forward(x_t, t, beside=plan, **conditions)
@@ -139,10 +138,9 @@ class PlannerNetwork(nn.Module):
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T heard"]:
-        """Encode the speech around each of T frames, with the speaker.
+        """Encode normalised features (and codes) around each of T frames, with the speaker.
 
-        ``speech`` has ``config.context`` frames more before and after them: normalised features and
-        then codes.
+        ``speech`` has ``config.context`` frames more before and after them.
         """
         x = self.frames(speech)
         for convolution in self.around:
@@ -161,7 +159,7 @@ class PlannerNetwork(nn.Module):
         event: Mapping[str, Int[Tensor, "B T"]],
         mark: Mapping[str, Float[Tensor, "B T _"]],
     ) -> dict[str, Float[Tensor, ""]]:
-        """Compute mean negative log-likelihoods per frame by tier: of events, and of their marks.
+        """Compute mean negative log-likelihoods by tier of events and their marks, per frame.
 
         They are conditioned on the past of the tier and of its neighbour (``seen``).
         """

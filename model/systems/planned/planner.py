@@ -32,15 +32,15 @@ trained: speech shall decide when things happen, not how often."""
 
 
 Leaning = Callable[[str, int, Begun, Mapping[str, Begun]], Float[np.ndarray, " events"] | None]
-"""Function that makes events more likely: from a tier's name, the frame, the tier's state and all
-states, it returns the summand of the logarithm of each event's share. None adds nothing."""
+"""Function of a tier's name, the frame, the tier's state and all states, which returns log odds to
+add
+to its events; None adds nothing."""
 
 
 class Drawer:
-    """Sampler of one tier's event chain.
+    """Sampler of one tier's event chain, with random numbers for every frame, used or not.
 
-    Its random numbers are drawn for every frame, used or not, so that plans of other speech with
-    one key share them.
+    So plans of other speech with one key share them.
     """
 
     def __init__(
@@ -113,10 +113,8 @@ class Drawer:
         self._excess_then = self._excess
 
     def go_back(self, frame: int, finishes: bool) -> None:
-        """Go back to the frame of `keep_place`, with all that began before ``frame``.
-
-        With ``finishes``, the present state lasts as long as it did in the draw.
-        """
+        """Go back to `keep_place`, with all that began before ``frame``; with ``finishes`` the
+        present state lasts as long as it did in the draw."""
         kept = [begun for begun in self.chain if begun.frame < frame]
         later = self.chain[len(kept) :]
         self.chain, self._excess = kept, self._excess_then
@@ -137,8 +135,7 @@ class _Chances:
         self._drawn = 0
 
     def at(self, frame: int) -> tuple[float, float, Float[np.ndarray, " units"]]:
-        """Return uniform numbers for the event and for the mixture's component, and normal ones for
-        the mark."""
+        """Return uniform numbers for event and mixture component, and normal ones for the mark."""
         event, which, normal = self._streams
         for number in range(self._drawn, frame + 1):
             numbers = event.random(), which.random(), normal.standard_normal(self._units)
@@ -156,9 +153,8 @@ def _shares(log: Float[np.ndarray, " events"]) -> Float[np.ndarray, " events"]:
 
 
 class _Events:
-    """`TierHead.state` and `TierHead.events` of one frame in numpy: they run for every frame and
-    tier, and
-    calling torch takes five times as long as the arithmetic."""
+    """`TierHead.state` and `TierHead.events` of one frame in numpy, five times as fast as in
+    torch."""
 
     def __init__(self, head: TierHead) -> None:
         first, last = head.event[0], head.event_out
@@ -212,8 +208,7 @@ class Planner:
 
     @torch.inference_mode()
     def plan(self, features: Float[Tensor, "T speech_dim"], draw: Draw) -> GesturePlan:
-        """Draw a plan for the whole of some speech; equal keys give plans that share their
-        noise."""
+        """Draw a plan for whole speech; equal keys give plans that share their noise."""
         num_frames = len(features)
         drawers = self.drawers(features, draw)
         for frame in range(1, num_frames):
@@ -248,10 +243,7 @@ class Planner:
     def hear(
         self, features: Float[Tensor, "T_and_context speech_dim"], draw: Draw
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
-        """Compute each tier's input for frames, from their features and those of the context.
-
-        With guidance there is a second copy without speech.
-        """
+        """Compute each tier's input from features with context; with guidance two copies."""
         copies = 1 if draw.guidance == 1 else 2
         heard = self.network.hear(
             heard_by_planner(features, self.normaliser, self.codes).expand(copies, -1, -1),

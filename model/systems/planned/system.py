@@ -27,17 +27,16 @@ from model.systems.planned.planner import Planner, load_planner
 STRENGTH = 1.4
 """Guidance scale of plan, speech and speaker together in the motion."""
 HEAD_STRENGTH = 2.4
-"""Guidance scale of neck and head, which were .65 times as fast as people's at the common scale;
-more
-noise moves them as much, but drowns the effect of speech on them."""
+"""Guidance scale of neck and head, which were .65 times as fast as people's at the common scale.
+More
+noise would drown the effect of speech on them."""
 NOISE_SHARE = 0.45
-"""Factor of the noise at the start of the flow. The plan has made some decisions of the noise: less
-noise and more of the plan leave the amount of motion, and more of it is the plan's."""
+"""Factor of the noise at the start of the flow: less noise and more of the plan leave the amount of
+motion, and more of it is the plan's."""
 TRUNK_NOISE_SHARE = 0.85
 """Factor of the noise in the spine, which the plan hardly determines. With the hands' factor it
 moved
-half as fast as people's and the same for all speakers, which hid the speaker more than anything
-else."""
+half as fast as people's and the same for all speakers."""
 TRUNK = ("spine1", "spine2", "spine3")
 REST_NOISE_SHARE = 0.1
 """`NOISE_SHARE` while both hands rest, as people's then do: with the common factor arms moved at 15
@@ -73,8 +72,7 @@ class PlannedSystem(GlobalDiffSystem):
     def hear(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
     ) -> Float[Tensor, "T heard_dim"]:
-        """Encode speech (`System.hear`): features, then the plan's tracks and its two gesture
-        types."""
+        """Encode speech (`System.hear`): features, the plan's tracks and gesture types."""
         assert draw.condition is not None
         return self.planner.with_plan(super().hear(waveform, num_frames, draw), draw.condition, 0)
 
@@ -90,28 +88,21 @@ class PlannedSystem(GlobalDiffSystem):
         return share * noise + (TRUNK_NOISE_SHARE - share) * self._of_trunk(noise)
 
     def _of_trunk(self, noise: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
-        """Return the part of the noise that moves the trunk's joints alone.
-
-        The noise is one of the motion's components, most of which move many joints.
-        """
+        """Return the noise that moves the trunk's joints alone; components move many joints."""
         mix, unmix = self.normaliser.mix, self.normaliser.unmix
         assert mix is not None and unmix is not None  # a system that stands on a prior has them
         channels = [3 * JOINT_INDEX[name] + k for name in TRUNK for k in range(3)]
         return noise @ unmix[:, channels] @ mix[channels]
 
     def guide(self, draw: Draw) -> SpeechGuide:
-        """Return the guidance of the motion network, which is constant.
-
-        The requested scale applies to the plan.
-        """
+        """Return the motion's guidance, which is constant: the requested scale is the plan's."""
         space = self.config.rotation_space
         return SpeechGuide(STRENGTH, self.normaliser, space, of_head=HEAD_STRENGTH)
 
     def heard(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
-        """Return the network's inputs (`GlobalDiffSystem.heard`); the plan is hidden with the
-        speech."""
+        """Return the network's inputs (`GlobalDiffSystem.heard`), with or without a plan."""
         features, tracks, kinds = speech.split([self.encoder.dim, NUM_TRACKS, 2], dim=1)
         copies = len(hears)
         return {
@@ -123,11 +114,7 @@ class PlannedSystem(GlobalDiffSystem):
         }
 
     def known_speaker(self, draw: Draw, hears: Bool[Tensor, " copies"]) -> Int[Tensor, " copies"]:
-        """Return the speaker for each copy (`GlobalDiffSystem.known_speaker`), hidden with the
-        speech.
-
-        So `STRENGTH` amplifies the speaker's style, too.
-        """
+        """Return each copy's speaker, hidden with the speech, so that guidance amplifies style."""
         return super().known_speaker(draw, hears) * hears
 
     def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"]:

@@ -61,10 +61,7 @@ class PlannerTask(DescentTask):
 def first_goals(
     data: PreparedData, plans: Plans, shape: PlannerConfig
 ) -> Float[Tensor, "speakers 2 3"]:
-    """Compute the median initial goals of each speaker's hands, in the tiers' units.
-
-    Row 0 is that of all speakers, and used for absent ones.
-    """
+    """Compute the median initial goals of hands for each speaker; row 0 is that of all."""
     found: dict[int, list[list[tuple[float, ...]]]] = {}
     for clip, chains in zip(data.clips, plans.chains, strict=True):
         if clip.split == "train":
