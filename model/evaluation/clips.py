@@ -77,8 +77,7 @@ def clip_measures(
 
 
 def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> dict[str, float]:
-    """Compute the effect of speech and noise by body part; empty without two seeds of each
-    speech."""
+    """Compute the effect of speech and noise by body part; empty for one seed or short motion."""
     grid = {("own", seed): motion for seed, motion in enumerate(motions)}
     grid |= {("foreign", seed): motion for seed, motion in enumerate(elsewhere)}
     shortest = min(motion.num_frames for motion in grid.values())

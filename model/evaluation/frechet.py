@@ -128,7 +128,7 @@ def split_half_floor(recorded: Sequence[Features]) -> Estimate:
 
 
 def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Estimate]:
-    """Compute the mean distance of windows in random batches of 50, of gestures and of all."""
+    """Compute the mean distance of windows in random batches of 50 (``div_gesture``, ``div``)."""
     owner = np.repeat(np.arange(len(clips)), [len(windows) for windows in clips])
     if len(owner) < 2:
         return {}

@@ -212,7 +212,7 @@ def _quieter(track: Float[np.ndarray, " N"]) -> float:
 
 
 SEAM_CHANCE = 1e-3
-"""Largest chance of `recurring_jerk`; clean: at least 0.0026 in 3,540 clips and stretches of 10
+"""Largest probability of `recurring_jerk`; clean: at least 0.0026 in 3,540 clips or parts of 10
 s."""
 
 

@@ -1,5 +1,4 @@
-"""Stored generation, in memory or in a file, that is partly repeated after its condition has
-changed.
+"""Stored generation that is partly repeated after its condition has changed.
 
 Windows with unchanged input stay bit-identical, but for the one after each changed stretch: it
 blends from the new motion into the old within a window, so that the following ones can stay.

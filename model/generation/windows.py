@@ -248,7 +248,7 @@ class PiecewiseMotion:
             positions = root - travelled
         elif travelled is None:
             positions = root_positions(root)
-        else:  # the frame before leads on to this piece
+        else:  # continue from the frame before
             leading = torch.cat([torch.zeros_like(root[:, :1]), root], dim=1)
             positions = root_positions(leading)[:, 1:] + travelled
         if self._system.root_motion == "velocity":

@@ -181,7 +181,6 @@ def batches(num_windows: int) -> Iterator[Int[np.ndarray, " B"]]:
 
 
 def pair_distances(windows: Float[np.ndarray, "B T dim"]) -> Float[np.ndarray, "B B"]:
-    """Compute the L1 distances of all windows (eq. 17 of AsynFusion), as means over their
-    numbers."""
+    """Compute the mean L1 distances of all windows (terms of AsynFusion's eq. 17)."""
     flat = windows.reshape(len(windows), -1)
     return squareform(pdist(flat, "cityblock")) / flat.shape[1]

@@ -154,8 +154,7 @@ def bend_deg(
     bone: Float[np.ndarray, " 3"],
     inwards: Float[np.ndarray, " 3"],
 ) -> tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
-    """Compute flexion (-180 to 180, inwards positive), sideways (-90 to 90) and whole bend (0 to
-    180).
+    """Compute flexion (positive inwards), sideways bend (-90 to 90) and whole bend (degrees).
 
     Args:
         bone: rest direction of the next bone, any length.

@@ -1,5 +1,4 @@
-"""Speech encoder of this project, from which a linear layer reads phones, accents, phrase ends,
-plans.
+"""Speech encoder of this project: its codes predict phones, accents, phrase ends and mean plans.
 
 It takes the place of WavLM in the papers. It is trained on the corpus's exact annotation with
 augmentation for many microphones (`model.systems.helpers`), and is frozen for all networks that use
@@ -56,7 +55,7 @@ class CodesNetwork(nn.Module):
         self.told = nn.Linear(config.codes, len(TOLD))
 
     def codes(self, speech: Float[Tensor, "B T speech_dim"]) -> Float[Tensor, "B T codes"]:
-        """Compute codes (-1 to 1) of normalised features, which are 0 beyond the ends."""
+        """Compute codes (-1 to 1) of normalised features; convolutions are padded with zeros."""
         x = self.frames(speech)
         for convolution, mixed in zip(self.around, self.mixed, strict=True):
             x = x + mixed(F.silu(convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)))

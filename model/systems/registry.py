@@ -158,8 +158,10 @@ def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> Card:
 
 
 def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
-    """Return the speakers of every bundled system in ``folder``, or else of every other, in
-    order."""
+    """Return the speakers shared by all systems in ``folder``, in the order of numbers.
+
+    Systems of other packages count only if there are no others.
+    """
     names = list_systems(folder)
     own = [name for name in names if family_of(name) in _BUNDLED]
     tables = [read_card(name, folder).speakers for name in own or names]
@@ -195,7 +197,7 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
     family = family_of(name)
     try:
         return family.load(name, folder)
-    except Exception as error:  # code of somebody else's may raise anything
+    except Exception as error:  # code of other packages may raise anything
         if family in _BUNDLED or isinstance(error, CheckpointError):
             raise
         raise FamilyError(

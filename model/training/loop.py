@@ -177,7 +177,7 @@ def train(
         if shard.is_first:
             open_run(config, out, resume)
     origin = None
-    if resume:  # what the run began with is told by what it saved, not by this command
+    if resume:  # the origin of a resumed run is in its weights, not this command
         start = out / "weights"
         origin = load_card(start, config.system)["started_from"]
     elif start is not None:

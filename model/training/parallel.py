@@ -97,7 +97,7 @@ def joined_processes() -> Iterator[Shard]:
     dist.init_process_group("nccl" if on_gpu else "gloo")
     try:
         yield Shard(dist.get_rank(), dist.get_world_size(), device)
-        dist.barrier()  # nobody leaves while another is still being heard
+        dist.barrier()  # no process leaves while another communicates
     finally:
         dist.destroy_process_group()
 

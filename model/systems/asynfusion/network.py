@@ -139,10 +139,10 @@ class DualBranchNetwork(ConditionedNetwork):
         speaker: Int[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
     ) -> dict[int, Float[Tensor, "B T C"]]:
-        """Predict clean motion of the ``active`` branches; of inactive ones, ``buffer`` has the
-        features.
+        """Predict clean motion of the ``active`` branches.
 
         Args:
+            buffer: latest features of the branches, used for inactive ones and updated.
             heard: tokens of the speech (`hear`), the same for both branches and for every step.
         """
         known, entered = {}, {}

@@ -199,7 +199,7 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
     streams = read_streams(trained, config.seed_frames)
     consistent = trained.card.setting("aim") == "teacher"
     fields = FAMILY.fields_of(name, trained.card)
-    if not trained.card.setting("speech_dropout"):  # it has never been deaf
+    if not trained.card.setting("speech_dropout"):  # trained with speech only
         fields["samplers"] = tuple(replace(one, guidance=None) for one in fields["samplers"])
     return AsynFusionSystem(
         **fields,

@@ -185,7 +185,7 @@ class Generator(ConditionedNetwork):
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
         """Predict as `forward` does, from speech tokens that all steps share."""
         tau, scale = flow_time(now)
-        with torch.autocast(x_t.device.type, enabled=False):  # bf16 would shake smooth motion
+        with torch.autocast(x_t.device.type, enabled=False):  # bf16 adds jitter
             known = self.posterior(x_t / scale[:, None, None], tau, seed, has_seed)
         condition = self.condition(now, speaker) + self.reach(before)
         body = torch.cat([known, face], dim=-1)
@@ -249,7 +249,7 @@ class Discriminator(nn.Module):
         self.now, self.before = TimeEmbedding(TOLD_WIDTH), TimeEmbedding(TOLD_WIDTH)
         self.speaker = nn.Embedding(motion.num_speakers, TOLD_WIDTH)
         self.motion = motion
-        # x_before, x_now, the seed where there is one, speech
+        # x_before, x_now, the seed if there is one, speech
         self.frame = _layer(3 * motion.channels + motion.speech_dim, config.frame_width, config)
         flat = motion.window_frames * config.frame_width + 3 * TOLD_WIDTH
         widths = [flat] + [config.width] * (NUM_LAYERS - 2)

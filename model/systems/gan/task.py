@@ -208,8 +208,7 @@ class GanTask(DescentTask):
         return means
 
     def _put_gradient(self, network: nn.Module, loss: Float[Tensor, ""]) -> Float[Tensor, ""]:
-        """Set the gradient of the loss for this network alone, averaged over all processes and
-        clipped.
+        """Set this network's gradient of the loss, averaged over processes and clipped.
 
         Returns:
             Its norm before clipping.

@@ -54,8 +54,7 @@ LEAST_SIZE = 1e-3
 
 
 def motion_tracks(poses: Float[Tensor, "B T 165"]) -> Float[Tensor, "B T tracks"]:
-    """Compute `TRACKS` of motions, not normalised: log angular speeds (rad/s) and jaw opening
-    (rad).
+    """Compute `TRACKS`, not normalised: log angular speeds (rad/s) and jaw opening (rad).
 
     All but the jaw opening do not depend on the pose.
 
@@ -153,8 +152,7 @@ class MatchingNetwork(nn.Module):
 def agreement(
     heard: Float[Tensor, "A T dim"], seen: Float[Tensor, "B T dim"]
 ) -> Float[Tensor, "B A"]:
-    """Compute the correlation of every motion's track with every speech's, over time and
-    channels."""
+    """Correlate every motion's track with every speech's, over time and channels."""
     heard, seen = (F.normalize(x.flatten(1), dim=-1, eps=LEAST_SIZE) for x in (heard, seen))
     return seen @ heard.T
 

@@ -190,8 +190,7 @@ _NUMBERS = ("strength", "speed")
 
 
 class CodesTask(DescentTask):
-    """Training by cross-entropies of phones, accents, phrase ends, voice and strokes, and squared
-    errors."""
+    """Training of the speech encoder with one loss per prediction (`reading_terms`)."""
 
     config: SpeechEncoderConfig
 

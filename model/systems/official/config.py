@@ -72,8 +72,7 @@ def official_folder() -> Path | None:
 
 
 def official_file(part: Part) -> Path:
-    """Return the checkpoint of a network in that folder: the one called best, else the last
-    epoch's.
+    """Return the checkpoint of a network: the one called best, else the last epoch's.
 
     Raises:
         CheckpointError: if there is none.

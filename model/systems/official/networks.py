@@ -251,14 +251,14 @@ def reports_of(folder: Path) -> Iterator[FileReport]:
         try:
             path = official_file(part)
             count = sum(each.numel() for each in load_network(part, path).parameters())
-        except Exception as error:  # whatever is wrong with a file is what is told
+        except Exception as error:  # any fault of a file is reported
             yield FileReport(name, error=error, advice=_ADVICE)
         else:
             detail = f"{path.relative_to(folder)}, {count / 1e6:.1f} M parameters"
             yield FileReport(name, detail)
     try:
         official_encoder()
-    except Exception as error:  # as above, of what transformers raises
+    except Exception as error:  # as above, for transformers
         yield FileReport("official speech", error=error, advice=_ADVICE)
     else:
         yield FileReport("official speech", "WavLM, HuBERT or features are there")

@@ -39,7 +39,7 @@ BEFORE_FRAMES = 90
 KEPT_EVENTS = 3
 """Number of events of each tier that are stored from before that."""
 _TOGETHER_FRAMES = 5
-"""Frames after the other hand's preparation in which a hand may join it."""
+"""Frames after a hand's preparation in which the other may start its own as well."""
 _MOVING = tuple(name for name in PHASES if name not in STILL)
 _PREPARATION, _STROKE = (1 + PHASES.index(name) for name in ("preparation", "stroke"))
 _NUM_EVENTS = 1 + len(PHASES)
@@ -181,7 +181,7 @@ class CausalPlanner:
 def _leans(
     manner: Manner, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
 ) -> Float[np.ndarray, " events"] | None:
-    """Compute the changes of log odds for a manner; see `Leaning`."""
+    """Compute the style's changes of log odds; see `Leaning`."""
     if tier == "smile" and manner.smile > 0:
         odds = np.zeros(1 + len(BY_NAME["smile"].states))
         odds[_SMILE] = math.log(manner.smile)

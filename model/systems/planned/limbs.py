@@ -136,7 +136,7 @@ class HeldFeet:
         joints = joints - lowered[:, None, None] * [0.0, 1.0, 0.0]
         poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()
         for (leg, limb), ankle, sole in feet:
-            hip = leg[0]  # the kneecap looks where it did
+            hip = leg[0]  # the kneecap keeps its direction
             upper, bent = limb.reach(ankle - joints[:, hip], rotmat[:, hip, :, 2])
             turns = _back(rotmat[:, 0]) @ upper, bent, _back(upper @ bent) @ sole
             for joint, local in zip(leg, turns, strict=True):
@@ -226,8 +226,8 @@ def _back(rotmat: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 3 3"]:
 
 
 LED = 0.6
-"""Share of the way from the network's wrist to the plan's. People are 3.8 cm off on average; this
-leaves 3.2."""
+"""Share of the distance by which wrists move towards the plan's. People are 3.8 cm off on average;
+this leaves 3.2."""
 SOFT_FRAMES = 1.5
 """Deviation (frames) of the Gaussian on the planned path, which starts with a jolt. At 1 fingertips
 had
@@ -320,8 +320,7 @@ def _hinge(
     upper: Float[np.ndarray, "T 3"],
     lower: Float[np.ndarray, "T 3"],
 ) -> Float[np.ndarray, "T 3"]:
-    """Compute the axis of the elbow: across the bones, or forwards if the arm is nearly
-    straight."""
+    """Compute the elbow's axis across the bones, or for forward bends if nearly straight."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     bone = rest[JOINT_INDEX[f"{side}_elbow"]] - rest[JOINT_INDEX[f"{side}_shoulder"]]
     usual = shoulder @ unit(np.cross(bone, _FORWARD))

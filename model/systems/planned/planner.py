@@ -113,8 +113,7 @@ class Drawer:
         self._excess_then = self._excess
 
     def go_back(self, frame: int, finishes: bool) -> None:
-        """Go back to `keep_place`, with all that began before ``frame``; with ``finishes`` the
-        present state lasts as long as it did in the draw."""
+        """Go back to `keep_place`; with ``finishes`` the present state lasts as drawn."""
         kept = [begun for begun in self.chain if begun.frame < frame]
         later = self.chain[len(kept) :]
         self.chain, self._excess = kept, self._excess_then
@@ -153,8 +152,7 @@ def _shares(log: Float[np.ndarray, " events"]) -> Float[np.ndarray, " events"]:
 
 
 class _Events:
-    """`TierHead.state` and `TierHead.events` of one frame in numpy, five times as fast as in
-    torch."""
+    """`TierHead.state` and `TierHead.events` of a frame in numpy, 5 times as fast as torch."""
 
     def __init__(self, head: TierHead) -> None:
         first, last = head.event[0], head.event_out

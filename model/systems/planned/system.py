@@ -90,7 +90,7 @@ class PlannedSystem(GlobalDiffSystem):
     def _of_trunk(self, noise: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
         """Return the noise that moves the trunk's joints alone; components move many joints."""
         mix, unmix = self.normaliser.mix, self.normaliser.unmix
-        assert mix is not None and unmix is not None  # a system that stands on a prior has them
+        assert mix is not None and unmix is not None  # a system with a prior has them
         channels = [3 * JOINT_INDEX[name] + k for name in TRUNK for k in range(3)]
         return noise @ unmix[:, channels] @ mix[channels]
 
