@@ -23,7 +23,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
 EXAMPLES = PROJECT / "examples"
 LOCAL_PROXIES = ("127.0.0.1", "::1")
-"""Addresses whose X-Forwarded-For and X-Forwarded-Proto headers are trusted by default."""
+"""Addresses with trusted X-Forwarded-For and X-Forwarded-Proto headers."""
 ASKED_BACKEND = os.environ.get("MPLBACKEND", "")
 """matplotlib backend named by MPLBACKEND when the program started."""
 _MODULE = "module://"
@@ -145,8 +145,8 @@ class AppConfig:
     """Further name under which people reach the page, besides the names of this machine and --host;
     may be repeated."""
     proxies: Annotated[Several, arg(name="proxy", metavar="ADDRESS")] = ()
-    """Address of a proxy whose X-Forwarded headers are trusted; may be repeated. By default a proxy
-    on this machine is trusted, except for X-Forwarded-Host."""
+    """Address of a proxy with trusted X-Forwarded headers; may be repeated. By default a proxy on
+    this machine is trusted, except for X-Forwarded-Host."""
     root_path: Annotated[str, arg(metavar="PATH")] = field(default_factory=default_root_path)
     """Path below which a proxy serves the page, such as /lab, whether or not the proxy removes it;
     by default $GRADIO_ROOT_PATH."""

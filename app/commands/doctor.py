@@ -75,7 +75,6 @@ def examine(weights: Path, body: Path | None) -> list[Examined]:
 
 
 def report(findings: list[Examined]) -> str:
-    """Format the results as lines for a terminal."""
     width = max(len(finding.name) for finding in findings)
     lines = []
     for finding in findings:

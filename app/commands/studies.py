@@ -115,7 +115,7 @@ def analyse(
         key: researcher_only/key.json; without it, the answers are one table of battles (CSV) in the
             format of the GENEA leaderboard's analysis.
         out: folder of results.
-        diagnostics: folder with CLIP/diagnostics.json for each clip, whose jitter is compared with
+        diagnostics: folder with CLIP/diagnostics.json for each clip; their jitter is compared with
             the reasons that participants gave.
     """
     from app.study.analyse import AnalysisRequest

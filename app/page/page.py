@@ -26,12 +26,11 @@ _BEGIN_LOADING = (
 """JavaScript that disables the form until the run of a link has filled it in, which would replace
 the visitor's own input."""
 _END_LOADING = f"() => {{ {_FORM}.inert = false; document.documentElement.dataset.ready = ''; }}"
-"""JavaScript that enables the form and sets ``<html data-ready>``, which tells scripts that the
-page is ready."""
+"""JavaScript that enables the form and sets ``<html data-ready>`` for scripts that wait for the
+page."""
 
 
 def build_app(services: Services) -> gr.Blocks:
-    """Build the page."""
     with gr.Blocks(
         title=text.TITLE,
         analytics_enabled=False,

@@ -107,7 +107,7 @@ class TipSource:
     point: str = DEFAULT_TRACKED_POINT
     """Name of a fingertip or of a joint of SMPL-X."""
     body: Body | None = None
-    """Licensed body whose vertices and joints are tracked; None is the open skeleton."""
+    """Licensed body with the tracked vertices and joints; None is the open skeleton."""
     _known: WeakKeyDictionary[Motion, np.ndarray] = field(
         default_factory=WeakKeyDictionary, repr=False, compare=False
     )

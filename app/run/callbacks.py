@@ -54,7 +54,6 @@ class Ear:
         self.should_cancel = should_cancel
 
     def progress(self, stage: Stage, fraction: float, detail: str = "") -> None:
-        """Report the progress of a stage."""
         self.hear(Progress(stage, fraction, detail))
 
     def share(

@@ -91,7 +91,7 @@ def write_diagnostics(
     """Write diagnostics.json and diagnostics.csv, a table with one row for each number.
 
     Args:
-        said: transcript whose words and phones are added to the JSON.
+        said: transcript; its words and phones are added to the JSON.
     """
     content = diagnostics.as_json()
     if said.words:

@@ -110,7 +110,8 @@ class Look(FromBrowser):
     """Body shape of the open body; tone and build do not apply to a licensed body."""
     has_bones: bool = False
     has_axes: bool = False
-    """True to show axes of joints. Videos show neither these nor skeletons, and a note says so."""
+    """True to show axes of joints. Videos have neither these nor skeletons, and a note about that.
+    """
 
     @property
     def display(self) -> Display:

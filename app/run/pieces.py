@@ -81,7 +81,6 @@ def reaches_message() -> bytes:
 
 
 def face_names() -> tuple[str, ...]:
-    """Return the names of the face weights in frames."""
     return get_body(None).expression_names
 
 

@@ -186,7 +186,6 @@ def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
 
 
 def _draw_videos(request: RunRequest, rows: Rows, run: RunWriter) -> None:
-    """Render a video of each motion."""
     on_share = run.share("video")
     on_share(0.0)
     placed = {name: _placed(motion, rows) for name, motion in rows.staged.items()}

@@ -217,7 +217,7 @@ class RunWriter(Ear):
         """Append frames to the motion of a row, which will have ``num_frames``.
 
         Args:
-            like: motion whose alignment is used; by default that of the motion itself.
+            like: motion with the alignment to use; by default that of the row's own motion.
         """
         if num_frames > MAX_FRAMES:
             return

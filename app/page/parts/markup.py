@@ -120,7 +120,6 @@ def idle_status(line: str) -> str:
 
 
 def error_message(sentence: str) -> str:
-    """Format the reason of a failed run."""
     return (
         f'<div class="message error" role="alert">{_ICON_ERROR}<div>'
         f"<b>{escape(text.FAILED_TITLE)}</b><p>{escape(sentence)}</p></div></div>"
@@ -216,7 +215,7 @@ def shown(html: str) -> Any:
 
 
 def player_part(prefix: str) -> gr.HTML:
-    """Make a player component, whose value is that of a `Showing`; it is hidden without rows."""
+    """Make a player component with the value of a `Showing`; it is hidden without rows."""
     return gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',

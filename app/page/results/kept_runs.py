@@ -1,7 +1,7 @@
 """Finished runs that any browser can open by a link.
 
-The link holds 256 random bits. Everyone who has it can open and save the run, as a zip of its
-folder or as an HTML page; the list of a browser's own runs needs the page's cookie.
+The link holds 256 random bits. It allows to open and save the run, as a zip of its folder or as an
+HTML page; the list of a browser's own runs needs the page's cookie.
 """
 
 from __future__ import annotations

@@ -67,12 +67,12 @@ class Showing:
         return (self.folder / RUN).is_file()
 
     def file(self, kind: RowKind, name: str) -> Path | None:
-        """Return the path of a row's file of the given kind, or None."""
+        """Return the path of a row's file of a kind, or None."""
         row = self.record.row(name)
         return None if row is None else file_of(self.folder, row.files.get(kind))
 
     def performed(self) -> list[str]:
-        """Return the names of the run's original rows whose system follows a gesture plan."""
+        """Return the names of the run's original rows from systems that follow a gesture plan."""
         return [
             row.name for row in self.record.rows if "performed" in row.files and row.take is None
         ]

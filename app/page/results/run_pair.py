@@ -168,7 +168,6 @@ class RunPair:
 
 
 def told_settings(a: RunRecord, b: RunRecord) -> str:
-    """Return a sentence on the settings that differ."""
     differ = differing(a.settings, b.settings)
     brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
     if len(brought) != 1:
@@ -187,7 +186,7 @@ def _against(differ: Mapping[str, tuple[str, str]]) -> str:
 def pairs_of(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
     """Pair the motions of two runs by name; a single remaining motion of each run is paired too.
 
-    An empty name stands for a missing partner.
+    The name of a missing partner is empty.
     """
     only_a, only_b = (
         [name for name in own if name not in other] for own, other in ((a, b), (b, a))

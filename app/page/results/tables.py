@@ -36,7 +36,6 @@ class Column:
 
     name: str
     label: str
-    """Text of the column's header."""
     numbers: Numbers
     kind: Literal["", "reference", "difference"] = ""
 

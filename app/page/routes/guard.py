@@ -196,7 +196,7 @@ class Guard:
 
 
 def _take_off_root_path(scope: Scope) -> None:
-    """Remove --root-path if a proxy has not; with it, a mounted folder would not be found."""
+    """Remove --root-path if a proxy has not; a mounted folder is not matched with it."""
     root, path = urlsplit(scope.get("root_path", "")).path, scope["path"]
     if root and f"{path}/".startswith(f"{root}/"):
         scope["path"] = path[len(root) :] or "/"
@@ -221,7 +221,7 @@ async def _refuse(sentence: str, status: int, scope: Scope, receive: Receive, se
 
 
 async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: Send) -> None:
-    """Answer in the format of Gradio's routes, whose page and client show the sentence."""
+    """Answer in the format of Gradio's routes; its page and client then show the sentence."""
     told = {"detail": error.sentence, "error": error.sentence}
     answer = JSONResponse(told, status_code=error.status, headers={"Connection": "close"})
     await answer(scope, receive, send)

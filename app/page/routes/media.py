@@ -67,7 +67,7 @@ class _Shared(NamedTuple):
 
 
 class Media(Kept[_Shared]):
-    """Store of folders whose files a browser may fetch."""
+    """Store of folders with files that a browser may fetch."""
 
     def share(self, folder: Path, cookie: str, types: Mapping[str, str] = SHOWN_TYPES) -> Address:
         """Return a function that gives the current and later files of a folder their URLs.
@@ -225,8 +225,8 @@ FETCHED = (
 def researcher_route(private: Kept[Path]) -> APIRoute:
     """Make the route that serves the researcher's part once, to the browser that made the study.
 
-    It is never an output of Gradio, whose files anyone with the URL may read, and it is deleted
-    before its first byte is sent.
+    It is never an output of Gradio, which serves files to all clients with the URL, and it is
+    deleted before its first byte is sent.
     """
 
     def researcher(token: str, request: Request) -> Response:

@@ -252,7 +252,6 @@ def build_form(services: Services) -> FormParts:
 
 
 def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
-    """Lay out the fields of Figure 6."""
     of: dict[str, Any] = {}
     of["figure_panels"] = gr.CheckboxGroup(
         choices=[(f"{letter} {what}", letter) for letter, what in FIGURE_PANELS.items()],

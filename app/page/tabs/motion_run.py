@@ -82,7 +82,7 @@ class RunRunner(TabRunner):
         self._parts = parts
         self.outputs: list[Any] = [*parts.all, form.start, form.cancel]
         self._waiting: set[str] = set()
-        """Visitors who have clicked, and whose run has not started."""
+        """Visitors with a click and no started run."""
 
     def wire(
         self,
@@ -126,7 +126,7 @@ class RunRunner(TabRunner):
     def perform(
         self, job: Job, request: AnyRun, form: Mapping[str, Any]
     ) -> Generator[Updates, None, None]:
-        """Run a request, and yield updates; a failed run that has left any motion is kept.
+        """Run a request, and yield updates; a failed run is shown if it has left any motion.
 
         Raises:
             Exception: from a run that has left nothing.

@@ -106,7 +106,6 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
 
 
 def build_own_form(services: Services) -> FormParts:
-    """Lay out the form."""
     of: dict[str, Any] = {}
     of["motions"] = services.file(
         "files",

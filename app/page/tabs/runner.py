@@ -194,7 +194,7 @@ class TabRunner(ABC):
         self._services = services
         self._status = status
         self._unfinished: set[str] = set()
-        """Visitors whose tab shows an unfinished run."""
+        """Visitors with an unfinished run in their tab."""
 
     def begins_on(
         self, event: Callable[..., Any], fields: Fields | Sequence[Any], **how: Any
@@ -261,7 +261,7 @@ class TabRunner(ABC):
         return self.stopped(markup.sentence_status(text.CANCELLED), "")
 
     def idle(self) -> Updates:
-        """Return the updates of a tab whose run was cancelled before its start."""
+        """Return the updates of a tab after cancelling a run before its start."""
         return {self._status: gr.skip()}
 
     @abstractmethod

@@ -41,7 +41,7 @@ class Asked(BaseModel):
 
     run: Annotated[str, Field(max_length=MAX_NAME)]
     start: Annotated[str, Field(max_length=MAX_NAME)]
-    """Name of the row whose plan is changed."""
+    """Name of the row with the plan to edit."""
     edits: Any = None
     """Edits as for `edits_of`; an empty list only prepares the row for editing."""
 
@@ -197,7 +197,7 @@ def line_of(line: str, share: float | None = None, more: str = "") -> str:
 class Remaining:
     """Estimator of the remaining time from the rate since the first progress.
 
-    The time before, such as the start of a process, says nothing about the rate.
+    The time before, such as the start of a process, is no evidence of the rate.
     """
 
     first: tuple[float, float] | None = None

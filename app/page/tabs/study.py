@@ -246,7 +246,7 @@ def plan_text(told: Mapping[str, Any]) -> str:
     """Format the study plan as TOML, with relative file names.
 
     Raises:
-        RunError: if something is missing whose error message must refer to the page.
+        RunError: if something is missing that only an error message of the page can explain.
     """
     clips, length_s = told["speeches"], told["length_s"]
     if not clips:

@@ -105,7 +105,6 @@ class FigureRunner(TabRunner):
     title: ClassVar[str]
     introduction: ClassVar[str]
     verb: ClassVar[str]
-    """Label of the start button."""
     asks: ClassVar[type[Any]]
     measure: ClassVar[Task]
 

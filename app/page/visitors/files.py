@@ -125,7 +125,7 @@ class Job:
 
     visitor: str
     tab: str
-    """Part of the page that starts the run, and whose button cancels it."""
+    """Part of the page that starts and cancels the run."""
     folder: Path
     cookie: str = ""
     """Cookie of the visitor's browser; empty without one."""
@@ -189,7 +189,7 @@ class Jobs:
                     job.cancel()
 
     def leave(self, visitor: str, cookie: str) -> None:
-        """Cancel all runs of a page that is closed, if its own browser says so."""
+        """Cancel all runs of a page that its own browser has closed."""
         with self._lock:
             for job in self._jobs:
                 if job.visitor == visitor and job.cookie in ("", cookie):

@@ -1,8 +1,8 @@
 """Gradio's queue, restricted to events with a connected listener, and to few per address.
 
 An event starts if its browser or program listens for the results; one without a listener for a few
-seconds is dropped. A run that has started and whose page loses its connection, as on a phone that
-locks, continues until somebody else waits.
+seconds is dropped. A run that has started continues without its page, as on a phone that locks,
+until another visitor waits.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MAX_OF_ADDRESS, MAX_CHECKS_OF_ADDRESS = 4, 16
 HEARD_WITHIN_S = 10.0
 """Time (s) without a listener after which a waiting event is dropped."""
 MAX_SESSIONS = 2000
-"""Maximum number of pages whose messages are stored."""
+"""Maximum number of pages with stored messages."""
 FULL = "{count} others wait already; try again in a while."
 FULL_OF_ADDRESS = "{count} wait already from your address, the most that may; wait for one of them."
 
@@ -147,7 +147,7 @@ class Turns(queueing.Queue):
             self.pending_messages_per_session.pop(session_hash, None)
 
     def _end_abandoned(self, kind: str) -> None:
-        """End the events of a queue that continue without a page, as somebody else waits."""
+        """End the events of a queue that continue without a page, as another visitor waits."""
         for event in self._begun():
             if event.concurrency_id == kind and event._id in self._abandoned:
                 event.alive = False

@@ -161,7 +161,7 @@ def _test_of(where: Mapping[str, Any]) -> str:
 def merged(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
     """Merge entries; of those with the same files and test, the latest measurement wins.
 
-    If it has no note, the earlier one's is kept.
+    If it has no note, it gets the earlier one's.
     """
     found: dict[tuple[str, str, str], Entry] = {}
     for board in boards:

@@ -1,6 +1,6 @@
 """Check of sets against the rules of the GENEA leaderboard: clips, formats, lengths, samples.
 
-The leaderboard asks for motion of every recording of BEAT2's English test set, as SMPL-X parameters
+The leaderboard requires motion of every recording of BEAT2's English test set, as SMPL-X parameters
 like BEAT2's, with the length of the recording, and five samples of each from a probabilistic
 system.
 """
@@ -43,8 +43,8 @@ def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> 
     """Check sets against the leaderboard's rules, write ``check.md``, and return results by set.
 
     Args:
-        reference: recorded test clips, as a folder or an archive; or BEAT2's folder, whose test
-            split is used.
+        reference: recorded test clips, as a folder or an archive; or BEAT2's folder with its test
+            split.
 
     Raises:
         RunError: without a reference, or for anything that is no set, or a hostile archive.

@@ -38,7 +38,7 @@ _CLIPS_AT_ONCE = 50
 
 @dataclass(frozen=True)
 class Judge:
-    """Encoder whose features are compared."""
+    """Encoder of the features that are compared."""
 
     title: str
     codes: Callable[[Motion], Any]

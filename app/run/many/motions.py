@@ -79,7 +79,7 @@ def diagnose_folders(
     """Measure all clips that every folder has, and write the tables of `write_tables`.
 
     Args:
-        request: request whose motions, reference and speech are folders or archives.
+        request: request with folders or archives as motions, reference and speech.
         pool: workers; by default this process.
 
     Raises:

@@ -44,7 +44,8 @@ def paired_files(
 
     Args:
         folders: folder and suffixes of each set.
-        recorded: sets whose ``gt_`` files are used, if there are others; they have no samples.
+        recorded: sets of which the ``gt_`` files are used, if there are others; they have no
+            samples.
 
     Raises:
         RunError: if two files have the same name.

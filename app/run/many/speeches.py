@@ -1,6 +1,6 @@
 """Runs over several speeches, in parallel processes or on a cluster.
 
-Each run has the folder of a single run, whose `run.json` finally records the digest of its inputs.
+Each run has the folder of a single run; its `run.json` finally records the digest of its inputs.
 The same command, run again, continues with incomplete ones.
 """
 
@@ -49,7 +49,7 @@ class ManyRuns:
 
 
 def is_many(speech: Path) -> bool:
-    """Check whether a path stands for several speeches."""
+    """Check whether a path is a folder or list of several speeches."""
     return speech.is_dir() or speech.suffix.lower() == LIST_ENDING
 
 
@@ -57,8 +57,8 @@ def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
     """Return a request for each speech, by its file name.
 
     Args:
-        request: request whose speech is a folder of audio files, or a text file with one path per
-            line.
+        request: request with a folder of audio files, or a text file with one path per line, as
+            speech.
 
     Raises:
         RunError: if no run can be started.

@@ -331,7 +331,6 @@ def _whose(row: Measure) -> str:
 
 
 def titled(row: Measure) -> str:
-    """Return the key and unit of a metric."""
     return _with_unit(row.key, row.unit)
 
 

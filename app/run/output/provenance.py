@@ -187,7 +187,6 @@ def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
 
 
 def _words(request: RunRequest) -> str:
-    """Return the source of the words."""
     if request.speech.transcript is not None:
         return request.speech.transcript.name
     return "recognised" if request.speech.words == "recognise" else NONE

@@ -91,7 +91,7 @@ class TakeOf(_Strict):
     of: Name
     """Name of the run's original row."""
     start: Name
-    """Name of the row whose plan was changed."""
+    """Name of the row with the plan that was changed."""
     fresh: Annotated[list[tuple[Number, Number]], Field(max_length=5_000)] = []
     """Time spans (s) that were generated again."""
 
@@ -215,7 +215,6 @@ class RunRecord(_Strict):
         ]
 
     def label(self, name: str) -> str:
-        """Return the label of a motion."""
         row = self.row(name)
         return name if row is None else row.label
 

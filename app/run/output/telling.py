@@ -51,7 +51,6 @@ class Bars:
         bar.refresh()
 
     def take(self, event: Event) -> None:
-        """Show the progress of a run's stage."""
         if isinstance(event, Progress):
             self.show(text.STAGE_NAMES[event.stage], event.fraction)
 

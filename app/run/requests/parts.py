@@ -222,7 +222,7 @@ class SpeechToMove(SpeechInput):
 
 @dataclass(frozen=True, kw_only=True)
 class PlanSource(SpeechInput):
-    """Speech recording from which a plan is sampled, or motion whose plan is detected."""
+    """Speech recording to sample a plan from, or motion to detect its plan."""
 
     path: Annotated[
         Positional[Path],
@@ -239,7 +239,7 @@ class SamplingOptions:
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
-    """Speaker whose style is used."""
+    """Speaker style of the motion."""
     seed: int = 0
     """Seed of the noise. The same speech file, options and seed give the same motion, whether the
     clip is generated alone or among others."""

@@ -107,7 +107,7 @@ class PlanRequest:
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
-    """Speaker whose style is used."""
+    """Speaker style of the plan."""
     seed: int = 0
     """Seed of the noise."""
     guidance: GuidanceScale = None
@@ -175,15 +175,16 @@ class RenderRequest:
         arg(metavar="MOTION", help="One, in BEAT2's form, or any that is read."),
     ]
     out: Path
-    """Output file, whose suffix selects the format: .mp4, .png, .glb, .bvh, .blender.npz, .obj,
-    .ply."""
+    """Output file; its suffix selects the format: .mp4, .png, .glb, .bvh, .blender.npz, .obj, .ply.
+    """
     speech: File = None
     """Sound of the video."""
     import_overrides: ImportOverrides = field(default_factory=Assumptions)
     joint: Joint = DEFAULT_TRACKED_POINT
     plan: File = None
-    """Gesture plan whose events are written as markers into .glb, .blender.npz or, for .bvh, a
-    .markers.csv file; by default the motion's .plan.json in the same folder, if there is one."""
+    """Gesture plan with the events that are written as markers into .glb, .blender.npz or, for
+    .bvh, a .markers.csv file; by default the motion's .plan.json in the same folder, if there is
+    one."""
     video: VideoOptions = field(default_factory=_render_video)
     stills: StillOptions = field(default_factory=StillOptions)
 
@@ -250,7 +251,7 @@ class SpeechEffectRequest:
     systems: Names = field(default_factory=lambda: usual_systems("hearing"))
     """Names of systems."""
     speaker: Text = None
-    """Speaker whose style is used."""
+    """Speaker style of the motion."""
     guidance: GuidanceScale = None
     """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10; 1 is as
     trained."""
@@ -330,7 +331,6 @@ class RotationNoiseRequest:
 
     @property
     def video(self) -> VideoOptions:
-        """Video options of the bodies."""
         return VideoOptions(body=self.body, size=self.size, display=Display(has_trail=True))
 
     def check(self) -> None:
@@ -370,7 +370,7 @@ class StepSweepRequest:
     """Folder of trained systems."""
     systems: Annotated[Names, arg(help="At most six.")] = ()
     speaker: Text = None
-    """Speaker whose style is used."""
+    """Speaker style of the motion."""
     seed: int = 0
     """Seed of the noise."""
     counts: Annotated[

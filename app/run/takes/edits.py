@@ -82,7 +82,7 @@ class PlanEditRequest:
     weights: Path
     """Folder of trained systems."""
     start: str
-    """Name of the row whose plan is changed."""
+    """Name of the row with the plan to edit."""
     edits: tuple[Edit, ...] = ()
     """Edits in order; without any, the row is only prepared for editing."""
     max_speech_s: float = 600.0

@@ -99,7 +99,7 @@ def jobs_of(
     Args:
         out: returns the video of a motion and view, or None for no video.
         speech: sound of the videos.
-        frames: frames whose pictures are returned.
+        frames: frames to return as pictures.
         staged: motions that the camera frames, if they are other ones.
         how: further arguments of `picture_of`.
     """
