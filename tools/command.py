@@ -14,10 +14,7 @@ def called(
     arguments: Sequence[str] | None,
     *errors: type[Exception],
 ) -> int:
-    """Run a function as a command; return 0, or 1 after printing one of ``errors``.
-
-    Invalid arguments exit with 2.
-    """
+    """Run a function as a command; return 0, or 1 after printing one of ``errors``."""
     try:
         tyro.cli(does, prog=f"python -m {program}", args=arguments)
     except errors as error:

@@ -42,8 +42,6 @@ _FRAMES = 600
 
 @dataclass(frozen=True)
 class Figure:
-    """One measured number and its target."""
-
     name: str
     value: float
     unit: str
@@ -130,11 +128,7 @@ def time_training() -> list[Figure]:
 
 
 def time_page_run(clip: Path, folder: Path) -> list[Figure]:
-    """Measure a run of the explained systems with the page's settings, in a warm process.
-
-    Times: until the first motion of the first system can be shown, until its whole motion is there,
-    which players without window playback wait for, and until the run is finished.
-    """
+    """Measure a warm run as from the page: time to first motion, whole motion, and the end."""
     moving_at: list[float] = []
     whole_at: list[float] = []
 

@@ -73,10 +73,7 @@ def mean(samples: Samples) -> float:
 
 
 def ratio_of(above: Samples, below: Samples) -> Ratio | None:
-    """Compute the ratio of two means; samples with the same number have the same noise.
-
-    Shared samples are resampled in pairs for the interval. Returns None if a value is not positive.
-    """
+    """Compute the ratio of two means, paired by sample number; None if a value is not positive."""
     if min([*above.values(), *below.values()]) <= 0.0:
         return None
     shared = sorted(above.keys() & below.keys())

@@ -196,10 +196,7 @@ def with_partners(by_key: Mapping[str, T]) -> dict[str, T]:
 
 
 def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:
-    """Return the names with the value nearest to ``target``, several if values are written alike.
-
-    Empty if there is no target, or if no value is nearer than another.
-    """
+    """Return the names with values nearest to ``target``; empty without target or difference."""
     known = {name: value for name, value in values.items() if value is not None}
     if target is None or len({written(value) for value in known.values()}) < 2:
         return ()

@@ -28,10 +28,7 @@ SMALL_SHARE = 0.05
 
 
 def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
-    """Return one text per plot on the numbers of a run; empty where there is nothing to report.
-
-    Samples of one system, ``<system>.s2`` and on, are averaged and named as on the page.
-    """
+    """Return one text per plot on a run's numbers, or ""; samples of a system are averaged."""
     labels = short_names(diagnostics.systems)
     systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
     findings = {labels.get(name, name): each for name, each in diagnostics.findings.items()}

@@ -1,4 +1,1 @@
-"""Live sessions: motion that follows speech while it is spoken, in one process for all sessions.
-
-May import `run`, `config`, `errors` and `text`; knows nothing of the page.
-"""
+"""Live sessions, all in one process; may import `run`, `config`, `errors` and `text`."""

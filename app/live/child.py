@@ -1,7 +1,4 @@
-"""Process of all live sessions: it receives sound, generates windows and sends frames.
-
-It exits after `KEEP_S` without messages and open sessions.
-"""
+"""Process of all live sessions: sound in, frames out; it exits after `KEEP_S` without use."""
 
 from __future__ import annotations
 

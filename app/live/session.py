@@ -1,7 +1,4 @@
-"""Live session of one visitor: sound in, frames out; and sound, motion and plan of its last minute.
-
-The format of its messages is in `app.run.pieces`.
-"""
+"""Live session of one visitor with its last minute; its messages are in `app.run.pieces`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Connections between browsers and the process of live sessions (`app.live.child`).
-
-Sound is checked before it is passed on; the process decides which sessions are opened.
-"""
+"""Connections of browsers, with checks of their sound, to the live process (`app.live.child`)."""
 
 from __future__ import annotations
 

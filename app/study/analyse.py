@@ -19,8 +19,6 @@ NO_KEY = (
 
 @dataclass(frozen=True)
 class AnalysisRequest:
-    """Input and output of an analysis."""
-
     answers: Sequence[Path]
     """Answer files and folders of them; or one table of battles."""
     key: Path | None

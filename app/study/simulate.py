@@ -103,10 +103,7 @@ def made_answers(
     model: RaterModel,
     rng: np.random.Generator,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the answers that the page would send for each rater, assigned to the lists in turn.
-
-    Video positions rotate with the list, so that sides are balanced over participants.
-    """
+    """Yield each rater's answers as the page sends them; lists in turn, positions rotated."""
     lists = sorted(key.lists)
     for rater in range(raters):
         number = lists[rater % len(lists)]

@@ -110,10 +110,7 @@ class Body(BodyArrays):
         return vertex_colors(self.shown, self.regions)
 
     def part(self, vertices: Integer[np.ndarray, " N"], faces: Integer[np.ndarray, "F 3"]) -> Body:
-        """Return a body of some vertices, with ``faces`` among them and the joints of the whole.
-
-        Its vertices move as they do on the whole body.
-        """
+        """Return a body of some vertices, with ``faces`` among them, that moves as the whole."""
         place = np.full(self.num_vertices, -1, np.int32)
         place[vertices] = np.arange(len(vertices), dtype=np.int32)
         moved, corrected = (place[each] for each in (self.expression_vertices, self.pose_vertices))

@@ -65,10 +65,7 @@ def surface_of(body: Body) -> Surface:
 
 
 def coarser(surface: Surface, counts: Sequence[int] = NUM_FACES) -> list[Int[np.ndarray, "_ 3"]]:
-    """Return the faces of coarser meshes among the surface's vertices, for each of the counts.
-
-    Counts must decrease; a mesh may have a few faces less.
-    """
+    """Return the faces of coarser meshes with at most these decreasing numbers of faces."""
     collapse = _Collapse(surface)
     meshes = []
     for count in counts:

@@ -34,10 +34,7 @@ that is closed, and PyOpenGL's data of a context are not separated by thread.
 
 
 def lighting_source() -> str:
-    """Return the lighting code that the shading languages of OpenGL and WebGL share.
-
-    pyrender and the viewer in the browser (``app/page/web/stage``) compile the same lines.
-    """
+    """Return the lighting code that pyrender and the browser (``app/page/web/stage``) compile."""
     shader = (SHADERS / "mesh.vert").read_text("utf-8")
     return shader.partition(_BEGIN)[2].partition(_END)[0].partition("\n")[2]
 

@@ -18,8 +18,6 @@ _PROBE_SIZE_PX = 128
 
 @dataclass(frozen=True)
 class BackendReport:
-    """Result of probing one backend."""
-
     name: Backend
     driver: str = ""
     """Name of the driver; empty if the backend does not work."""

@@ -374,10 +374,7 @@ def _curves(contents: Figure6, row: PanelRow) -> Iterator[tuple[str, dict[str, A
 
 
 def _limits(contents: Figure6, room: float, least: float = _MIN_SHARE) -> np.ndarray:
-    """Return the limits of x, y and z in metres (3, 2) with room around all curves.
-
-    The flattest coordinate gets at least the share ``least`` of the sum of the three spans.
-    """
+    """Return limits of x, y and z (3, 2) in metres, each at least ``least`` of their sum."""
     positions = np.concatenate(list(contents.paths.values())).astype(np.float64)
     low, high = positions.min(axis=0), positions.max(axis=0)
     spans = np.maximum(room * (high - low), MIN_SPAN_M)
@@ -562,10 +559,7 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, cells: Cells
 
 
 def _draw_marks(axes: "Axes", joints: np.ndarray, values: np.ndarray, largest_pt: float) -> None:
-    """Draw dark discs with white rims, visible on light and dark bodies and in greyscale print.
-
-    The strongest are drawn last; those below `FAINTEST` or without a position are left out.
-    """
+    """Draw dark discs with white rims, visible on any body; the strongest last, no faint ones."""
     strength = np.clip(np.nan_to_num(values), 0.0, 1.0)
     order = np.argsort(strength, kind="stable")
     shown = order[(strength[order] >= FAINTEST) & np.isfinite(joints[order]).all(axis=1)]

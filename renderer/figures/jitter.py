@@ -218,10 +218,7 @@ def _draw_curves(
 
 
 def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
-    """Set one y scale for the panels of a row.
-
-    It is logarithmic for a spectrum and for jerks that are far apart; values of 0 leave gaps there.
-    """
+    """Set one y scale for a row: logarithmic (0 is a gap) for spectra and very unequal jerks."""
     values = np.concatenate([y[np.isfinite(y)] for panel in curves for _, y in panel.values()])
     highest = [float(np.nanmax(y)) for panel in curves for _, y in panel.values()]
     if row == "attribution":

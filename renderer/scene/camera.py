@@ -60,10 +60,7 @@ class Camera:
     def project(
         self, points: Float[np.ndarray, "*batch 3"], width: int, height: int
     ) -> Float[np.ndarray, "*batch 2"]:
-        """Project points to picture coordinates in pixels, (0, 0) at the upper left corner.
-
-        Points behind the camera give NaN.
-        """
+        """Project points to pixels, (0, 0) at the upper left corner; NaN behind the camera."""
         in_camera = (points - np.asarray(self.eye)) @ self.axes().T
         depth = np.where(in_camera[..., 2] < 0.0, -in_camera[..., 2], np.nan)
         focal_px = 0.5 * height / np.tan(0.5 * self.yfov_rad)
@@ -115,10 +112,7 @@ def frame_points(
 def outermost(
     points: Float[np.ndarray, "T J 3"], view: str, *, aspect: float = 1.0
 ) -> Float[np.ndarray, "5 J 3"]:
-    """Return the five positions of each of J moving points that determine ``frame_points``.
-
-    With these alone, and one radius per point, the camera is the same as with all T positions.
-    """
+    """Return five positions of each of J points that give the same camera as all T of them."""
     right, up, backward = view_axes(view)
     tan_y = (1.0 - MARGIN) * np.tan(0.5 * YFOV_RAD)
     tan_x = tan_y * aspect

@@ -127,10 +127,7 @@ def drawn_joints(view: str) -> list[int]:
 
 
 def cut_out(body: Body, view: str) -> Cutout:
-    """Return the part of a body that a close-up shows.
-
-    An arm ends closed in the middle of the upper arm: at the shoulder its end would be ragged.
-    """
+    """Return the part that a close-up shows; an arm ends closed in the middle of the upper arm."""
     is_kept = np.isin(body.main_joints, drawn_joints(view))
     side = view.removesuffix("_hand")
     if is_arm := side != view:
@@ -192,10 +189,7 @@ class Stage:
         return self.shots[0].camera
 
     def pixel_m(self, shot: Shot, height_px: int) -> float:
-        """Return the size of a pixel (m) at the centre of the area or of a following shot.
-
-        0 if the centre is behind the camera.
-        """
+        """Return the size of a pixel (m) at the centre or followed point; 0 behind the camera."""
         x, z = (0.0, 0.0) if shot.is_following else self.centre_xz
         up_m = 0.0 if shot.view in CLOSE_UP_JOINTS else self.floor_m + MIDDLE_M
         camera = shot.camera

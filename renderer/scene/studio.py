@@ -57,10 +57,7 @@ STUDIO = Studio()
 
 
 class ShadowGround:
-    """Texture of a square floor under the bodies: a pool of light, darkened by shadows.
-
-    The shadow is a splat of points along the light's direction, blurred; no ray is cast.
-    """
+    """Texture of a square floor: a pool of light, darkened by blurred points as shadow."""
 
     def __init__(self, stage: Stage) -> None:
         self.centre_xz, self.floor_m = stage.centre_xz, stage.floor_m

@@ -268,10 +268,7 @@ def _crop(panel: Panel) -> str:
 
 
 def band_height(picture_height: int) -> int:
-    """Return the height of the label band in pixels: even, in proportion to the picture.
-
-    For a picture that is taller than wide, pass its width.
-    """
+    """Return the label band's height in pixels: even, in proportion to the shorter side."""
     return 2 * max(12, round(picture_height / 28))
 
 

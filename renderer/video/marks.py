@@ -1,7 +1,4 @@
-"""Overlays of a picture: trail of a point, joint jerk as body colours, legends, and a notice.
-
-Values and their scales come from the caller, so that all videos of a comparison share a scale.
-"""
+"""Overlays of a picture: trail, jerk as body colour, legends, notice; in the caller's scales."""
 
 import importlib.util
 from collections.abc import Iterator, Sequence
@@ -222,10 +219,7 @@ def _fitting(words: str, size: float, width: int | None) -> ImageFont.FreeTypeFo
 
 
 def _font_file() -> str:
-    """Return the path of a font with units such as m/s³, which Pillow's own lacks.
-
-    It comes with matplotlib, which is only located, as importing it takes long.
-    """
+    """Return a font with units such as m/s³, which Pillow's lacks, from matplotlib's data."""
     found = importlib.util.find_spec("matplotlib")
     assert found is not None and found.origin is not None
     return str(Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")

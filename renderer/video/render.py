@@ -1,8 +1,4 @@
-"""Rendering of a body and its motion to a stream of pictures in panels.
-
-Vertices come in chunks, and each frame is drawn and handed to the encoder before the next, so
-memory does not grow with the length of a clip.
-"""
+"""Rendering of a motion in panels, streamed: memory does not grow with the clip's length."""
 
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass

@@ -274,10 +274,7 @@ def _mean_of_neighbours(mesh: Mesh) -> sp.csr_array:
 def fold_border(
     mesh: Mesh, on_border: Bool[np.ndarray, " V"], inward: Float[np.ndarray, "V 3"]
 ) -> Mesh:
-    """Make a hem: faces from the marked border to a copy of it moved by ``inward``.
-
-    The fold shares no vertex with the garment, so the hem is a sharp edge in shading too.
-    """
+    """Make a hem: faces from the marked border to its copy moved ``inward``, sharp in shading."""
     mesh = mesh.triangles()
     border = border_edges(mesh.faces)
     border = border[on_border[border].all(1)]

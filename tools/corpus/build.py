@@ -171,12 +171,10 @@ def _make_clips(jobs: list[ClipJob], workers: int) -> None:
 
 
 def make_job(job: ClipJob) -> None:
-    """Make and write one clip."""
     write_clip(job.root, job.clip_id, made_clip(job))
 
 
 def made_clip(job: ClipJob) -> CorpusClip:
-    """Make the clip of a job."""
     seed = [job.seed, job.index]
     length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))
     return make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)

@@ -132,10 +132,7 @@ def order_tells(names: Mapping[Stimulus, str]) -> list[str]:
 
 
 def value_tells(values: Mapping[Stimulus, float], what: str) -> list[str]:
-    """Return one sentence for each way in which the order of a value suggests the method.
-
-    Systems are compared, and matched and mismatched speech of the same motion.
-    """
+    """Return a sentence for each way in which a value's order suggests method or speech match."""
     ways: list[tuple[str, Callable[[Stimulus], object], Callable[[Stimulus], str]]] = [
         ("follows the system", lambda s: (s.clip, s.view, s.speech), lambda s: s.system),
         (

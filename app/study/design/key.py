@@ -46,8 +46,6 @@ ListNumber = Annotated[int, Field(ge=0)]
 
 @dataclass(frozen=True, config=STRICT)
 class Question:
-    """Question of a trial."""
-
     id: Text
     text: Text
     kind: Literal["choice", "ranking", "slider"]
@@ -166,10 +164,7 @@ class Key:
         return tuple(sorted(judged))
 
     def token(self, number: int) -> str:
-        """Return the token of a participant's link: the number and 128 bits of its HMAC-SHA256.
-
-        The study must have a secret.
-        """
+        """Return a link's token: the number and 128 bits of its HMAC-SHA256 by the secret."""
         assert self.link_secret is not None
         message = f"{self.study}/{number}".encode()
         signature = hmac.new(self.link_secret.encode(), message, hashlib.sha256).hexdigest()

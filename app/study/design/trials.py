@@ -46,8 +46,6 @@ class Page:
 
 @dataclass(frozen=True)
 class Design:
-    """Stimuli, trials and lists of a study."""
-
     stimuli: tuple[Stimulus, ...]
     trials: tuple[PlannedTrial, ...]
     lists: tuple[tuple[Page, ...], ...]
@@ -134,11 +132,7 @@ def _pairs(plan: Plan) -> list[PlannedTrial]:
 
 
 def _matches(plan: Plan) -> list[PlannedTrial]:
-    """Make a trial of each motion with its own and another speech, equal for every system.
-
-    Each clip's mismatched speech is that of the next clip, so that each speech is used equally
-    often.
-    """
+    """Make a trial of each motion with its own and the next clip's speech, for every system."""
     names = [clip.name for clip in plan.clips]
     wrong = dict(zip(names, [*names[1:], names[0]], strict=True))
     trials = []
@@ -306,10 +300,7 @@ _WHAT = {
 
 
 def size_of(plan: Plan, design: Design) -> tuple[int, str]:
-    """Return the minutes of the longest list, and a sentence on duration, pages and votes.
-
-    Each video counts once, and each page the time of an answer.
-    """
+    """Return the minutes of the longest list, and a sentence on duration, pages and votes."""
     length_s = plan.length_s or USUAL_LENGTH_S
     seconds = max(
         sum(len(page.shown) * length_s + ANSWER_S for page in pages) for pages in design.lists

@@ -1,7 +1,4 @@
-"""Files of a study other than videos: participants' page, GENEA tables and researcher's records.
-
-Their texts are the templates in this folder.
-"""
+"""Study files other than videos, from the templates in this folder: page, tables, records."""
 
 from __future__ import annotations
 

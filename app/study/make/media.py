@@ -287,10 +287,7 @@ def _track(found: dict[bytes, bytes]) -> Track:
 
 
 def _numbers(header: bytes) -> tuple[int, int, int, int]:
-    """Parse creation and modification time, time scale and duration of an `mvhd` or `mdhd` box.
-
-    A `tkhd` box begins with the same times.
-    """
+    """Parse creation and modification time (also of a `tkhd`), time scale and duration."""
     length = 8 if header[0] == 1 else 4
     ends = np.cumsum([4, length, length, 4, length])
     first, second, scale, units = (

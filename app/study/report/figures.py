@@ -115,10 +115,7 @@ def _add_legend(figure: Figure, key: Key) -> None:
 
 
 def forest(found: Sequence[Number]) -> Figure:
-    """Draw a forest plot: values of one measure with intervals, one per row.
-
-    Pairs are in the order of their table, systems from best to worst.
-    """
+    """Draw values of one measure with intervals, one per row: pairs, or systems by rank."""
     measure, count = found[0].measure, len(found)
     label, middle, limits = {
         "share": ("votes for the first, ties half (%)", 50, (0, 100)),

@@ -1,7 +1,4 @@
-"""Report as one self-contained page, its numbers as CSV and its main ones as a LaTeX table.
-
-Sentences and layout are in the templates in this folder.
-"""
+"""Report as a self-contained page from templates, its numbers as CSV, and a LaTeX table."""
 
 from __future__ import annotations
 
@@ -125,10 +122,7 @@ def ahead(gap: Number, is_ranking: bool) -> Number:
 
 
 def headline(result: QuestionResult) -> str:
-    """Describe which system ranks first and which differences are significant.
-
-    It uses the comparisons that the report prints.
-    """
+    """Describe which system ranks first and which of the printed differences are significant."""
     name = f"{result.question.id}: "
     if matches := result.all("right_choices"):
         good = [str(one.first) for one in matches if one.beyond > 0]

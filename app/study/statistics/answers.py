@@ -40,8 +40,6 @@ Time = Annotated[datetime, AfterValidator(lambda t: t if t.tzinfo else t.replace
 
 @dataclass(frozen=True, config=STRICT)
 class Answer:
-    """One answer to one question of one trial."""
-
     trial: Text
     question: Text
     shown: Ids

@@ -180,10 +180,7 @@ def strength_numbers(votes: pd.DataFrame, systems: Sequence[str], has_sides: boo
 
 
 def elo_numbers(votes: pd.DataFrame, systems: Sequence[str]) -> list[Number]:
-    """Compute Elo ratings as on leaderboards: a tie is half a win for each, sides are ignored.
-
-    Clear preferences count twice.
-    """
+    """Compute Elo ratings as on leaderboards: ties half, no sides, clear preferences twice."""
     fit = fit_strengths(votes, systems, has_sides=False, splits_ties=True)
     scale = ELO_SCALE / math.log(10)
     found = [fit.number("elo", {i: scale}, name) for i, name in enumerate(systems)]

@@ -48,8 +48,6 @@ Jitter = Mapping[tuple[str, str], float]
 
 @dataclass(frozen=True)
 class QuestionResult:
-    """Results of one question."""
-
     question: Question
     num_answers: int
     numbers: tuple[Number, ...]
@@ -196,10 +194,7 @@ def read_jitter(folder: Path, key: Key) -> Jitter:
 
 
 def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
-    """Compute how often the smoother video is preferred, with and without smoothness as a reason.
-
-    Votes without measured jerk are left out.
-    """
+    """Compute how often the smoother video is chosen, with and without smoothness as a reason."""
     jerk = {
         side: pd.Series(
             [jitter.get(at, np.nan) for at in zip(votes["clip"], votes[side], strict=True)],

@@ -120,10 +120,7 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
 
 
 def _panel_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
-    """Return by participant why they are a repetition of another one.
-
-    Of several with the same panel id, the first that the plan names, the one finished first counts.
-    """
+    """Return by participant why they repeat another one: the same panel id, finished later."""
     found: dict[str, str] = {}
     first: dict[str, Participant] = {}
     own = key.panel_ids[0] if key.panel_ids else ""

@@ -64,10 +64,7 @@ class Number:
 
     @property
     def side(self) -> int:
-        """Side of chance (half of the votes, no difference) on which the printed interval lies.
-
-        1 above, -1 below, else 0.
-        """
+        """Side of chance on which the printed interval lies: 1 above, -1 below, else 0."""
         _, low, high = self.limits
         # Printed with two digits: in per cent without decimals, differences with two.
         return int(round(low, 2) > self._chance) - int(round(high, 2) < self._chance)

@@ -40,10 +40,7 @@ _MAX_BATTLES = 1_000_000
 
 
 def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
-    """Return all votes between two systems, or between matched and mismatched speech of one.
-
-    Rankings imply a vote for each pair.
-    """
+    """Return votes between two systems, also implied by rankings, or two speeches of a system."""
     rows = []
     for *about, answer in _judged(participants, key, question):
         names = [_name(key, video) for video in answer.shown]

@@ -250,10 +250,7 @@ def add_life(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> None:
-    """Add drift of both hands and of each, coupling to the other hand, and tremor.
-
-    The amplitude is scaled by ``share`` in each frame.
-    """
+    """Add drift of both hands and of each, coupling and tremor, scaled by ``share`` per frame."""
     num_frames = len(curves["left"])
     vigour = vigour_of(speaker)
     common = smooth_noise(rng, num_frames, 0.008, 0.4, 3)
@@ -357,10 +354,7 @@ def follow_plan(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> dict[str, Float[np.ndarray, "T C"]]:
-    """Return the curves of both hands by side: the plan's keys and natural variation.
-
-    Natural variation is reduced where ``calm`` is 1 (listening; 0 while speaking).
-    """
+    """Return both hands' curves by side: the plan's keys, and variation, less where ``calm``."""
     time_s = frame_times(len(calm))
     arms = {side: arm_of(rig, side) for side in SIDES}
     curves = {side: _follow_keys(arms[side], plan.keys[side], time_s, rng) for side in SIDES}
@@ -442,10 +436,7 @@ class _ArmMover:
         return hand_balls(self._rig, self._arm.side, fingers, turned @ wrist_rot, wrist)
 
     def soften_steps(self, hand: Float[np.ndarray, "T C"]) -> None:
-        """Smooth the path where the wrist would be jerked off its way from one frame to the next.
-
-        This happens when the arm folds near the shoulder, or when moves overlap.
-        """
+        """Smooth the path where the wrist would jerk, as with a folded arm or overlapping moves."""
         for _ in range(_SOFTENING_ROUNDS):
             off_way = np.linalg.norm(np.diff(self._wrist(hand), 2, axis=0), axis=1)
             jerked = np.pad(off_way > _MAX_OFF_WAY_M, 1).astype(float)

@@ -107,10 +107,7 @@ def push_apart(
     right: Float[np.ndarray, "T P 3"],
     radii: Float[np.ndarray, " P"],
 ) -> Float[np.ndarray, " T"]:
-    """Compute the sideways shift (m) of each hand, smooth in time, that separates the hands.
-
-    Resting hands that nearly touch are moved together instead: a negative shift.
-    """
+    """Compute each hand's sideways shift (m) that separates the hands, or joins resting ones."""
     gap = left[:, :, None] - right[:, None]
     reach = radii[:, None] + radii - _CONTACT_M
     across = gap[..., 1] ** 2 + gap[..., 2] ** 2

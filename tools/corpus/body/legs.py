@@ -116,10 +116,7 @@ class _Feet:
 
 
 def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.Generator) -> _Feet:
-    """Draw position, lift and yaw of each foot, and the shift of weight between them.
-
-    Where ``calm`` is positive there are no steps and few weight shifts.
-    """
+    """Draw positions, lifts and yaws of the feet, and weight shifts; no steps while ``calm``."""
     num_frames = len(calm)
     time_s = frame_times(num_frames)
     place, yaw, lift = {}, {}, {}

@@ -24,7 +24,6 @@ def gaussian_bump(
 
 
 def frame_times(num_frames: int) -> Float[np.ndarray, " T"]:
-    """Return the time of each frame (s)."""
     return np.arange(num_frames) / FPS
 
 

@@ -47,10 +47,7 @@ def move_trunk(
     speaker: Speaker,
     rng: np.random.Generator,
 ) -> Trunk:
-    """Animate the trunk from hands and accents, the head from the gaze, all with sway.
-
-    Sway is reduced where ``calm`` is 1 (listening; 0 while speaking).
-    """
+    """Animate the trunk by hands and accents, the head by gaze, with less sway where ``calm``."""
     num_frames = len(hands["left"])
     time_s = frame_times(num_frames)
     left, right = hands["left"][:, :3], hands["right"][:, :3]

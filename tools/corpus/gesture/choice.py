@@ -73,10 +73,7 @@ class Choice:
         return name, index
 
     def hands(self, gesture: GestureShape, aside_m: float, index: int) -> list[str]:
-        """Choose the participating hands, the leading one first.
-
-        A position to one side may select the nearer hand; in a contrast it mostly does.
-        """
+        """Choose the hands, the leading one first; a side, as in a contrast, prefers its hand."""
         rng, speaker, contrasts = self._rng, self._speaker, index in self._contrast
         nearest = SIDES[0] if aside_m > 0 else SIDES[1]
         second = nearest if aside_m else speaker.other_hand

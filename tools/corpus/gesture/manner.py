@@ -177,5 +177,4 @@ def _shape_name(pose: HandPose) -> str:
 
 
 def pick(rng: np.random.Generator, choices: Sequence[Choice]) -> Choice:
-    """Draw one of the choices with equal probability."""
     return choices[int(rng.integers(len(choices)))]

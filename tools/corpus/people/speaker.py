@@ -110,10 +110,7 @@ def pronounce(word: str) -> tuple[tuple[str, int], ...]:
 
 
 def align(words: list[str], phones: list[Phone]) -> list[Phone]:
-    """Assign words and stress to phones, by least edit distance to the words' pronunciations.
-
-    flite joins and reduces sounds in a sentence, so the lists differ a little.
-    """
+    """Assign words and stress to phones by least edit distance, as flite reduces some sounds."""
     expected = [(p, s, w) for w, word in enumerate(words) for p, s in pronounce(word)]
     spoken = [k for k, phone in enumerate(phones) if phone.name != PAUSE]
     rows, columns = len(expected), len(spoken)

@@ -242,7 +242,6 @@ def list_clips(root: Path) -> dict[str, ClipPaths]:
 
 
 def measure_clips(clips: dict[str, ClipPaths], rig: Rig, title: str) -> list[MeasuredClip]:
-    """Measure all clips with a progress bar."""
     shown = tqdm(clips.items(), unit="clip", desc=title)
     return [measure_clip(clip_id, paths, rig) for clip_id, paths in shown]
 

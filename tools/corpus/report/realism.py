@@ -108,10 +108,7 @@ Silences = Sequence[tuple[float, float]]
 
 
 def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
-    """Compute body statistics of every window of 2 s without listening; one starts each second.
-
-    Fewer than 65 frames give none.
-    """
+    """Compute statistics of 2 s windows without listening, one a second, from 65 frames on."""
     paths = {
         "fingertip": clip.right_tip,
         "head": axis_angles(clip.global_rot[:, JOINT_INDEX["head"]]),
@@ -285,10 +282,7 @@ def _area(low: np.ndarray, high: np.ndarray) -> float:
 
 
 def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
-    """Compare the clips of the corpus with the first two real clips.
-
-    Trained on one real clip and every other clip of the corpus and tested on the rest, both ways.
-    """
+    """Compare the corpus with two real clips, trained on one and half of it, tested on the rest."""
     first, second = real[:2]
     halves = pd.concat(corpus[0::2]), pd.concat(corpus[1::2])
     judges = _judge(first, halves[0]), _judge(second, halves[1])

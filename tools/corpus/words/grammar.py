@@ -279,10 +279,7 @@ def split_of(sentence: str) -> Split:
 
 
 def talk(rng: np.random.Generator, split: Split) -> Iterator[str]:
-    """Yield endless sentences of the split: a few on one topic, then on another.
-
-    A question may be answered by the speaker, after a pause for the listener.
-    """
+    """Yield endless sentences of the split by topic; questions may be answered after a pause."""
     while True:
         topic = _draw_topic(rng)
         kind = _draw_kind(rng)
