@@ -6,6 +6,7 @@ after any interruption, the same call continues with the rest. Only status messa
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
@@ -25,10 +26,16 @@ class Job:
     name: str
     is_done: Callable[[], bool]
     """Function that checks whether the complete result of this job exists; workers call it too."""
-    work: Callable[[], object]
+    work: Callable[..., object]
     """Function that writes the result atomically."""
+    has_news: bool = False
+    """Whether ``work`` takes the two callbacks of `do`."""
 
-    def do(self) -> None:
+    def do(
+        self,
+        on_news: Callable[[Any], object] = lambda news: None,
+        should_cancel: Callable[[], bool] = lambda: False,
+    ) -> None:
         """Do the work, unless another worker has done it.
 
         Numpy uses one thread: threads of many workers would wait for each other on the same cores,
@@ -36,4 +43,4 @@ class Job:
         """
         if not self.is_done():
             with threadpool_limits(1, user_api="blas"):
-                self.work()
+                self.work(*((on_news, should_cancel) if self.has_news else ()))

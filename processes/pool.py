@@ -13,7 +13,9 @@ import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from processes.child import Child, Gone, heard, parent_channel
 from processes.job import Cancelled, Job, JobsError
@@ -42,18 +44,25 @@ class JobPool:
     replaces the processes."""
 
     def do_all(
-        self, jobs: Sequence[Job], on_done: Callable[[str], object] = lambda name: None
+        self,
+        jobs: Sequence[Job],
+        on_done: Callable[[str], object] = lambda name: None,
+        on_news: Callable[[str, Any], object] = lambda name, news: None,
+        should_cancel: Callable[[], bool] = lambda: False,
     ) -> dict[str, Exception]:
         """Do every job that is not done yet; one that fails does not stop the others.
 
         Args:
             on_done: called with the name of each job as it completes, in any order.
+            on_news: called with the name of a job and its news; not by a cluster.
+            should_cancel: called many times a second; not by a cluster. Worker processes are killed
+                then; in the calling process a job with news is given this function.
 
         Returns:
             Exceptions of the jobs that failed, by name.
 
         Raises:
-            Cancelled: as soon as a job raises it; no other is begun.
+            Cancelled: as soon as a job raises it or ``should_cancel`` is true; no other is begun.
             JobsError: if workers die repeatedly, or the cluster cannot be reached or is gone.
                 What is done stays done.
         """
@@ -63,17 +72,24 @@ class JobPool:
         if self.scheduler is not None:
             return do_by_cluster(waiting, self.scheduler, on_done)
         workers = min(self.processes or os.cpu_count() or 1, len(waiting))
-        return (
-            do_by_processes(waiting, on_done, workers) if workers > 1 else do_here(waiting, on_done)
-        )
+        if workers > 1:
+            return do_by_processes(waiting, workers, on_done, on_news, should_cancel)
+        return do_here(waiting, on_done, on_news, should_cancel)
 
 
-def do_here(jobs: Sequence[Job], on_done: Callable[[str], object]) -> dict[str, Exception]:
+def do_here(
+    jobs: Sequence[Job],
+    on_done: Callable[[str], object],
+    on_news: Callable[[str, Any], object],
+    should_cancel: Callable[[], bool],
+) -> dict[str, Exception]:
     """Do jobs in this process, as `JobPool.do_all`."""
     failed: dict[str, Exception] = {}
     for job in jobs:
+        if should_cancel():
+            raise Cancelled
         try:
-            job.do()
+            job.do(partial(on_news, job.name), should_cancel)
         except Cancelled:
             raise
         except Exception as error:
@@ -84,7 +100,11 @@ def do_here(jobs: Sequence[Job], on_done: Callable[[str], object]) -> dict[str, 
 
 
 def do_by_processes(
-    jobs: Sequence[Job], on_done: Callable[[str], object], workers: int
+    jobs: Sequence[Job],
+    workers: int,
+    on_done: Callable[[str], object],
+    on_news: Callable[[str, Any], object],
+    should_cancel: Callable[[], bool],
 ) -> dict[str, Exception]:
     """Do jobs by worker processes, as `JobPool.do_all`; a crashed worker's job comes last again."""
     waiting, failed, breaks = [*jobs], dict[str, Exception](), 0
@@ -92,31 +112,38 @@ def do_by_processes(
     idle = [_worker() for _ in range(workers)]
     try:
         while waiting or busy:
+            if should_cancel():
+                raise Cancelled
             while waiting and idle:
                 child, job = idle.pop(), waiting.pop(0)
                 busy[child] = job
                 child.send(pickle.dumps(job))  # unpickled by the thread that does it
             for child, job in [*busy.items()]:
                 try:
-                    if not child.has_message(0.0):
+                    has_ended, told = False, None
+                    while not has_ended and child.has_message(0.0):
+                        has_ended, told = child.receive()
+                        if not has_ended:
+                            on_news(job.name, told)
+                    if not has_ended:
                         continue
-                    error, breaks = child.receive(), 0
+                    breaks = 0
                     idle.append(child)
                 except Gone:
                     breaks += 1
                     if breaks == MAX_BREAKS:
-                        told = child.ended().sentences(_LAST, _FEWER, _AGAIN)
-                        raise JobsError(f"{_BROKEN} {told}") from None
+                        how = child.ended().sentences(_LAST, _FEWER, _AGAIN)
+                        raise JobsError(f"{_BROKEN} {how}") from None
                     child.end()
                     waiting.append(job)
                     idle.append(_worker())
                 else:
-                    if isinstance(error, Cancelled):
-                        raise error
-                    if error is None:
+                    if isinstance(told, Cancelled):
+                        raise told
+                    if told is None:
                         on_done(job.name)
                     else:
-                        failed[job.name] = error
+                        failed[job.name] = told
                 del busy[child]
             time.sleep(_POLL_S)
     finally:
@@ -131,20 +158,26 @@ def _worker() -> Child:
 
 
 def main() -> None:
-    """Run a worker process: do jobs as they come, and send what each raised."""
+    """Run a worker process: do jobs as they come; send their news, and what each raised."""
     channel, (folder,) = parent_channel()
     os.chdir(folder)
-    jobs = heard(channel)
+    jobs, lock = heard(channel), threading.Lock()
+
+    def tell(told: object, has_ended: bool = False) -> None:
+        with lock:
+            channel.send((has_ended, told))
+
     while True:
-        channel.send(_raised(*jobs.get()))
+        work, _ = jobs.get()
+        tell(_raised(work, tell), has_ended=True)
 
 
-def _raised(told: bytes, *_: object) -> Exception | None:
+def _raised(work: bytes, on_news: Callable[[Any], object]) -> Exception | None:
     name = "A job"
     try:
-        job = pickle.loads(told)
+        job = pickle.loads(work)
         name = job.name
-        job.do()
+        job.do(on_news)
     except SystemExit as end:
         return JobsError(
             f"{name} left its worker process with exit status {end.code}; that is a fault of the "

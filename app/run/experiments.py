@@ -12,6 +12,7 @@ import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from app.errors import RunError
 from app.run.bodies import choose_tip_source
 from app.run.callbacks import DEAF, Ear
 from app.run.made import options_of
-from app.run.models import get_body, get_system
+from app.run.models import get_body, get_system, pool_for
 from app.run.output.run_folder import RunRecord, check_file_stems
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.requests.requests import (
@@ -45,11 +46,12 @@ from model.measures.hearing import Decided, Grid, arm_rotations_same_noise, arm_
 from model.measures.smoothness import derivative_magnitudes, mean_over_time
 from model.motion.altered import noisy_motions
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, save_motion
+from model.motion.motion import Motion, load_motion, save_motion
 from model.motion.tracks import moving_chain, track_points
 from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import NOTHING_SAID
+from processes.job import Job
 from renderer.figures.curves import (
     HEARING,
     STEPS,
@@ -99,6 +101,7 @@ def measure_hearing(request: SpeechEffectRequest, ear: Ear = DEAF) -> None:
             of_system = {
                 name: _Made(grid) for name, grid in _read_grids(request.speeches[0]).items()
             }
+            run.share("numbers")(1.0)
         else:
             speeches = {
                 file_stem(path.stem): _beginning(path, HEARD_S, request.max_speech_s)
@@ -106,13 +109,12 @@ def measure_hearing(request: SpeechEffectRequest, ear: Ear = DEAF) -> None:
             }
             names = systems_of(request)
             check_file_stems(f"{name}__{speech}" for name in names for speech in speeches)
-            of_system = _generated(request, speeches, run.share("numbers"))
+            of_system = _generated(request, speeches, run)
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
                     path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
                     save_motion(motion, path)
                     run.file(path)
-        run.share("numbers")(1.0)
         told = {
             system: _heard_numbers(system, made, request.speakers)
             for system, made in of_system.items()
@@ -136,31 +138,59 @@ def _beginning(path: Path, longest_s: float, max_s: float) -> Speech:
 
 
 def _generated(
-    request: SpeechEffectRequest, speeches: Mapping[str, Speech], on_share: Callable[[float], None]
+    request: SpeechEffectRequest, speeches: Mapping[str, Speech], run: RunWriter
 ) -> dict[str, _Made]:
+    """Generate all motions, in several processes where that is worth their start."""
     systems = [get_system(name, request.weights) for name in systems_of(request)]
     first, seeds, speakers = next(iter(speeches)), range(request.seeds), request.speakers or ()
-    wanted = len(systems) * len(seeds) * (len(speeches) + len(speakers))
-    done = itertools.count()
+    folder, jobs = run.folder.scratch("motions").absolute(), list[Job]()
+    folder.mkdir()
+    seconds_of_motion = 0.0
 
-    def moved(system: System, speech: str, **asked: Any) -> Motion:
-        on_share(next(done) / wanted)
-        options = options_of(request.sampling, system, **asked)
-        (motion,) = generate_motion(system, speeches[speech], options)
-        return motion
+    def motion_file(system: System, speech: str, **asked: Any) -> Path:
+        nonlocal seconds_of_motion
+        seconds_of_motion += speeches[speech].duration_s
+        path, options = folder / f"{len(jobs)}.npz", options_of(request.sampling, system, **asked)
+        weights = request.weights.absolute()
+        work = partial(_generate_to, path, system.name, weights, speeches[speech], options)
+        jobs.append(Job(path.stem, path.is_file, work))
+        return path
 
-    return {
-        system.name: _Made(
-            {(name, seed): moved(system, name, seed=seed) for name in speeches for seed in seeds},
-            options_of(request.sampling, system).guidance,
+    guidance = {each.name: options_of(request.sampling, each).guidance for each in systems}
+    files = {
+        system.name: (
+            {(name, n): motion_file(system, name, seed=n) for name in speeches for n in seeds},
             {
-                (speaker, seed): moved(system, first, speaker=speaker, seed=seed)
+                (speaker, n): motion_file(system, first, speaker=speaker, seed=n)
                 for speaker in speakers
-                for seed in seeds
+                for n in seeds
             },
         )
         for system in systems
     }
+    on_share, done = run.share("numbers"), itertools.count(1)
+    on_share(0.0)
+    failed = pool_for(seconds_of_motion).do_all(
+        jobs, lambda _: on_share(next(done) / len(jobs)), should_cancel=run.should_cancel
+    )
+    for error in failed.values():
+        raise error
+
+    def grid(paths: Mapping[tuple[str, int], Path]) -> Grid:
+        return {key: load_motion(path) for key, path in paths.items()}
+
+    return {
+        name: _Made(grid(paths), guidance[name], grid(by_speaker))
+        for name, (paths, by_speaker) in files.items()
+    }
+
+
+def _generate_to(
+    path: Path, system: str, weights: Path, speech: Speech, options: GenerateOptions
+) -> None:
+    """Generate one motion, in any process, and write it to a file."""
+    (motion,) = generate_motion(get_system(system, weights), speech, options)
+    save_motion(motion, path)
 
 
 def _read_grids(folder: Path) -> dict[str, Grid]:

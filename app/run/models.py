@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING
 from conventions.views import LOOKS
 from model.storage.files import FileVersions, file_versions
 from model.systems.registry import list_systems, load_system, system_files
+from processes.pool import JobPool
 
 if TYPE_CHECKING:
     from model.generation.base import System
     from renderer.body.body import Body
 
 log = logging.getLogger(__name__)
+WORTH_S = 60.0
+"""Seconds of motion that take about as long to generate as further processes take to start."""
 _LOADING = threading.Lock()  # the warm-up and a first visitor must not read the same file twice
 
 
@@ -51,6 +54,12 @@ def _load_body(path: Path | None, look: str, versions: FileVersions) -> Body:
     from renderer.body.body import load_body
 
     return load_body(path, look)
+
+
+def pool_for(motion_s: float) -> JobPool:
+    """Return who generates so many seconds of motion: this process, or several, of which each has
+    to read its models first."""
+    return JobPool(None if motion_s > WORTH_S else 1)
 
 
 def warming_up(weights: Path, body: Path | None) -> Iterator[None]:

@@ -21,7 +21,7 @@ def make_jobs(folder: Path, count: int, are_held: bool = False) -> list[Job]:
     return [made_job(folder, f"job{number}", work) for number in range(count)]
 
 
-def made_job(folder: Path, name: str, work: Callable[[Path, str], object]) -> Job:
+def made_job(folder: Path, name: str, work: Callable[..., object]) -> Job:
     return Job(name, partial(is_done, folder, name), partial(work, folder, name))
 
 
@@ -37,6 +37,16 @@ def do(folder: Path, name: str) -> None:
 def do_when_let(folder: Path, name: str) -> None:
     wait_for(lambda: len(done(folder)) < 2 or (folder / "go").exists())
     do(folder, name)
+
+
+def tell_and_wait(
+    folder: Path, name: str, on_news: Callable[[Any], None], should_cancel: Callable[[], bool]
+) -> None:
+    """Ends when it is cancelled, and never by itself."""
+    for number in range(3):
+        on_news(number)
+    wait_for(should_cancel)
+    raise Cancelled
 
 
 def fail(folder: Path, name: str) -> None:

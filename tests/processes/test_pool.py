@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,7 @@ from tests.processes.made import (
     made_job,
     make_jobs,
     run_out_of_memory,
+    tell_and_wait,
 )
 from tests.waiting import wait_for
 
@@ -49,6 +51,20 @@ def test_a_cancelled_job_ends_all_and_no_other_is_begun(tmp_path, pool):
     with pytest.raises(Cancelled):
         pool.do_all(jobs)
     assert len(done(tmp_path)) <= (pool.processes or 0)
+
+
+@pytest.mark.parametrize("pool", [JobPool(1), TWO])
+def test_news_of_jobs_come_in_order_and_all_end_when_the_caller_cancels(tmp_path, pool):
+    names = [f"job{number}" for number in range(pool.processes)]
+    jobs = [replace(made_job(tmp_path, name, tell_and_wait), has_news=True) for name in names]
+    told: dict[str, list[int]] = {name: [] for name in names}
+    with pytest.raises(Cancelled):
+        pool.do_all(
+            jobs,
+            on_news=lambda name, news: told[name].append(news),
+            should_cancel=lambda: all(len(news) == 3 for news in told.values()),
+        )
+    assert all(news == [0, 1, 2] for news in told.values())
 
 
 def test_a_killed_worker_costs_no_job(tmp_path):

@@ -13,6 +13,8 @@ from PIL import Image
 
 from app.commands.cli import main
 from app.errors import Cancelled, RunError
+from app.run import models
+from app.run.callbacks import Ear
 from app.run.experiments import (
     MAX_S,
     NAMES,
@@ -95,6 +97,35 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     measure_hearing(SpeechEffectRequest(out=tmp_path / "again", speeches=(tmp_path / "motions",)))
     (again,) = json.loads((tmp_path / "again" / "hearing.json").read_text()).values()
     assert again["parts"] == told["parts"] and again["guidance"] is None
+
+
+@pytest.mark.slow  # processes read their models
+def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_effect(
+    speeches: tuple[Path, ...],
+    weights: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "speakers": ("bob", "ann")}
+    for name, worth_s in (("here", models.WORTH_S), ("beside", 0.0)):
+        monkeypatch.setattr(models, "WORTH_S", worth_s)
+        heard = Heard()
+        measure_hearing(SpeechEffectRequest(out=tmp_path / name, speeches=speeches, **asked), heard)
+        assert heard.shares == pytest.approx([k / 8 for k in range(9)])
+    here, beside = (read_run(tmp_path / name) for name in ("here", "beside"))
+    assert here.results == beside.results
+    motions = [name for name in here.results if name.endswith(".npz")]
+    assert len(motions) == 4
+    for name in motions:
+        one, other = (load_motion(tmp_path / way / name) for way in ("here", "beside"))
+        for part in ("poses", "trans", "expressions"):
+            np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
+    one, other = ((tmp_path / way / "hearing.json").read_bytes() for way in ("here", "beside"))
+    assert one == other
+    with pytest.raises(Cancelled):
+        stopped = SpeechEffectRequest(out=tmp_path / "stopped", speeches=speeches, **asked)
+        measure_hearing(stopped, Ear(should_cancel=lambda: True))
+    assert not (tmp_path / "stopped").exists()
 
 
 def test_a_planted_ear_is_found_in_anyones_motion(
