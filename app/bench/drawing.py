@@ -32,7 +32,7 @@ def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
 
     Several videos are also composed side by side. The CPU rate assumes that all cores were free.
     """
-    choose_backend()  # which is asked once
+    choose_backend()  # cached after the first call
     figures = []
     for title, count, settings, aim in (
         ("video, 512 x 512", 1, RenderSettings(512, 512), 75),
@@ -88,7 +88,7 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(choose_backend()) as renderer:
         canvas = renderer.canvas(subject, SIZE_PX, SIZE_PX)
-        canvas.draw(posed[0], stage.camera)  # compiles what draws
+        canvas.draw(posed[0], stage.camera)  # compiles the shaders
         pictures = timed(
             "drawing", lambda: [canvas.draw(each, stage.camera).copy() for each in posed]
         )

@@ -72,7 +72,7 @@ def time_page_start(folder: Path) -> Figure:
             [sys.executable, "app.py", "--port", "7899"],
             cwd=PROJECT,
             env={**os.environ, "TMPDIR": fresh, "XDG_CACHE_HOME": fresh},
-            stdout=subprocess.DEVNULL,  # nothing stands between the rows
+            stdout=subprocess.DEVNULL,  # keeps other output out of the table
             stderr=subprocess.DEVNULL,
         )
         try:
@@ -112,7 +112,7 @@ def time_motion(clip: Path) -> list[Figure]:
     figures = [Figure("speech features", features_ms, "ms/frame")]
     for system in systems:
         steps = system.samplers[0].steps
-        each = generation_ms(system, speech, steps)  # features are known by now
+        each = generation_ms(system, speech, steps)  # features are cached by now
         title = f"generation, {system.name}, {steps} steps"
         figures.append(Figure(title, each, "ms/frame", "at most 4"))
     each = generation_ms(systems[-1], speech, systems[-1].samplers[0].steps, SAMPLES)

@@ -157,10 +157,10 @@ class Performers:
 
 def main() -> None:
     """Handle messages of the page, and generate windows in between."""
-    torch.set_num_threads(1)  # windows are small, and others want to work too
+    torch.set_num_threads(1)  # windows are small, and other processes need cores
     channel, (weights,) = parent_channel()
     performers = Performers(Path(weights), lambda number, told: channel.send((number, told)))
-    with suppress(Exception):  # whoever asks for one is told why
+    with suppress(Exception):  # the error is reported to the visitor who opens one
         for name in usual_systems("live"):
             performers.prepare(name)
     has_work = False

@@ -329,7 +329,7 @@ class LiveSession:
         )
 
     def _check_cost(self) -> None:
-        if self.windows != TRIAL_WINDOWS + 1:  # the first one brings libraries with it
+        if self.windows != TRIAL_WINDOWS + 1:  # the first window also loads libraries
             return
         cost = min([*self._costs][1:])
         if cost > MAX_WINDOW_MS:

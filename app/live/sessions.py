@@ -80,7 +80,7 @@ class Microphone:
             RunError: if it is invalid, too long, too fast or silent, or if too little came lately.
         """
         samples, now = read_sound(content), self._clock()
-        if not self._samples:  # the models may have taken long to be read
+        if not self._samples:  # loading the models may have taken long
             self._watched_since = now
         self._samples += len(samples)
         spoken_s = self._samples / SAMPLE_RATE

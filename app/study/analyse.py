@@ -68,7 +68,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     page = page_of(key, collected, screened, balance, results, with_all)
     battles = battles_of(screened.kept, key)
     with ResultFolder(request.out) as folder:
-        folder.path("report.html").write_text(page, "utf-8", errors="replace")  # names of files
+        folder.path("report.html").write_text(page, "utf-8", errors="replace")  # for file names
         if len(battles):
             rows = [list(battles), *battles.to_numpy().tolist()]
             folder.path("battles.csv").write_text(csv_text(rows, "\n"), "utf-8", newline="")

@@ -167,8 +167,8 @@ class _Maker:
         firsts: dict[str, str] = {}
         for stimulus, blind in scene.items():
             firsts[stimulus.system] = min(blind, firsts.get(stimulus.system, blind))
-        # The rest of the bit rate is filled up. Shares follow the blind names, which tell nothing:
-        # what is filled up then tells nothing either.
+        # The rest of the bit rate is padding. Shares follow the blind names, which reveal nothing,
+        # so that the padding reveals nothing either.
         ranked = sorted(firsts, key=lambda system: firsts[system])
         shares = {system: 1 - media.RATE_STEP * rank for rank, system in enumerate(ranked)}
         streams = self._streams(view, motions, shares, on_progress)
@@ -188,7 +188,7 @@ class _Maker:
     ) -> dict[str, Path]:
         """Encode each system's picture as a stream; the n-th frames have equally many bytes."""
         video = VideoOptions(size=self.plan.size, framing="whole", close_ups=())
-        settings = picture_of(video, view, crf=0)  # encoded once more
+        settings = picture_of(video, view, crf=0)  # encoded again later
         stage = set_stage(get_body(self.body), list(motions.values()), view, settings.aspect)
         work = self.workspace.work
         drawn = {name: work / f"drawn-{n}.mp4" for n, name in enumerate(motions)}
@@ -230,6 +230,6 @@ def _fingerprint(plan: Plan, sources: tuple[Source, ...], weights: Path, body: P
         "weights": sha256s,
         "body": file_sha256(body) if body else None,
     }
-    # Where files lie may change from run to run; what they hold is among the facts.
+    # Paths may change from run to run; the contents of files are in the facts as digests.
     text = json.dumps(facts, sort_keys=True, default=lambda path: path.name)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -136,7 +136,7 @@ def check_study(folder: Path) -> list[str]:
         raise RunError(f"The export in {folder} is not finished; run it again first.")
     study = Study(workspace, key, stimuli_of(key))
     leaks = list(_stray_files(study))
-    if leaks:  # what is missing or foreign cannot be tested further
+    if leaks:  # missing or foreign files cannot be tested further
         return leaks
     return [leak for find in _CHECKS for leak in find(study)]
 

@@ -66,7 +66,7 @@ class BodyArrays:
     @cached_property
     def main_joints(self) -> Int64[np.ndarray, " V"]:
         """Joint with the largest weight, for each vertex."""
-        return self.weights.toarray().argmax(axis=1)  # 50 times as fast as of a sparse matrix
+        return self.weights.toarray().argmax(axis=1)  # 50 times as fast as with a sparse matrix
 
 
 def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
@@ -95,7 +95,7 @@ def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
                 arrays = _licensed_body(archive, path, sha256)
     except BodyError:
         raise
-    except Exception as error:  # zipfile and numpy's reader of headers raise whatever they meet
+    except Exception as error:  # zipfile and numpy's header reader raise many kinds of errors
         raise BodyError(f"{path.name} is damaged and cannot be read as a body.") from error
     if np.abs(arrays.weights.sum(axis=1) - 1).max() > 0.01:
         raise BodyError(f"{path.name}: the skinning weights of a vertex do not sum to one.")

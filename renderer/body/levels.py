@@ -66,7 +66,7 @@ def _coarser_faces(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
             with np.load(path, allow_pickle=False) as archive:
                 meshes = [archive[name] for name in archive.files]
     except (OSError, ValueError, zipfile.BadZipFile):
-        return []  # nothing can be kept: the whole body is drawn, which takes longer
+        return []  # no cache: the whole body is drawn, which takes longer
     return [each for each in meshes if each.max(initial=0) < body.num_vertices]
 
 

@@ -67,7 +67,7 @@ class Canvas(pyrender.Renderer):
         GL.glEnable(GL.GL_SCISSOR_TEST)
         self._pass(self._picture, self._changed, scale=1, is_body=False)
         if body.width and body.height:
-            # The ground hides what is below it from whoever stands above.
+            # The ground hides what is below it from a camera above.
             is_hiding = camera.eye[1] > self._floor_m and not self._subject.is_transparent
             (GL.glEnable if is_hiding else GL.glDisable)(GL.GL_CLIP_DISTANCE0)
             self._pass(self._samples, body, scale=SUPERSAMPLE, is_body=True)
@@ -118,7 +118,7 @@ class Canvas(pyrender.Renderer):
         pixels = np.ascontiguousarray(camera.project(points, width, height).T)
         low, high = pixels.min(axis=1), pixels.max(axis=1)
         if not np.isfinite(low).all():
-            return self._whole  # a point behind the camera has no place in the picture
+            return self._whole  # a point behind the camera cannot be projected
         left, upper = (low - 1.0) // BLOCK_PX * BLOCK_PX
         right, lower = -((-high - 1.0) // BLOCK_PX) * BLOCK_PX
         left, right = (int(min(max(each, 0), width)) for each in (left, right))
@@ -148,7 +148,7 @@ class Canvas(pyrender.Renderer):
         GL.glScissor(box.left, box.bottom, box.width, box.height)
         for state in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE):
             GL.glDisable(state)
-        GL.glBlendFunc(GL.GL_ONE, GL.GL_ONE_MINUS_SRC_ALPHA)  # colours hold their alpha already
+        GL.glBlendFunc(GL.GL_ONE, GL.GL_ONE_MINUS_SRC_ALPHA)  # colours are premultiplied
         GL.glActiveTexture(GL.GL_TEXTURE0)
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._samples.colors)
         program._bind()
@@ -343,7 +343,7 @@ class TexturedQuad:
         )
         shown = pyrender.MetallicRoughnessMaterial(baseColorTexture=texture)
         self.mesh = pyrender.Mesh.from_trimesh(held, material=shown)
-        self._texture = self.mesh.primitives[0].material.baseColorTexture  # its own copy
+        self._texture = self.mesh.primitives[0].material.baseColorTexture  # pyrender's copy
 
     def show(self, pixels: UInt8[np.ndarray, "R R 3"]) -> None:
         """Set another picture of the same size, after the first drawing."""

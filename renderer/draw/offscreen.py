@@ -60,7 +60,7 @@ def open_gl(backend: Backend) -> None:
         )
     os.environ["PYOPENGL_PLATFORM"] = backend
     if "pyrender.viewer" not in sys.modules:
-        # The window of pyrender is never used here, and importing it wants pyglet with X libraries.
+        # pyrender's window is never used here, and importing it requires pyglet with X libraries.
         viewer = types.ModuleType("pyrender.viewer")
         viewer.Viewer = None  # type: ignore[attr-defined]
         sys.modules["pyrender.viewer"] = viewer

@@ -47,12 +47,12 @@ FAINTEST = 0.12
 MIN_SPAN_M = 0.02
 """Shortest axis (m), used for a point that does not move."""
 MARK_RGB = (0.29, 0.08, 0.43)
-_MIN_SHARE = 0.2  # of the height, for the flattest coordinate
+_MIN_SHARE = 0.2  # least share of the height for the flattest coordinate
 _FAINT = 0.3
 _KEY_MM, _TITLE_MM, _TIME_MM, _FRAME_MM = 4.0, 4.5, 7.0, 3.0
-_SNAPSHOTS_MM = 36.0  # at least, for their title
+_SNAPSHOTS_MM = 36.0  # least width, for the title
 _AROUND_MM = _KEY_MM + 2.0  # above and below the snapshots of one motion
-_COLUMN_MM = {"ac": 26.0, "b": 28.0, "d": 11.0}  # of each motion, where a column holds them
+_COLUMN_MM = {"ac": 26.0, "b": 28.0, "d": 11.0}  # height per motion in a column figure
 _HEAD, _SIDE, _FOOT = 0.16, 0.09, 0.07
 """Room around the outermost joints, as shares of the height of all joints."""
 _FILTERED: dict[PostFilter, str] = {
@@ -402,7 +402,7 @@ def _coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
         axes.set_ylim(*limits[k])
         axes.grid(True, axis="y")
         most = max(1, int(0.14 * row.height_mm * spans[k] / spans.sum()))
-        bins = most if most > 1 else 6  # of a low one the ends, as far apart as can be
+        bins = most if most > 1 else 6  # a low axis shows its outermost ticks
         ticks = MaxNLocator(bins, steps=[1, 2, 5, 10], min_n_ticks=2).tick_values(*limits[k])
         ticks = ticks[(ticks >= limits[k, 0]) & (ticks <= limits[k, 1])]
         axes.set_yticks(ticks if len(ticks) <= most + 1 else ticks[[0, -1]])
@@ -461,7 +461,7 @@ def _path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
             start = corner.copy()
             start[axis] = tick
             line(start, along, color=style.GRID_INK, linewidth=0.4, zorder=0.5)
-    front, back = limits[[0, 1, 2], [0, 0, 1]], limits[:, 0]  # edges that nothing is beyond
+    front, back = limits[[0, 1, 2], [0, 0, 1]], limits[:, 0]  # the outermost edges
     away = (4.0, -6.0), (-4.0, 0.0), (-4.0, -5.0)
     for axis, (start, offset) in enumerate(zip((front, back, front), away, strict=True)):
         line(start, axis, color=style.INK, linewidth=0.5, zorder=0.6)
@@ -495,7 +495,7 @@ class Cells:
         limits = np.array(stack.shape[2:0:-1])  # width, height
         inside = np.where(np.isfinite(pixels), np.clip(pixels, 0, limits), np.nan)
         has_any = np.isfinite(inside).any(axis=(0, 2, 3))
-        inside[:, ~has_any] = 0.5 * limits  # nobody knows where the body is
+        inside[:, ~has_any] = 0.5 * limits  # unknown position of the body
         low, high = np.nanmin(inside, axis=(0, 2)), np.nanmax(inside, axis=(0, 2))  # (N, 2)
         tall = float((high - low)[:, 1].max())
         low, high = low - tall * np.array([_SIDE, _HEAD]), high + tall * np.array([_SIDE, _FOOT])
@@ -540,7 +540,7 @@ def _snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, cells: Cells
         for k, picture in enumerate(cells.rows[name]):
             strip[:, k * step : k * step + width] = picture
         axes.imshow(strip, extent=(0, strip.shape[1], height, 0), label=name)
-        if len(row.names) == 1 and not contents.is_in_one_plot:  # of one size in all rows
+        if len(row.names) == 1 and not contents.is_in_one_plot:  # equal size in all rows
             tall_mm = row.height_mm - sum(row.extra_mm) - _AROUND_MM
             wide_mm = row.widths_mm[row.panels.index("b")] - 1.0
             axes.set_xlim(0, max(strip.shape[1], wide_mm / tall_mm * height))

@@ -107,7 +107,7 @@ def _curve(row: str, jitter: Jitter) -> tuple[np.ndarray, np.ndarray]:
             return x, 100.0 * y
         case "attribution":  # place in the chain, and drop of the point's jerk in percent
             y = 100.0 * jitter.chain_drop
-        case _:  # frame of the window, or of the period found, and mean jerk
+        case _:  # frame of the window, or of the detected period, and mean jerk
             y = jitter.by_phase
     return np.arange(len(y), dtype=float), y
 
@@ -206,10 +206,10 @@ def _draw_curves(
             0.5, 0.5, fill(without, 44), transform=axes.transAxes, ha="center", va="center",
             size=style.SMALL_PT, color=style.FAINT_INK, in_layout=False,
         )  # fmt: skip
-        axes.set_axis_off()  # a scale of nothing would say something
+        axes.set_axis_off()  # an empty scale would be misread
     for order, (name, (x, y)) in enumerate(curves.items()):
         every = 1 if is_dense or len(x) <= 2 * _MARKERS else max(1, len(x) // _MARKERS)
-        # Markers of the curves stand at different places, so that none hides another.
+        # Markers of the curves are at different positions, so that none hides another.
         start = 0 if every == 1 else (order * every) // max(1, len(curves))
         looks = sheet.styles[name].line_properties
         if is_dense:

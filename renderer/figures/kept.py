@@ -48,7 +48,7 @@ def save_contents(
     told = {"name": name, "caption": caption, "places": places or []}
     told["contents"] = _as_json(contents, arrays)
     text = np.frombuffer(json.dumps(told).encode(), np.uint8)
-    # Compressed as little as possible: pictures are most of it, and numpy's own way is slow.
+    # Compressed as little as possible: pictures dominate, and numpy's default level is slow.
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for key, array in {_TEXT: text, **dict(enumerate(arrays))}.items():
             with archive.open(f"{key}.npy", "w", force_zip64=True) as file:
@@ -86,7 +86,7 @@ def _as_json(value: Any, arrays: list[np.ndarray]) -> Any:
         return {"kind": "mapping", "of": pairs}
     if isinstance(value, tuple | list):
         return [_as_json(each, arrays) for each in value]
-    if hasattr(value, "to_dict"):  # pandas is imported by who has a table
+    if hasattr(value, "to_dict"):  # a data frame, without importing pandas
         return {"kind": "table", "of": value.to_dict("list")}
     return value.item() if isinstance(value, np.generic) else value
 

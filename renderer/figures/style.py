@@ -32,7 +32,7 @@ MM = 1.0 / 25.4
 PAGE_MM, COLUMN_MM = 174.0, 85.0
 """Widths of a page and of a column in journals (mm), at scale 1."""
 MAX_HEIGHT_MM = 235.0
-DPI = 300  # of PNG, and of the pictures inside SVG and PDF
+DPI = 300  # resolution of PNG, and of pictures inside SVG and PDF
 FORMS = ("png", "svg", "pdf")
 """File formats of a figure."""
 CONTENTS_ENDING = ".figure.npz"
@@ -40,7 +40,7 @@ CONTENTS_ENDING = ".figure.npz"
 SIMPLIFIED_PX = 0.05
 """Largest distance (pixels of the PNG) between a dense line and its simplification in SVG and PDF.
 """
-_PNG_COMPRESSION = 3  # of zlib; 6 takes twice as long for files 5 % smaller
+_PNG_COMPRESSION = 3  # zlib level; 6 takes twice as long for files 5 % smaller
 
 TITLE_PT, LABEL_PT, SMALL_PT = 7.5, 7.0, 6.0
 MARKER_PT = 3.0
@@ -73,7 +73,7 @@ RC_PARAMS: dict[str, object] = {
     "figure.constrained_layout.wspace": 0.0,
     "grid.color": GRID_INK,
     "grid.linewidth": 0.4,
-    "image.composite_image": False,  # each row of snapshots stays a picture of its own
+    "image.composite_image": False,  # each row of snapshots stays a separate picture
     "legend.borderaxespad": 0.4,
     "legend.borderpad": 0.0,
     "legend.columnspacing": 1.6,
@@ -85,7 +85,7 @@ RC_PARAMS: dict[str, object] = {
     "path.simplify_threshold": SIMPLIFIED_PX / 2.0 * 72.0 / DPI,
     "pdf.fonttype": 42,  # text stays text; many journals refuse Type 3
     "ps.fonttype": 42,
-    "svg.fonttype": "path",  # outlines: nobody needs the font, so nothing moves or overlaps
+    "svg.fonttype": "path",  # outlines: no font is needed, so nothing moves or overlaps
     "svg.hashsalt": "co-speech motion figure",
     "xtick.color": INK,
     "ytick.color": INK,
@@ -317,7 +317,7 @@ def _settle(figure: "Figure", places: Places | None) -> None:
         return
     places = [] if places is None else places
     texts, parts = [*figure.texts], [*figure.subfigs]
-    for part in parts:  # and what is found meanwhile
+    for part in parts:  # including parts appended meanwhile
         texts += part.texts
         parts += part.subfigs
     if not places:
@@ -346,5 +346,5 @@ def _make_printable(figure: "Figure") -> None:
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
         harmless = "\n".join(map(printable, text.get_text().split("\n")))
-        if harmless != text.get_text():  # setting it has its size measured anew
+        if harmless != text.get_text():  # setting a text measures it again
             text.set_text(harmless)

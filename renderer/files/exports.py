@@ -21,7 +21,7 @@ from renderer.scene.stage import frames_of
 
 def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
     """Write the posed body in metres, y up; the suffix of ``out`` selects the format."""
-    import trimesh  # takes long, and is of this format alone
+    import trimesh  # takes long to import, and only this function needs it
 
     (vertices,) = np.concatenate(list(body.vertices(frames_of(motion, [frame]))))
     shown = np.sqrt(body.vertex_colors)  # linear
@@ -31,7 +31,7 @@ def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
 
 
 _ROTATIONS = "Zrotation Xrotation Yrotation"
-# Where a bone without a child ends, from its joint; metres. Fingers end at their tip vertex.
+# Offset of the end of bones without a child (m). Fingers end at their tip vertex.
 _ENDS = {
     "left_foot": (0.0, 0.0, 0.08),
     "right_foot": (0.0, 0.0, 0.08),

@@ -250,7 +250,7 @@ def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
     shares = np.take_along_axis(weights, joints, axis=1)
     levels = np.round(shares / shares.sum(1, keepdims=True) * 65535).astype(np.int64)
     levels[:, 0] += 65535 - levels.sum(1)
-    joints = np.where(levels > 0, joints, 0)  # glTF wants joint 0 where the share is 0
+    joints = np.where(levels > 0, joints, 0)  # glTF requires joint 0 where the weight is 0
     return joints.astype(np.uint8), levels.astype(np.uint16)
 
 

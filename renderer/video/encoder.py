@@ -63,7 +63,7 @@ def ffmpeg_path() -> str:
         raise VideoError("No ffmpeg was found; install it with: pip install imageio-ffmpeg") from (
             error
         )
-    if shutil.which(path) is None:  # named by IMAGEIO_FFMPEG_EXE, which nobody checks
+    if shutil.which(path) is None:  # from IMAGEIO_FFMPEG_EXE, which is not checked
         raise VideoError(f"{path} is no ffmpeg that can be run; unset IMAGEIO_FFMPEG_EXE.")
     return path
 
@@ -194,7 +194,7 @@ class Encoder:
             stderr=self._messages,
         )
         if self._process.stdin is not None:
-            with suppress(OSError):  # where a pipe may not be so large
+            with suppress(OSError):  # the system may not allow such a large pipe
                 fcntl.fcntl(self._process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         return self
 

@@ -154,7 +154,7 @@ def draw_frames(
             return painter.paint(whole, int(numbers[index]), cameras(index))
 
         for index in range(len(numbers)):
-            # While the driver draws the picture before, which the caller takes while it draws this.
+            # Posed while the driver draws the previous picture; the caller takes it meanwhile.
             posed: list[PosedFrame] = []
             for prepared, places, shades in zip(prepare, vertices, colors, strict=True):
                 posed.append(prepared(next(places), next(shades), posed[0] if posed else None))

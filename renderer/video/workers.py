@@ -118,7 +118,7 @@ def draw_jobs(
 
 def _decided(job: RenderJob) -> RenderJob:
     """Return the job with a backend and absolute paths, for a process in another folder."""
-    # Asked here, where the answer is kept: each new process would have to try the drivers again.
+    # Chosen here, where the result is cached: each new process would have to probe the drivers.
     backend = job.settings.backend or choose_backend()
     paths = {"out": job.out, "speech_wav": job.speech_wav, "body_path": job.body_path}
     return replace(
@@ -193,7 +193,7 @@ def main() -> int:
         try:
             channel.send((kind, value))
         except OSError:
-            sys.exit()  # nobody wants the rest; no half-written file stays
+            sys.exit()  # the parent has ended; no partial file stays
 
     while True:
         try:

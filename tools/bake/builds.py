@@ -201,7 +201,7 @@ def rotations_to_zero_pose(
         flat = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
         turn(f"{side}_ankle", flat)
         turn(f"{side}_foot", flat)
-        # The elbow's hinge, seen in the bend of the A pose, becomes the vertical axis.
+        # The elbow's hinge, known from the bend of the A pose, becomes the vertical axis.
         hinge = np.cross(bone["shoulder"], bone["elbow"])
         new_hinge = np.array([0, -sign, 0])
         for name, new in (
@@ -267,7 +267,7 @@ LEG_LENGTH_M = 0.7845
 PELVIS_M = (0.0, -0.3514, 0.012)
 """Position of the pelvis (m) in SMPL-X's mean body."""
 
-# The joint that each bone ends in, where one joint alone carries it on.
+# The joint at the end of each bone that continues in only one joint.
 _BONE_END = {
     "spine1": "spine2",
     "spine2": "spine3",

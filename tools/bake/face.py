@@ -24,7 +24,7 @@ LIP_REACH_M = 0.009
 LIP_RINGS = 6
 """Number of face rings from the lip line to the outer edge of the lips."""
 
-# A dental arch, half a superellipse seen from above; small enough to stay behind the lips.
+# A dental arch, half a superellipse from above; small enough to stay behind the lips.
 ARCH_HALF_WIDTH_M = 0.0195
 ARCH_LENGTH_M = 0.013
 ARCH_EXPONENT = 2.6
@@ -118,7 +118,7 @@ def make_teeth(row: str, old: Mesh, mouth: Float[np.ndarray, " 3"]) -> Mesh:
     carried[:, :3] = positions
     carried[:, 3 : 3 + NUM_JOINTS] = 0
     carried[:, 3 + JOINT_INDEX["head" if row == "upper" else "jaw"]] = 1
-    # Teeth are stiff: the offsets of the old row are followed as far as they are affine.
+    # Teeth are rigid: they follow the affine part of the old row's offsets.
     old_affine, affine = (np.c_[p - mouth, np.ones(len(p))] for p in (old.positions, positions))
     offsets = old.carried[:, 3 + NUM_JOINTS :]
     carried[:, 3 + NUM_JOINTS :] = affine @ np.linalg.lstsq(old_affine, offsets, rcond=None)[0]
@@ -279,7 +279,7 @@ def eyeball(side: str, old: Mesh, num_expressions: int) -> Mesh:
     carried = np.zeros((len(polar), old.carried.shape[1]))
     carried[:, :3] = centre + bulge[:, None] * directions
     carried[:, 3 + JOINT_INDEX[f"{side}_eye"]] = 1
-    # No expression moves an eyeball, but each build has its own size of it.
+    # No expression moves an eyeball, but its size differs between builds.
     builds = old.offsets[:, num_expressions:].transpose(1, 0, 2)
     offsets = np.zeros((len(polar), old.offsets.shape[1], 3))
     for index, offset in enumerate(builds, start=num_expressions):
@@ -295,7 +295,7 @@ def eyeball(side: str, old: Mesh, num_expressions: int) -> Mesh:
     a, b = grid[:-1], grid[1:]
     quads = np.stack([a, b, np.roll(b, -1, 1), np.roll(a, -1, 1)], axis=-1).reshape(-1, 4)
     triangles = Mesh(quads, carried, regions).triangles()
-    # The poles are rings of equal points: their faces without area go.
+    # The poles are rings of equal points: their faces have no area and are removed.
     a, b, c = (triangles.positions[triangles.faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return triangles.faces_only(area > 1e-12)

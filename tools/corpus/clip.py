@@ -155,7 +155,7 @@ def split_table(rows: list[tuple[str, str]]) -> str:
 
 Span = tuple[float, float, str]
 Point = tuple[float, str]
-NO_SMILE = 0.02  # levels up to this are none
+NO_SMILE = 0.02  # levels up to this count as no smile
 
 
 def textgrid(clip: CorpusClip) -> str:

@@ -102,7 +102,7 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
     Args:
         scenes: a value by system for each scene, all with the same systems.
     """
-    from scipy import stats  # takes a second to import, for what the page seldom needs
+    from scipy import stats  # takes a second to import and is seldom needed by the page
 
     if len(scenes) < 2:
         return 1.0

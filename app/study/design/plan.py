@@ -73,7 +73,7 @@ def _by_clip(value: Any, info: Any) -> Mapping[str, Path]:
 def _style(value: Any, info: Any) -> Any:
     """Parse a style: a path of a style file, or the tables of one."""
     from model.plan.plan import PlanError
-    from model.plan.style import StyleWish, read_wish, wish_of  # bring torch: only once needed
+    from model.plan.style import StyleWish, read_wish, wish_of  # import torch: only if needed
 
     try:
         if value is None or isinstance(value, StyleWish):

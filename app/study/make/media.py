@@ -128,7 +128,7 @@ def _encode(drawn: Path, out: Path, rate: int) -> int:
         *("-bufsize", str(rate // 2), "-bf", "0", "-g", str(FPS), "-keyint_min", str(FPS)),
         *("-sc_threshold", "0", "-x264-params", _X264),
         *_BITEXACT,
-        # x264 writes its settings into the stream (NAL type 6), and what fills a frame up (12).
+        # x264 writes its settings (NAL type 6) and padding (12) into the stream.
         *("-bsf:v", "filter_units=remove_types=6|12", "-f", "h264", str(out)),
     )
     frames = frames_of(out.read_bytes())
@@ -332,7 +332,7 @@ def num_picture_bytes(stream: bytes) -> int:
 def fill_alike(streams: Sequence[Path]) -> None:
     """Pad frame by frame until the n-th frames of all streams have the same number of bytes."""
     all_frames = [frames_of(path.read_bytes()) for path in streams]
-    # As many for all: a frame that has none would be seen to be the largest.
+    # Every frame gets messages: one without them would be known as the largest.
     targets = [max(map(_size, frames)) + 2 * _LEAST for frames in zip(*all_frames, strict=True)]
     for path, frames in zip(streams, all_frames, strict=True):
         seed = hashlib.sha256(path.read_bytes()).digest()

@@ -55,7 +55,7 @@ class Workspace:
             for folder in (self.work, self.media):
                 folder.mkdir(parents=True, exist_ok=True)
             for folder in (self.bundle, self.media, self.private):
-                for part in folder.glob(".*.part*"):  # of a run that was killed
+                for part in folder.glob(".*.part*"):  # left by a killed run
                     part.unlink()
         except OSError as error:
             raise RunError(f"The folder {out} cannot be written to; choose another.") from error

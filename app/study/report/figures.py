@@ -111,7 +111,7 @@ def _add_legend(figure: Figure, key: Key) -> None:
         fontsize=9,
     )  # fmt: skip
     for entry, name in zip(legend.get_texts(), names, strict=True):
-        entry.set_text(name)  # given above, names that begin with "_" would be left out
+        entry.set_text(name)  # as arguments, names that begin with "_" would be left out
 
 
 def forest(found: Sequence[Number]) -> Figure:

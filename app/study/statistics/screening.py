@@ -169,7 +169,7 @@ def _doubt(participant: Participant, key: Key) -> str | None:
     order = [place[answer.trial] for answer in participant.answers]
     if order != sorted(order):
         return "answers in another order than that of the list"
-    # Whoever watched may well find the same each time; that alone excludes nobody.
+    # Equal answers may be honest; they alone exclude no participant.
     failed = failed_checks(participant, key)
     places = {_place(answer) for answer in judged}
     if len(judged) >= ALIKE_FROM and len(places) == 1 and None not in places and (failed or hasty):

@@ -37,10 +37,10 @@ from tools.corpus.gesture.plan import CycleSpan, HandKey, HandPlan
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices
 from tools.corpus.people.speaker import Speaker
 
-SHOULDER_TWIST_SHARE = 0.3  # of the humeral twist; the elbow joint takes the rest
-STILL = 0.85  # of the hands' own life is gone while the speaker listens
+SHOULDER_TWIST_SHARE = 0.3  # share of the humeral twist; the elbow joint takes the rest
+STILL = 0.85  # share of the hands' variation removed while the speaker listens
 _CONTACT_ROUNDS = 2
-_MAX_OFF_WAY_M = 0.017  # of a wrist from one frame to the next, against the step before
+_MAX_OFF_WAY_M = 0.017  # largest change of a wrist's step from one frame to the next
 _SOFTENING_ROUNDS = 12
 _HAND_DELAY_S = np.concatenate(
     [
@@ -50,7 +50,7 @@ _HAND_DELAY_S = np.concatenate(
         [0.02, 0.02, 0.03],
     ]
 )
-# per second, of a minimum-jerk move; wrist and fingers take longer rather than snap
+# Per second, of a minimum-jerk move; wrist and finger moves are slowed down rather than snap.
 _TOP_SPEED = np.concatenate([np.full(3, np.inf), [360.0, 280.0, 150.0, 5.0], np.full(19, 400.0)])
 UPPER_ARM_LAG_S = 0.08
 
@@ -230,7 +230,7 @@ def within_reach(arm: Arm, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, 
     out = _soft_ceiling(hand[:, 0] * arm.sign, 0.33, 0.07)
     hand[:, 0] = arm.sign * np.maximum(out, -0.05)
     hand[:, 1] = _soft_ceiling(hand[:, 1], 0.20, 0.07)
-    # A raised hand keeps off the shoulder: the elbow would fold up and the arm spin.
+    # A raised hand stays away from the shoulder: the elbow would fold up and the arm spin.
     raised = minimum_jerk((hand[:, 1] + 0.05) / 0.15)
     nearest = 0.19 * raised - 1.0 * (1 - raised)
     hand[:, 2] = -_soft_ceiling(-hand[:, 2], -nearest - 0.04, 0.04)
@@ -313,7 +313,7 @@ def trailing(
     velocity = np.gradient(hand[:, POSITION], axis=0) * FPS
     across = gaussian_filter1d((velocity * palm).sum(axis=1), 1.2)
     acceleration = np.gradient(velocity, axis=0) * FPS
-    pull = _softly((acceleration * palm).sum(axis=1), 6.0)  # muscles stiffen when it gets rough
+    pull = _softly((acceleration * palm).sum(axis=1), 6.0)  # muscles stiffen at high acceleration
     hand[:, WRIST_FLEX] += WRIST_SWING.angle_deg(pull) - 9 * across
     drag = FINGER_SWING.angle_deg(pull) - _softly(6 * across, 10.0)
     hand[:, FINGERS.start : FINGERS.start + 12] += drag[:, None] * np.tile([1.0, 0.8, 0.5], 4)

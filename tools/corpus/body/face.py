@@ -21,14 +21,14 @@ from tools.corpus.words.prosody import Utterance
 
 FINE = 4  # the mouth is computed at 120 frames a second
 MAX_JAW_DEG = 13.0
-SMILE_CHANGE_S = 0.8  # of the curve, about the end of one size and the beginning of the next
-SMILE_HALF_S = 1.0  # of a smile about the end of a phrase
-WIDE_DEG = 14.0  # of the gaze shifts that draw a blink to themselves
+SMILE_CHANGE_S = 0.8  # duration of a change from one smile level to the next
+SMILE_HALF_S = 1.0  # half the duration of a smile around the end of a phrase
+WIDE_DEG = 14.0  # smallest gaze shift that attracts a blink
 
 _CLOSED_LIPS = {
     **{"mouthClose": 0.35, "mouthPress": 0.45, "mouthRollLower": 0.28, "mouthRollUpper": 0.2}
 }
-# phones: jaw opening in degrees, dominance over the neighbours, face units
+# Phones, jaw opening in degrees, dominance over the neighbours, face units.
 _VISEMES = (
     ("aa ao aw", 11.0, 1.0, {"mouthLowerDown": 0.35, "mouthUpperUp": 0.12}),
     ("ae ay", 10.0, 1.0, {"mouthStretch": 0.3, "mouthLowerDown": 0.35, "mouthUpperUp": 0.2}),

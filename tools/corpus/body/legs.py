@@ -23,9 +23,9 @@ from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, euler_matrices
 from tools.corpus.people.speaker import Speaker
 
 STANCE_HALF_WIDTH_M = 0.125
-STANDING_BEND_DEG = 6.0  # of the leg that carries the weight
-TOES_OUT_DEG = 12.0  # of the open body's feet at rest, whose kneecaps face ahead
-KNEES_IN_DEG = 5.0  # or its legs, which are bowed at rest, would look more so
+STANDING_BEND_DEG = 6.0  # knee bend of the supporting leg
+TOES_OUT_DEG = 12.0  # of the open body's feet at rest, with kneecaps facing ahead
+KNEES_IN_DEG = 5.0  # compensates for its legs, which are bowed at rest
 _KNEE_AXIS = np.array([1.0, 0.0, 0.0])
 _SOFTNESS_M = 0.003  # how gradually the weight goes from one leg to the other
 STEP_S = 0.46
@@ -64,7 +64,7 @@ def move_legs(
     floating += smooth_noise(rng, num_frames, 0.004 * speaker.sway, 0.25, 3) * [1, 0, 1]
     floating *= left_over[:, None]
     at = middle + feet.shift + floating
-    # Knees give on accents.
+    # Knees bend on accents.
     bend_deg = STANDING_BEND_DEG + 3.0 * speaker.energy * np.clip(trunk.accent, 0, 1.5)
     bend_deg += left_over * np.abs(smooth_line(rng, num_frames, 2.0 * speaker.sway, 0.4))
 

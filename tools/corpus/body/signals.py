@@ -70,8 +70,8 @@ FINGERS = slice(7, 7 + SHAPE_SIZE)
 NUM_CHANNELS = 7 + SHAPE_SIZE
 
 
-SETTLES_S = (0.2, 1.1)  # after the last word
-WAKES_S = (0.6, 0.0)  # before the next
+SETTLES_S = (0.2, 1.1)  # start and end of settling after the last word
+WAKES_S = (0.6, 0.0)  # start and end of waking before the next word
 
 
 def quiet(utterance: Utterance, time_s: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:

@@ -21,8 +21,8 @@ from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Utterance
 
 PELVIS_TILT_DEG = -11.0
-CALMER = 0.65  # share of the sway that is gone while the speaker listens
-TREMOR_DEG = 0.06  # of the trunk; even calm people are never perfectly smooth
+CALMER = 0.65  # share of the sway removed while the speaker listens
+TREMOR_DEG = 0.06  # tremor of the trunk; even calm people are never perfectly smooth
 SPINE = ((3, 0.30, 7.0), (6, 0.35, 4.0), (9, 0.35, 4.0))  # joint, share of the turn, posture in deg
 
 

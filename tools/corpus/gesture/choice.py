@@ -17,18 +17,18 @@ from tools.corpus.people.rig import SIDE_SIGN, SIDES
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Phrase, SpokenWord
 
-FAVOURITE = 4.0  # times as often
-LISTED_SHARE = 0.6  # of the items of a list
-OWN_SIDE_SHARE = 0.75  # of one-handed gestures of a contrast are made by the nearer hand
-STALE = 5  # a gesture that a word called for is not called again by this many chunks
+FAVOURITE = 4.0  # factor on the probability of a speaker's favourites
+LISTED_SHARE = 0.6  # share of list items with a listing gesture
+OWN_SIDE_SHARE = 0.75  # share of one-handed contrast gestures by the nearer hand
+STALE = 5  # chunks before a literal gesture may be repeated
 
 
 ASIDE_M = 0.065
 CONTRAST_ASIDE_M = 0.085
-MIN_ITEMS = 3  # of a list
+MIN_ITEMS = 3  # fewest phrases of a list
 FIRST_MARKS = frozenset("one some either before here not rather".split())
 SECOND_MARKS = frozenset("but other others or now there another".split())
-NEW_PLACE_SHARE = 0.3  # of the stressed words that have no place yet
+NEW_PLACE_SHARE = 0.3  # share of stressed words that get a new position
 
 
 class Choice:

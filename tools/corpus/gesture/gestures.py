@@ -24,7 +24,7 @@ SHAPE_SIZE = 19
 FLEX = slice(0, 12)
 ABDUCTION = slice(12, 16)
 THUMB = slice(16, 19)
-LOWEST_FLEX_DEG = (-8.0, 0.0, -2.0)  # of the three joints of a long finger
+LOWEST_FLEX_DEG = (-8.0, 0.0, -2.0)  # for the three joints of a long finger
 _ABDUCTION_PER_SPREAD = np.array([-1.0, -0.1, 0.35, 0.9])
 _CLOSED_ABDUCTION = np.array(
     [5.0, 1.0, -4.0, -10.0]

@@ -87,7 +87,7 @@ def _held(rig: Rig, pose: HandPose, both: bool) -> Float[np.ndarray, " 165"]:
 
 
 AIM, AIM_OVER_FLOOR = 0.85, 0.05
-TOLD = 8  # figures of each table: those that tell most by themselves
+TOLD = 8  # rows of each table: the statistics that separate best alone
 
 Clips = list[MeasuredClip]
 

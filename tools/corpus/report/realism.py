@@ -74,9 +74,9 @@ def in_chest(clip: PosedClip, joint: int) -> Float[np.ndarray, "T 3"]:
 
 
 WINDOW, HOP = 60, 30  # frames
-PENALTY = 0.01  # on the squared weights, beside the mean loss
+PENALTY = 0.01  # factor on the squared weights, added to the mean loss
 TREMOR_HZ = 5.0
-SHUT_DEG = 1.5  # of a jaw
+SHUT_DEG = 1.5  # jaw opening below which the mouth is shut
 FINGERS = range(JOINT_INDEX["left_index1"], JOINT_INDEX["right_thumb3"] + 1)
 
 Figures = pd.DataFrame
@@ -286,7 +286,7 @@ def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
     first, second = real[:2]
     halves = pd.concat(corpus[0::2]), pd.concat(corpus[1::2])
     judges = _judge(first, halves[0]), _judge(second, halves[1])
-    # Each judge is tested on the real clip and the half that it has not seen.
+    # Each classifier is tested on the real clip and the half outside its training data.
     joint = [
         _told_apart(judges[0], second, halves[1]),
         _told_apart(judges[1], first, halves[0]),

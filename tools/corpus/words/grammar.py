@@ -265,8 +265,8 @@ GRAMMAR: Rules = {
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[Split, ...] = ("train", "val", "test")
 
-MIN_SENTENCES, MAX_SENTENCES = 3, 7  # on one topic
-ANSWER_SHARE = 0.6  # of the questions
+MIN_SENTENCES, MAX_SENTENCES = 3, 7  # sentences on one topic
+ANSWER_SHARE = 0.6  # share of answered questions
 _KIND_NAMES = tuple(KINDS)
 _KIND_SHARES = np.array(list(KINDS.values())) / sum(KINDS.values())
 _TOPIC_NAMES = tuple(TOPICS)

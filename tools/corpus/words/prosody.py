@@ -30,10 +30,10 @@ MIN_ACCENT_GAP_S = 0.33
 ACCENT_PITCH = 0.13  # playback speeds up by this share on an accent of 1
 ACCENT_DB = 8.0
 BETWEEN_ACCENTS_DB = -3.5
-LISTENS, LISTENS_AFTER_A_QUESTION = 0.1, 0.6  # shares of sentences
+LISTENS, LISTENS_AFTER_A_QUESTION = 0.1, 0.6  # shares of sentences followed by listening
 LISTENS_FIRST = 0.12  # share of clips that begin with listening
 LISTENING_S = (2.5, 8.0)
-MAX_PAUSE_S = 2.0  # of a speaker who goes on
+MAX_PAUSE_S = 2.0  # longest pause of a speaker who continues
 
 
 @dataclass(frozen=True)
