@@ -168,6 +168,8 @@ class AppConfig:
     """Maximum length of the queue, including background videos and excluding checks of uploads."""
     keep_results_s: Suppress[float] = 3600.0
     """Age (s) at which results and uploads are deleted."""
+    max_kept_bytes: Suppress[int] = 4 * 10**9
+    """Most bytes of uploads and runs that one address may have on the disk."""
     max_run_s: Suppress[float] = 2 * 3600.0
     max_run_bytes: Suppress[int] = 4 * 10**9
     """Memory (bytes) that a run may use in addition to the models."""

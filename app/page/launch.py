@@ -108,6 +108,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     from app.page.tabs.runner import Services
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.files import Jobs, keep_swept
+    from app.page.visitors.quota import Quota
     from app.page.visitors.turns import Turns, leaving_route
     from app.page.visitors.uploads import keep_uploads_tidy
     from app.page.visitors.visitors import visitor_route
@@ -120,11 +121,13 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         if (why := family.why_not_on_page()) is not None:
             raise RunError(why)
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
-    keep_uploads_tidy(config.temp, config.min_free_bytes)
+    proxies = (*LOCAL_PROXIES, *config.proxies)
+    quota = Quota(config.max_kept_bytes, config.keep_results_s, proxies)
+    keep_uploads_tidy(config.temp, config.min_free_bytes, quota)
     tell_wrong_calls()
     quieten_sockets()
-    jobs = Jobs(config.jobs_folder)
-    keep_swept(config.temp, config.keep_results_s, jobs.in_use)
+    jobs = Jobs(config.jobs_folder, quota)
+    keep_swept(config.temp, config.keep_results_s, jobs.in_use, quota.forget_deleted)
     atexit.register(jobs.cancel)
 
     limits = Limits(config.max_run_bytes, config.max_run_s)

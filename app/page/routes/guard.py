@@ -29,6 +29,7 @@ from starlette.websockets import WebSocketClose
 
 from app.errors import visitor_sentence, without_folders
 from app.page.routes.bodies import BodyError, read_body
+from app.page.visitors.uploads import CONNECTION
 from conventions.names import printable
 from model.storage.checked import why
 
@@ -149,6 +150,7 @@ class Guard:
             except BodyError as error:
                 await _refuse_call(error, scope, receive, framed)
                 return
+        CONNECTION.set(HTTPConnection(scope))
         with contextlib.suppress(ClientDisconnect):  # an upload that is broken off
             await self.inner(scope, receive, framed)
 

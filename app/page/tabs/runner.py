@@ -224,11 +224,16 @@ class TabRunner(ABC):
         Raises:
             gr.Error: if the run fails, with the sentence that the tab shows too.
         """
-        cookie, visitor = cookie_of(request), visitor_of(request)
+        cookie, visitor, jobs = cookie_of(request), visitor_of(request), self._services.jobs
         try:
             with (
-                self._services.jobs.opened(
-                    visitor, self.tab, cookie, values, outlives=self.outlives and bool(cookie)
+                jobs.opened(
+                    visitor,
+                    self.tab,
+                    cookie,
+                    values,
+                    owner=jobs.quota.owner_of(request),
+                    outlives=self.outlives and bool(cookie),
                 ) as job,
                 closing(self.steps(job, values)) as steps,
             ):

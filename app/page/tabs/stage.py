@@ -266,7 +266,8 @@ class VideosBehind:
             return
         run, video = wanted
         try:
-            with self._services.jobs.opened(visitor, self._tab) as job:
+            jobs = self._services.jobs
+            with jobs.opened(visitor, self._tab, owner=jobs.quota.owner_of(request)) as job:
                 job.beside.append(run.job.folder)  # which they are drawn into
                 yield from self._drawn(job, run, video)
         except Cancelled:

@@ -20,6 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from app.page.visitors.quota import Quota
+
 log = logging.getLogger(__name__)
 SWEEP_EVERY_S = 60.0
 _LOCK = ".lock"
@@ -88,7 +90,12 @@ def sweep(root: Path, keep_s: float, in_use: Iterable[Path] = ()) -> None:
             log.warning("%s could not be deleted: %s", entry, error)
 
 
-def keep_swept(root: Path, keep_s: float, in_use: Callable[[], Iterable[Path]]) -> None:
+def keep_swept(
+    root: Path,
+    keep_s: float,
+    in_use: Callable[[], Iterable[Path]],
+    on_swept: Callable[[], None] = lambda: None,
+) -> None:
     """Sweep periodically in a thread while the process lives; exceptions are logged."""
     every_s = min(SWEEP_EVERY_S, keep_s / 4)
 
@@ -96,6 +103,7 @@ def keep_swept(root: Path, keep_s: float, in_use: Callable[[], Iterable[Path]]) 
         while True:
             try:
                 sweep(root, keep_s, in_use())
+                on_swept()
             except Exception:
                 log.exception("a sweep failed; the next one follows")
             time.sleep(every_s)
@@ -146,7 +154,8 @@ class Job:
 class Jobs:
     """Unfinished runs of this process, with folders in ``root``."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, quota: Quota | None = None) -> None:
+        self.quota = quota or Quota()
         self._root = root
         self._jobs: list[Job] = []
         self._lock = threading.Lock()
@@ -159,13 +168,19 @@ class Jobs:
         cookie: str = "",
         values: Sequence[Any] = (),
         *,
+        owner: str = "",
         outlives: bool = False,
     ) -> Iterator[Job]:
         """Open a job with a private folder for the block; the folder stays for downloads.
 
         The folder and the uploads among a form's values are not deleted during the job, and start
         to age at its end.
+
+        Raises:
+            RunError: if the owner's uploads and runs use too much of the disk already.
         """
+        self.quota.measure_runs(owner)
+        self.quota.require(owner)
         uploads = uploads_of(values, self._root.with_name("gradio"))
         folder = self._root / secrets.token_hex(16)
         job = Job(visitor, tab, folder, cookie, outlives, uploads)
@@ -180,6 +195,7 @@ class Jobs:
             with self._lock:
                 self._jobs.remove(job)
             touch([job.folder, *job.beside])
+            self.quota.measure_runs(owner, job.folder)
 
     def cancel(self, visitor: str = "", tab: str = "") -> None:
         """Cancel the runs that a visitor started in a tab; without arguments, all runs."""

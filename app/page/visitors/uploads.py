@@ -5,16 +5,20 @@ from __future__ import annotations
 import asyncio
 import shutil
 from collections.abc import AsyncGenerator
+from contextvars import ContextVar
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from gradio import route_utils
 from gradio.components import file as file_component
+from starlette.datastructures import FormData
 from starlette.formparsers import MultiPartException
+from starlette.requests import HTTPConnection
 
 from app import text
-from app.errors import is_disk_full
+from app.errors import RunError, is_disk_full
+from app.page.visitors.quota import Quota
 
 MAX_FILES = 250
 """Maximum number of files in one request."""
@@ -27,6 +31,8 @@ _CHECK_BYTES = 1 << 24
 _PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048
 TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; send the others after them."
 TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; send the others after them."
+CONNECTION: ContextVar[HTTPConnection] = ContextVar("upload")
+"""The request that is being answered; Gradio passes only its headers to the parser."""
 FIELD_TOO_LONG = "A field that is no file may have {limit} bytes, and one of this upload has more."
 
 
@@ -37,7 +43,9 @@ class TidyParser(route_utils.GradioMultiPartParser):
     """Folder of uploads."""
     min_free_bytes: ClassVar[int]
     """Disk space (bytes) that always stays free."""
-    _num_files = _num_bytes = _checked_bytes = 0
+    quota: ClassVar[Quota]
+    _num_files = _num_bytes = _checked_bytes = _expected_bytes = 0
+    _owner = ""
 
     def on_headers_finished(self) -> None:
         super().on_headers_finished()
@@ -54,10 +62,13 @@ class TidyParser(route_utils.GradioMultiPartParser):
 
     async def parse(self) -> Any:
         stated = self.headers.get("content-length", "0")
+        self._owner = self.quota.owner_of(CONNECTION.get())
         stream, self.stream = self.stream, self._within_limits(self.stream)
         try:
             self._see_room(int(stated) if stated.isdecimal() else 0)
-            return await super().parse()
+            form = await super().parse()
+            self._count(form)
+            return form
         except BaseException as error:
             for file in self._files_to_close_on_error:
                 file.close()
@@ -68,13 +79,28 @@ class TidyParser(route_utils.GradioMultiPartParser):
                 async for _ in stream:  # a browser that still sends would not hear the sentence
                     pass
             raise error
+        finally:
+            self.quota.drop_upload(self._owner, self.root, str(id(self)))
+
+    def _count(self, form: FormData) -> None:
+        """Add the files to the quota of their owner, at the paths to which Gradio moves them."""
+        for _, file in form.multi_items():
+            if isinstance(file, route_utils.GradioUploadFile):
+                folder = Path(self.upload_dir or self.root) / file.sha.hexdigest()
+                self.quota.set_upload(self._owner, folder, file.filename or "", file.size or 0)
 
     def _see_room(self, num_bytes: int) -> None:
-        """Check that more bytes fit the request and the disk; raises MultiPartException."""
+        """Check that more bytes fit the request, disk and quota; raises MultiPartException."""
         if self._num_bytes + num_bytes > MAX_BODY_BYTES:
             raise MultiPartException(TOO_MUCH_AT_ONCE.format(limit=MAX_BODY_BYTES / 1e9))
         if shutil.disk_usage(self.root).free < self.min_free_bytes + num_bytes:
             raise MultiPartException(text.DISK_FULL)
+        self._expected_bytes = max(self._expected_bytes, self._num_bytes + num_bytes)
+        self.quota.set_upload(self._owner, self.root, str(id(self)), self._expected_bytes)
+        try:
+            self.quota.require(self._owner)
+        except RunError as error:
+            raise MultiPartException(str(error)) from error
         self._checked_bytes = self._num_bytes
 
     async def _within_limits(
@@ -96,9 +122,9 @@ class TidyParser(route_utils.GradioMultiPartParser):
                 await asyncio.sleep(0)
 
 
-def keep_uploads_tidy(root: Path, min_free_bytes: int) -> None:
+def keep_uploads_tidy(root: Path, min_free_bytes: int, quota: Quota) -> None:
     """Make Gradio use `TidyParser`, and prevent the unused empty file that it makes for each."""
-    TidyParser.root, TidyParser.min_free_bytes = root, min_free_bytes
+    TidyParser.root, TidyParser.min_free_bytes, TidyParser.quota = root, min_free_bytes, quota
     route_utils.GradioMultiPartParser = TidyParser
     unused = SimpleNamespace(NamedTemporaryFile=lambda **_: SimpleNamespace())
     file_component.tempfile = unused  # pyright: ignore[reportAttributeAccessIssue]

@@ -41,7 +41,7 @@ def address_of(request: gr.Request | HTTPConnection) -> str:
     return str(ipaddress.ip_network((address.packed, 64), strict=False))
 
 
-def cookie_of(request: gr.Request | fastapi.Request) -> str:
+def cookie_of(request: gr.Request | HTTPConnection) -> str:
     """Return the cookie that identifies a browser; empty without one."""
     return request.cookies.get(COOKIE, "")
 

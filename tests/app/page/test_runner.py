@@ -16,6 +16,7 @@ from app.errors import Cancelled, RunError
 from app.page.parts.markup import Updates
 from app.page.tabs.runner import TabRunner, follow
 from app.page.visitors.files import Job, Jobs, sweep
+from app.page.visitors.quota import Quota
 from app.run.callbacks import Ear, Event, Grown, Progress
 from tests.app import fakes
 from tests.app.page.made import browser
@@ -165,6 +166,31 @@ def test_jobs_have_folders_of_their_own_and_are_stopped_by_tab_and_page(jobs):
         jobs.cancel()
         assert second.is_cancelled() and other.is_cancelled()
     assert not jobs.in_use() and all(folder.is_dir() for folder in folders), "for the downloads"
+
+
+def test_an_address_that_has_left_too_much_begins_no_run_and_behind_a_proxy_a_browser(tmp_path):
+    def leave(ear: Ear) -> str:
+        (jobs._jobs[-1].folder / "unpacked").write_bytes(bytes(2_000_000))
+        return "done"
+
+    def at(host: str, cookie: str = "") -> Any:
+        visitor = browser(cookie)
+        visitor.client = SimpleNamespace(host=host)
+        return visitor
+
+    jobs = Jobs(tmp_path / "jobs", Quota(3_000_000, 3600, ["10.0.0.0/8"]))
+    runner = Runner(jobs, leave)
+    for visitor in (at("192.0.2.1"), at("10.0.0.2", "one"), at("10.0.0.2")):
+        for _ in range(2):
+            assert news(runner.run(visitor, 1))[-1] == "done"
+        with pytest.raises(gr.Error) as raised:
+            list(runner.run(visitor, 1))
+        assert "0.003 GB are allowed" in str(raised.value.message)
+        assert "60 minutes after" in str(raised.value.message)
+    shutil.rmtree(jobs._root)
+    assert news(runner.run(visitor, 1))[-1] == "done"
+    assert news(runner.run(at("192.0.2.2"), 1))[-1] == "done"
+    assert news(runner.run(at("10.0.0.2", "another"), 1))[-1] == "done"
 
 
 def test_an_upload_stays_for_as_long_as_its_run_goes_on(jobs, tmp_path):

@@ -1,6 +1,7 @@
 """What visitors leave: within its limits, and gone when promised."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,6 +12,8 @@ from typing import Any
 
 import pytest
 from gradio.route_utils import GradioUploadFile
+from httpx import Response
+from starlette.testclient import TestClient
 
 from app import text
 from app.page.visitors import uploads
@@ -151,6 +154,27 @@ def test_an_upload_that_is_broken_off_or_finds_no_room_leaves_nothing(served, mo
     monkeypatch.setattr(uploads.TidyParser, "min_free_bytes", 10**18)
     answer = served.visitor().post("/gradio_api/upload", files=UPLOAD)
     assert answer.status_code == 400 and answer.text == text.DISK_FULL
+
+
+def test_the_uploads_of_one_address_have_a_limit_together(served, monkeypatch):
+    quota = uploads.TidyParser.quota
+    monkeypatch.setattr(quota, "max_bytes", 2800)
+    visitor, other = served.visitor(), served.visitor()
+
+    def send(client: TestClient, letter: bytes) -> Response:
+        return client.post("/gradio_api/upload", files={"files": ("a.wav", 1200 * letter)})
+
+    first = send(visitor, b"a")
+    assert first.status_code == send(visitor, b"a").status_code == 200
+    assert send(visitor, b"b").status_code == 200, "the first, sent twice, is there once"
+    before = served.uploads()
+    full = send(visitor, b"c")
+    assert full.status_code == 400 and "from your address would take 0.0 GB" in full.text
+    assert served.uploads() == before
+    assert send(other, b"b").status_code == 200
+    shutil.rmtree(Path(first.json()[0]).parent)
+    quota.forget_deleted()
+    assert send(visitor, b"c").status_code == 200
 
 
 def test_many_tiny_files_are_refused_by_their_number_and_leave_nothing(served):
