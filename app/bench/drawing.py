@@ -62,8 +62,7 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     """Measure skinning, normals, ground shadow, drawing and encoding of a clip of some seconds.
 
     The vertices of all frames are in memory. The last figure compares normals, shadow and drawing
-    with
-    the usual loop, which also gets its vertices ready-made.
+    with the usual loop, which also gets its vertices ready-made.
     """
     whole, settings, figures = load_body(), RenderSettings(SIZE_PX, SIZE_PX), []
     stage = stage_for(whole, [motion], settings)

@@ -128,7 +128,11 @@ def time_training() -> list[Figure]:
 
 
 def time_page_run(clip: Path, folder: Path) -> list[Figure]:
-    """Measure a warm run as from the page: time to first motion, whole motion, and the end."""
+    """Measure a run of the explained systems with the page's settings, in a warm process.
+
+    Times: until the first motion of the first system can be shown, until its whole motion is there,
+    which players without window playback wait for, and until the run is finished.
+    """
     moving_at: list[float] = []
     whole_at: list[float] = []
 

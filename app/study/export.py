@@ -116,7 +116,10 @@ class _Maker:
     ear: Ear
 
     def make_all(self, key: Key, sources: tuple[Source, ...]) -> Key:
-        """Make all missing videos, scene by scene (a clip from one view), and update the key."""
+        """Make all missing videos, scene by scene (a clip from one view); return the updated key.
+
+        The key is written after each scene, so that an interrupted export can be resumed.
+        """
         names, video = stimuli_of(key), self.workspace.video
         undone = {
             (stimulus.clip, stimulus.view)

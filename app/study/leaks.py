@@ -264,10 +264,8 @@ def _texts(study: Study) -> Iterator[str]:
     """Yield names of systems and clips, addresses and unknown fields in the page's texts and data.
 
     The page's fixed files contain no word of a study and must equal those of this program.
-    Sentences
-    from `questions.toml` may contain any word. Everything else is searched: ids and structure for
-    names
-    and parts of names, the researcher's texts for whole names.
+    Sentences from `questions.toml` may contain any word. Everything else is searched: ids and
+    structure for names and parts of names, the researcher's texts for whole names.
     """
     bundle, data = study.workspace.bundle, study.data
     for name in FIXED:

@@ -1,8 +1,8 @@
 """Body model: a mesh that is posed by a motion.
 
 ``load_body()`` loads the open body of this project, ``load_body(path)`` a licensed SMPL-X file;
-both are posed by the same code. Vertices come as a stream of chunks, so memory does not grow
-with the length of the motion.
+both are posed by the same code. Vertices come as a stream of chunks, so memory does not grow with
+the length of the motion.
 """
 
 from __future__ import annotations
@@ -110,7 +110,10 @@ class Body(BodyArrays):
         return vertex_colors(self.shown, self.regions)
 
     def part(self, vertices: Integer[np.ndarray, " N"], faces: Integer[np.ndarray, "F 3"]) -> Body:
-        """Return a body of some vertices, with ``faces`` among them, that moves as the whole."""
+        """Return a body of some vertices, with ``faces`` among them, that moves as the whole.
+
+        Its joints are those of the whole body.
+        """
         place = np.full(self.num_vertices, -1, np.int32)
         place[vertices] = np.arange(len(vertices), dtype=np.int32)
         moved, corrected = (place[each] for each in (self.expression_vertices, self.pose_vertices))

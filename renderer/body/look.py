@@ -1,7 +1,7 @@
 """Looks of the open body: its builds and a colour for each painted region.
 
-Every look has the same joints, fingertips and topology, so the motion and its metrics do not
-depend on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies them with light.
+Every look has the same joints, fingertips and topology, so the motion and its metrics do not depend
+on it. Colours are linear RGB (not sRGB), 0 to 1, as a shader multiplies them with light.
 """
 
 from __future__ import annotations

@@ -64,8 +64,7 @@ class VertexNormals:
     """Area-weighted vertex normals: ``n_v = normalize(sum of the cross products of v's faces)``.
 
     The faces of a clip never change, so the sum is a sparse product with a matrix that is built
-    once.
-    trimesh's normals (weighted by angle), computed for each frame, take eight times as long.
+    once. trimesh's normals (weighted by angle), computed for each frame, take eight times as long.
     """
 
     def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int) -> None:

@@ -25,14 +25,11 @@ class Canvas(pyrender.Renderer):
     """Drawing surface of one subject in the context of an open `OffscreenRenderer`.
 
     It runs pyrender's forward pass into framebuffers from which only colours are read. pyrender
-    itself
-    always multisamples, reads the depth back and converts it; a video needs none of that. The body
-    is
-    supersampled within its own rectangle and composited over the ground, which has no edges to
-    smooth.
-    While the camera does not move, only the area that body and shadow cover or have left is drawn
-    and
-    read. The context must be current when a canvas is made and whenever it is used.
+    itself always multisamples, reads the depth back and converts it; a video needs none of that.
+    The body is supersampled within its own rectangle and composited over the ground, which has no
+    edges to smooth. While the camera does not move, only the area that body and shadow cover or
+    have left is drawn and read. The context must be current when a canvas is made and whenever it
+    is used.
     """
 
     def __init__(self, subject: Subject, width: int, height: int) -> None:
@@ -79,8 +76,7 @@ class Canvas(pyrender.Renderer):
         """Return the picture that was begun last, upper row first; the next call overwrites it.
 
         A fourth channel is the share of each pixel that the body covers, with straight (not
-        premultiplied)
-        colours as in PNG.
+        premultiplied) colours as in PNG.
         """
         self._resolve()
         box = self._changed
@@ -299,8 +295,7 @@ def near_openings(
     """Return a mask of faces that may be visible from inside, a few edges from where a mesh ends.
 
     Such ends are sleeves and collars. Farther in, back faces are hidden by front faces and need not
-    be
-    drawn. Vertices at the same position are merged: seams of colours or normals are no openings.
+    be drawn. Vertices at the same position are merged: seams of colours or normals are no openings.
     """
     joined = trimesh.Trimesh(vertices, faces, process=False)
     joined.merge_vertices()

@@ -1,7 +1,7 @@
 """Offscreen rendering: choice of the OpenGL backend and lifetime of its context.
 
-pyrender 0.1.45 pins PyOpenGL 3.1.0, whose OSMesa binding lacks ``OSMesaCreateContextAttribs``, and
-uses ``np.infty``, which numpy 2 removed. ``pyrender2`` (MIT) is 0.1.45 with both lifted and a
+pyrender 0.1.45 pins PyOpenGL 3.1.0, which has no ``OSMesaCreateContextAttribs``, and uses
+``np.infty``, which numpy 2 removed. ``pyrender2`` (MIT) is 0.1.45 with both lifted and a
 matrix-uniform bug fixed, and leaves renderer and shaders alone.
 """
 
@@ -47,8 +47,7 @@ def open_gl(backend: Backend) -> None:
     """Load pyrender and PyOpenGL for one backend, once per process.
 
     PyOpenGL reads ``PYOPENGL_PLATFORM`` only when it is first imported; so this is the only
-    function
-    that sets it and that imports pyrender.
+    function that sets it and that imports pyrender.
 
     Raises:
         GLError: if the libraries are missing, or the process already runs the other backend.

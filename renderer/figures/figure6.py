@@ -39,7 +39,7 @@ COORDINATES = ("x", "y", "z")
 PANELS = ("a", "b", "c", "d")
 """Panels: coordinates (a), snapshots (b), path in space (c), tremor (d)."""
 MOST_IN_ONE_PLOT = 2
-"""Most systems whose curves share a plot, as in the paper; with more, each has its own row."""
+"""Largest number of systems in one plot, as in the paper; with more, each has its own row."""
 ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
 FAINTEST = 0.12
 """Share of the full scale below which no mark is drawn, as every joint of a moving body has some.
@@ -109,9 +109,7 @@ class Figure6:
 
     trajectories: Mapping[str, np.ndarray]
     """Positions (T, 3) of the tracked point in metres, y up, from the clip's first frame, by
-    motion:
-    one to six systems and the reference. Longer ones are cut to the shortest.
-    """
+    motion: one to six systems and the reference. Longer ones are cut to the shortest."""
     snapshots: Mapping[str, np.ndarray]
     """Pictures (N, H, W, 3) uint8 of one camera, for at least the same names; may be empty."""
     snapshot_frames: Sequence[int]

@@ -131,9 +131,8 @@ LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or nothing moved."
 NO_PERIOD = "No windows are known, and no period of 2 to 240 frames was found in the jerk."
 LOG_FROM = 12.0
-"""Ratio between systems from which an axis is logarithmic; a factor of 1.4, which matters most,
-is visible on a linear one.
-"""
+"""Ratio between systems from which an axis is logarithmic; a factor of 1.4, which matters most, is
+visible on a linear one."""
 _JERK = "jerk (m/s³)"
 _MARKERS = 9
 

@@ -1,7 +1,7 @@
 """Contents of figures in files, from which other file formats are drawn on demand.
 
 A file is an npz of plain arrays with a JSON text of the structure: nothing in it is executed when
-it is read, whoever wrote it.
+it is read, even from an unknown source.
 """
 
 import json

@@ -265,8 +265,7 @@ def written(
     """Draw a figure once and write its image files and its caption; return the paths, caption last.
 
     The files are ``<out_stem>.png``, ``.svg`` and ``.pdf``, or some of these formats, without
-    dates,
-    and ``.txt``. The folder is made if needed. Either all files are written or none.
+    dates, and ``.txt``. The folder is made if needed. Either all files are written or none.
 
     Args:
         places: positions of an earlier drawing of the figure; an empty list is filled.

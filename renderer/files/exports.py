@@ -136,12 +136,10 @@ def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, 
 
     The add-on reads (``SMPLXAddAnimation`` of its ``__init__.py``, version 2022-06-23 and later)
     ``trans``, ``gender``, ``mocap_frame_rate``, ``betas`` and ``poses``, all of them required,
-    without
-    pickled objects. The other keys are those of AMASS for SMPL-X, for tools that read the pose in
-    parts, and ``expressions`` (T, 100), FLAME's coefficients, which BEAT2's version of the add-on
-    requires; zeros where the motion has ARKit's weights.
-    Choose in Blender: Format "SMPL-X" (y up; "AMASS" would lay the body down), hand pose reference
-    "Flat".
+    without pickled objects. The other keys are those of AMASS for SMPL-X, for tools that read the
+    pose in parts, and ``expressions`` (T, 100), FLAME's coefficients, which BEAT2's version of the
+    add-on requires; zeros where the motion has ARKit's weights. Choose in Blender: Format "SMPL-X"
+    (y up; "AMASS" would lay the body down), hand pose reference "Flat".
 
     Args:
         markers: times in seconds with names; written as the arrays ``marker_frames``, counted from

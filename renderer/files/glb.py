@@ -1,9 +1,9 @@
 """GLB export: body, colours and motion in one binary glTF 2.0 file; and offsets of other bodies.
 
-Metres, y up, 30 frames a second. The mesh is skinned with the four strongest joints of each
-vertex, and face expressions are morph targets. The camera of the front view is included, framed
-and following as in a video. glTF has no pose correctives, so elbows, knees and shoulders fold a
-little less cleanly than in the videos.
+Metres, y up, 30 frames a second. The mesh is skinned with the four strongest joints of each vertex,
+and face expressions are morph targets. The camera of the front view is included, framed and
+following as in a video. glTF has no pose correctives, so elbows, knees and shoulders fold a little
+less cleanly than in the videos.
 
 Other builds are little-endian 16-bit integers; for each build of `BUILDS` after the first: offsets
 of all vertices at rest to the first build, in steps of ``STEP_M``, then their unit normals, in

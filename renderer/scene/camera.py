@@ -87,8 +87,7 @@ def frame_points(
     """Return the nearest camera of a view that has every point inside its picture.
 
     Each side of the picture is a plane through the eye, so the eye has a closed form: the planes of
-    one
-    axis touch the outermost points, and the axis that needs more distance decides.
+    one axis touch the outermost points, and the axis that needs more distance decides.
 
     Args:
         points: points in metres; the same array for all systems of a comparison gives equal

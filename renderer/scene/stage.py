@@ -26,9 +26,7 @@ _DRAWN = {
     },
 }
 """Parts of joint names whose vertices a close-up draws: a hand alone is hidden by nothing, and
-takes
-a tenth of the time of a body.
-"""
+takes a tenth of the time of a body."""
 CLOSE_UP_JOINTS = {
     "face": [JOINT_INDEX[name] for name in ("head", "jaw", "left_eye", "right_eye")],
     **{
@@ -53,9 +51,7 @@ FINGERTIP_M = 0.035
 
 FOLLOW_BEYOND_M = 1.5
 """Range of the bodies (m) above which cameras follow them: a static one would have to show the
-whole
-path, with small bodies.
-"""
+whole path, with small bodies."""
 
 MIDDLE_M = 1.0
 """Height of the orbit centre above the floor (m)."""
@@ -121,7 +117,7 @@ class Cutout:
 
 
 def drawn_joints(view: str) -> list[int]:
-    """Return the joints whose vertices a close-up shows."""
+    """Return the joints of the vertices that a close-up shows."""
     parts = _DRAWN[view]
     return [j for j, name in enumerate(JOINT_NAMES) if any(part in name for part in parts)]
 
@@ -238,8 +234,7 @@ def set_stage(
 
     The joints of every frame are framed, each with the reach of the mesh around it: far cheaper
     than posing every vertex, and the picture's margin covers what skinning adds. Hand close-ups
-    frame
-    only as much of the arm as there is room for.
+    frame only as much of the arm as there is room for.
 
     Args:
         view: one of ``conventions.views.VIEWS``.

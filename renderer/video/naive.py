@@ -18,8 +18,7 @@ def draw_naively(
     """Draw precomputed vertices as in pyrender's examples.
 
     Each frame has a new trimesh, mesh, scene and renderer, pyrender's shaders, and the depth is
-    read
-    back; there is no ground.
+    read back; there is no ground.
     """
     open_gl(choose_backend())
     import pyrender

@@ -46,9 +46,7 @@ class RenderSettings:
     """OpenGL backend; None selects the first that works."""
     layout: tuple[Panel, ...] | None = None
     """Panels from `lay_out`: first the body, of ``width`` and ``height``, then the close-ups; None
-    for
-    the body alone.
-    """
+    for the body alone."""
     is_transparent: bool = False
     """True for pictures of the body alone with an alpha channel; not for videos."""
 

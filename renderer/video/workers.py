@@ -36,7 +36,7 @@ _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """
 _POLL_S = 0.05
 _KNOWN_ERRORS = (BodyError, GLError, ValueError, VideoError)
-"""Errors whose message is one sentence."""
+"""Errors with one sentence as their message."""
 Key = TypeVar("Key", bound=Hashable)
 
 
@@ -71,8 +71,7 @@ def draw_jobs(
     """Run all jobs, and return the stills of each by its name.
 
     ``parallel`` jobs run at once. If there are no more cores than that, the last jobs are run
-    together
-    so that no core is idle while one job runs alone: of five by two, the last three.
+    together so that no core is idle while one job runs alone: of five by two, the last three.
 
     Args:
         on_progress: called with the finished share of all frames, 0 to 1; its errors end the work.

@@ -317,8 +317,7 @@ def on_skeleton(
     """Fit the vertices of ``posed`` to the joints of ``first`` by moving and stretching its bones.
 
     The head is only moved and uniformly scaled until its eyes match; the soles are set to the
-    height of
-    those of ``first``.
+    height of those of ``first``.
     """
     target = first.joints
     stretch = np.tile(np.eye(3), (NUM_JOINTS, 1, 1))

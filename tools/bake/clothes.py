@@ -1,7 +1,7 @@
 """Shirt, trousers and shoes, made from MakeHuman's close-fitting garment helper mesh.
 
-The helper covers the body from neck to wrists and toes. It is smoothed, so that it reads as
-cloth, subdivided, cut into garments that overlap, and moved outward by the thickness of each.
+The helper covers the body from neck to wrists and toes. It is smoothed, so that it reads as cloth,
+subdivided, cut into garments that overlap, and moved outward by the thickness of each.
 """
 
 from __future__ import annotations

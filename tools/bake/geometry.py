@@ -1,7 +1,7 @@
 """Meshes with all skinning attributes per vertex, and operations that cut and join them.
 
-Every operation makes new vertices as weighted means of old ones, of positions, skinning weights
-and offsets alike; so an edited mesh moves like its source, in every build.
+Every operation makes new vertices as weighted means of old ones, of positions, skinning weights and
+offsets alike; so an edited mesh moves like its source, in every build.
 """
 
 from __future__ import annotations

@@ -63,8 +63,7 @@ def build_corpus(out: Path, hours: float, seed: int, workers: int = os.cpu_count
     """Make a corpus of speech and co-speech motion in BEAT2's layout.
 
     The same hours and seed give the same bytes with any number of workers. A folder of the same
-    seed is
-    continued, also with more hours than before.
+    seed is continued, also with more hours than before.
 
     Args:
         out: Folder of the corpus.

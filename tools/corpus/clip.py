@@ -215,10 +215,8 @@ def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Span], list
     """Return the gesture intervals of a hand, and its goal position at the end of each move.
 
     An interval is labelled ``stroke offer``: Kendon's phase, then the gesture's name if there is
-    one;
-    holds or rests lie between the moves. A goal is ``out up forward`` in metres in the chest's
-    frame;
-    the first, at 0, is the initial pose of the clip.
+    one; holds or rests lie between the moves. A goal is ``out up forward`` in metres in the chest's
+    frame; the first, at 0, is the initial pose of the clip.
     """
     started = [key for key in keys if key.arrive_s <= 0]
     rows: list[tuple[Span, HandKey | None]] = []

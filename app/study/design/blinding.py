@@ -27,8 +27,7 @@ def make_key(plan: Plan, design: Design) -> Key:
     """Make the key of a study without finished videos, with new random ids.
 
     Ids in an order that follows the method by chance are drawn again. Videos are sorted by id, so
-    that
-    their order says nothing; trials are in the order of the design.
+    that their order reveals nothing; trials are in the order of the design.
     """
     names: dict[Stimulus, str] = {}
     while not names or order_tells(names):
@@ -96,8 +95,7 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
 
     The statistic is Friedman's: the sum over systems of their squared rank totals. Up to `_DRAWS`
     arrangements are enumerated; of more, as many are sampled. One scene alone gives 1, as all of
-    its
-    orders are equally likely.
+    its orders are equally likely.
 
     Args:
         scenes: a value by system for each scene, all with the same systems.

@@ -204,9 +204,7 @@ class Plan:
         tuple[PanelName, ...], Field(max_length=MAX_PANEL_IDS), AfterValidator(_no_own_names)
     ] = ()
     """Names of parameters of the page's address that are copied into the answers, the participant's
-    id
-    first: PROLIFIC_PID, STUDY_ID and SESSION_ID of Prolific. No others are copied.
-    """
+    id first: PROLIFIC_PID, STUDY_ID and SESSION_ID of Prolific. No others are copied."""
     post_to: Address | None = None
     return_to: Address | None = None
     """URL to which participants return at the end: the completion link of Prolific, SONA or the

@@ -32,7 +32,7 @@ class PlannedTrial:
     clip: str
     stimuli: tuple[Stimulus, ...] = ()
     press: Choice | None = None
-    """Answer that an attention check asks for; None otherwise."""
+    """Answer required by an attention check; None otherwise."""
 
 
 @dataclass(frozen=True)
@@ -159,8 +159,7 @@ def is_first_left(first: int, second: int, num_systems: int, scene: int) -> bool
     """Check whether the first of two systems is on the left; in a scene each is left equally often.
 
     Systems are arranged on a circle and each is left of those on the half that follows; opposite
-    ones
-    (with an even number of systems) alternate from scene to scene.
+    ones (with an even number of systems) alternate from scene to scene.
     """
     ahead = (second - first) % num_systems
     if 2 * ahead == num_systems:
@@ -172,8 +171,8 @@ def williams_square(size: int) -> list[list[int]]:
     """Return orders of ``size`` treatments, balanced for position and for direct succession.
 
     Over all rows each treatment stands equally often in each position and directly follows each
-    other
-    one equally often (Williams 1949): ``size`` rows when it is even, twice as many when it is odd.
+    other one equally often (Williams 1949): ``size`` rows when it is even, twice as many when it is
+    odd.
     """
     zigzag = [(place + 1) // 2 if place % 2 else -(place // 2) for place in range(size)]
     rows = [[(start + step) % size for step in zigzag] for start in range(size)]
@@ -197,8 +196,7 @@ def _orders(
     """Return the trials of each participant: rows of a Williams square with shuffled treatments.
 
     If a participant sees fewer than all trials, consecutive participants share a row, each
-    continuing
-    where the last one stopped, so that every trial is seen about equally often.
+    continuing where the last one stopped, so that every trial is shown about equally often.
     """
     names = rng.permutation(num_trials)
     rows = williams_square(num_trials)
@@ -215,8 +213,7 @@ def _check_places(count: int, num_checks: int, rng: np.random.Generator) -> list
     """Return the trial before which each attention check comes: evenly spaced, plus or minus one.
 
     Two checks are never adjacent if there are enough trials. The only check of a short list is at
-    its
-    end, where it shows whether the participant still pays attention.
+    its end, where it shows whether the participant still pays attention.
     """
     if num_checks == 1 and count < PAGES_PER_CHECK - 1:
         return [count]

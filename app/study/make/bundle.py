@@ -206,10 +206,8 @@ def genea_tables(plan: Plan, design: Design, key: Key) -> dict[str, str]:
     """Return tables of blind ids for the GENEA leaderboard (github.com/GENEALeaderboard), by name.
 
     One row per trial; the trial's id replaces the clip's name. The table of mismatched speech
-    reveals
-    to the GENEA server which video is which, as it must. Studies that rank or rate more than two
-    videos
-    have no such table.
+    reveals to the GENEA server which video is which, as it must. Studies that rank or rate more
+    than two videos have no such table.
     """
     name, header = {
         "pairwise": ("pairwise.csv", ["clip_name", "system_1", "system_2"]),

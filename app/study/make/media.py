@@ -5,8 +5,8 @@ padded so that the n-th frames of all videos of a scene have exactly the same nu
 fixed quality would make jittery motion the larger file). A light grain, the same in every video,
 uses the bits that calm motion leaves, so that hardly any padding is needed. The padding of a frame
 is a message that decoders skip (SEI, user data), of bytes that cannot be compressed, like those of
-the picture. One thread: with more, x264's rate control gives other bytes each time.
-Sound: one AAC stream for each speech, copied into every file.
+the picture. One thread: with more, x264's rate control gives other bytes each time. Sound: one AAC
+stream for each speech, copied into every file.
 
 The metadata of a file (boxes, times, size of each frame) are parsed without ffmpeg.
 """

@@ -195,8 +195,7 @@ def _generate(
     """Generate motion from the excerpt alone, which is also what participants hear.
 
     Clips have different noise, or participants would see the same gestures again and again;
-    conditions
-    of one system and seed share it, and the plan that a style changes.
+    conditions of one system and seed share it, and the plan that a style changes.
     """
     assert source.speech is not None and system.system is not None
     loaded = get_system(system.system, weights)

@@ -60,8 +60,7 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
     """Draw one group of bars per question, one bar per system, with 95 % intervals.
 
     Shares in percent (of votes, of first places or of right choices), with the chance level as a
-    line;
-    mean ratings for sliders.
+    line; mean ratings for sliders.
     """
     label, chance = {
         "right_choices": ("matching speech picked (%)", 50.0),

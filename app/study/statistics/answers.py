@@ -220,8 +220,7 @@ def _each_once(
     """Select one file per participant, and describe the others.
 
     Files with a valid link are preferred, if the study has links, then finished ones, then later
-    ones:
-    anybody can write a name and a time.
+    ones: anybody can write a name and a time.
     """
 
     def standing(one: Participant) -> tuple[bool, bool, datetime, int]:

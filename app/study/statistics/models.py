@@ -53,8 +53,8 @@ def participant_weights(count: int) -> Float[np.ndarray, "B R"]:
 def percentile_limits(samples: Float[np.ndarray, "B C"], count: int) -> Float[np.ndarray, "C 2"]:
     """Compute lower and upper limits from estimates of resamples of ``count`` participants.
 
-    Percentiles are expanded for few participants (Hesterberg 2015, "What teachers should know
-    about the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by the
+    Percentiles are expanded for few participants (Hesterberg 2015, "What teachers should know about
+    the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by the
     difference of the normal quantile and Student's.
 
     Returns:
@@ -81,8 +81,7 @@ class Fit:
     """Fitted parameters (P) and those of resamples.
 
     Log-strengths that sum to 0, then the advantage of the left if votes have sides, then log(tie)
-    if
-    there are ties.
+    if there are ties.
     """
 
     best: Float[np.ndarray, " P"]
@@ -193,8 +192,7 @@ def mean_numbers(
     """Compute means, differences and tests over the participants that judged every system.
 
     Tests are Friedman's and, for pairs, Wilcoxon's signed-rank test. Also returns the number of
-    these
-    participants; no numbers if it is 0.
+    these participants; no numbers if it is 0.
     """
     table = values.pivot_table(index="rater", columns="system", values="value", aggfunc="mean")
     means = table.reindex(columns=list(systems)).dropna().to_numpy()  # (R, K)

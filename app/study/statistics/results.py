@@ -194,7 +194,10 @@ def read_jitter(folder: Path, key: Key) -> Jitter:
 
 
 def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
-    """Compute how often the smoother video is chosen, with and without smoothness as a reason."""
+    """Compute how often the smoother video is chosen, with and without smoothness as a reason.
+
+    Ties, and votes without measured jerk, are left out.
+    """
     jerk = {
         side: pd.Series(
             [jitter.get(at, np.nan) for at in zip(votes["clip"], votes[side], strict=True)],
@@ -220,11 +223,8 @@ class BalanceReached:
 
     systems: pd.DataFrame
     """Columns by system: ``first``, share of its showings as the first video (leftmost; meaningless
-    in
-    matched trials, where every video is of one system), and ``place``, mean position of its trials
-    on
-    the list, 0 = first trial, 1 = last; 0.5 is balanced.
-    """
+    in matched trials, where every video is of one system), and ``place``, mean position of its
+    trials on the list, 0 = first trial, 1 = last; 0.5 is balanced."""
     lists_used: int
     lists_planned: int
     most_of_one_list: int

@@ -1,7 +1,7 @@
 """Inclusion of participants: finished, attentive by the key's rule, and with plausible answers.
 
-Nothing here proves a forgery, and a careful one passes, so results are shown with and without
-the doubtful.
+Nothing here proves a forgery, and a careful one passes, so results are shown with and without the
+doubtful.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
     """Include participants that finished, failed at most `Key.max_failed` checks and are plausible.
 
     An unfinished list unbalances order and sides, and participants may leave because of what was
-    shown;
-    so they are listed, not mixed in. A check that a finished participant did not answer is failed.
+    shown; so they are listed, not mixed in. A check that a finished participant did not answer is
+    failed.
     """
     kept: list[Participant] = []
     dropped: list[Dropped] = []

@@ -74,8 +74,7 @@ class Number:
         """Side that is significantly preferred: 1 the first, -1 the second, else 0.
 
         Test and interval must agree; with votes, more participants must also lean to that side. If
-        the
-        interval is unknown, as all answered alike, the test decides.
+        the interval is unknown, as all answered alike, the test decides.
         """
         value, low, high = self.limits
         is_known = np.isfinite(high - low)

@@ -151,8 +151,7 @@ def solve_arm(
     """Compute collar, upper arm and forearm rotations in the chest's frame, and the forearm axis.
 
     The upper arm follows the wrist with a low-pass filter: strokes are led by the forearm, which
-    points
-    at the wrist's position from the current elbow.
+    points at the wrist's position from the current elbow.
     """
     sign = arm.sign
     height, ahead = position[:, 1], position[:, 2]

@@ -67,7 +67,7 @@ class BrowMove(Brow):
 
 @dataclass(frozen=True)
 class BlinkMove(Blink):
-    """Blink whose lids are at least half shut for ``duration_s``."""
+    """Blink with lids at least half shut for ``duration_s``."""
 
     duration_s: float
 

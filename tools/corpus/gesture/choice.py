@@ -35,10 +35,8 @@ class Choice:
     """Random choice of gestures, hands and positions for one speaker.
 
     It avoids the last gestures and reuses the side of an idea. The first half of a contrast goes to
-    the
-    side of the non-dominant hand, the second to that of the dominant hand; the items of a list are
-    set
-    down side by side.
+    the side of the non-dominant hand, the second to that of the dominant hand; the items of a list
+    are set down side by side.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
 """Gesture library: wrist targets, palms, hand shapes, and the words of literal gestures.
 
 A hand shape is 19 numbers in degrees: flexion of the three joints of index, middle, ring and pinky
-(12), abduction of each of these fingers (4, positive away from the middle finger's line towards
-the pinky), and the thumb's flexion, opposition and tip bend (3).
+(12), abduction of each of these fingers (4, positive away from the middle finger's line towards the
+pinky), and the thumb's flexion, opposition and tip bend (3).
 
 Positions are in metres from the chest joint in the chest's frame, as (out, up, forward), where
 "out" is towards the hand's own side; a palm is the direction it faces, in the same axes.

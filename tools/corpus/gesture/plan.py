@@ -1,8 +1,8 @@
 """Gesture plan of a clip: for each hand a list of keys in order of arrival.
 
 Every phrase is cut into chunks of about two seconds. A chunk may have one gesture (Kendon's
-preparation and stroke, the stroke's end on the stressed vowel), beats on its later accents, and
-a hold that slowly relaxes; in pauses between phrases the hands retract.
+preparation and stroke, the stroke's end on the stressed vowel), beats on its later accents, and a
+hold that slowly relaxes; in pauses between phrases the hands retract.
 """
 
 from dataclasses import dataclass, field, replace

@@ -94,13 +94,9 @@ class Realism:
     """Area between two real clips, trained on three quarters of each and tested on the rest."""
     features: pd.DataFrame
     """Columns by statistic, sorted by ``auc``: medians of the ``first`` and ``second`` real clip
-    and of
-    the ``corpus``, the area under the curve by it alone (``auc``, 0.5 to 1) and of the first real
-    clip
-    against the second (``real_auc``), and its ``share`` in the regression's mean distance between
-    real
-    and corpus, negative if it works against the others.
-    """
+    and of the ``corpus``, the area under the curve by it alone (``auc``, 0.5 to 1) and of the first
+    real clip against the second (``real_auc``), and its ``share`` in the regression's mean distance
+    between real and corpus, negative if it works against the others."""
 
 
 Silences = Sequence[tuple[float, float]]
@@ -121,8 +117,7 @@ def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
     """Compute statistics of head and jaw in the same windows.
 
     Brows, lids and lips are left out, as recordings have another basis of face units, and the
-    sideways
-    turn of the jaw, which the corpus does not have.
+    sideways turn of the jaw, which the corpus does not have.
     """
     neck, head, jaw = (clip.local_rot[:, JOINT_INDEX[name]] for name in ("neck", "head", "jaw"))
     in_chest_deg = np.degrees(axis_angles(neck @ head))
@@ -257,8 +252,7 @@ def _judge(a: Figures, b: Figures) -> Pipeline:
     """Fit a regression that is high for windows like ``b`` and low for windows like ``a``.
 
     Both have equal weight whatever their number; ``PENALTY / 2`` times the squared weights is added
-    to
-    the mean log loss.
+    to the mean log loss.
     """
     both = pd.concat([a, b])
     regression = LogisticRegression(
