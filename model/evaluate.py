@@ -234,8 +234,7 @@ def evaluate(
 
 @cache
 def load_cast(names: tuple[str, ...], weights: Path, versions: FileVersions) -> Cast:
-    """Load systems by name, and all available classifiers and encoders; once in each process for
-    each version of their files."""
+    """Load systems and all available classifiers and encoders; once per process and version of their files."""
     judges = {
         measure: load_encoder(weights, encoder)
         for measure, encoder in frechet.ENCODERS.items()

@@ -244,7 +244,7 @@ class FewClips:
 
     names: tuple[str, ...]
     speakers: tuple[str, str] | None
-    """A calm and a lively speaker; None if a system lacks one: then style is not measured."""
+    """A calm and a lively speaker; None if a system lacks one: then each clip's own is used."""
     recorded: Mapping[str, tuple[str, str]]
     """A recording of the calm speaker and one of the lively for each clip."""
 

@@ -43,8 +43,7 @@ SKIP_RATIO, SKIP_ALIKE = (1.6, 2.6), 0.9
 """Limits for a missing frame: ratio of a step to those around it, along them, and its cosine to
 them."""
 SKIPS, FRAMES_A_SKIP = 3, 300
-"""Limits of the number of skips, and of frames for each: people skip in 2 of 1,876 recorded
-frames."""
+"""Least skips, and most frames per skip, that are reported: people skip in 2 of 1,876 frames."""
 LEAST_RAD_S = 1e-3
 HALF_RATE = 0.35
 """Median change of speed at the quieter of every two frames, over that at the other. Frames

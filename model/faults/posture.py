@@ -83,7 +83,7 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
 
 
 def feet_float(evidence: Evidence) -> Iterator[Finding]:
-    """Detect both feet above the lower foot's median height, or its lowest if the body bobs."""
+    """Detect both feet in the air, above the lower foot's median height or 5th percentile."""
     above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
     contact = evidence.raw.posture.foot_contact_share
     is_up = (evidence.lower_foot_m - evidence.floor_m > FLOATING_M) | (above > RISE_M)
@@ -311,7 +311,7 @@ COPIED_SHARE = 0.5
 
 
 def still_face(evidence: Evidence) -> Iterator[Finding]:
-    """Detect a still jaw, still coefficients, or both; a jaw that opens by a coefficient counts."""
+    """Detect a still jaw, also in the coefficient that opens it, or still coefficients."""
     if evidence.num_frames < LEAST_FRAMES:
         return
     motion = evidence.motion

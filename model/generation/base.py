@@ -213,7 +213,7 @@ class System(ABC):
     samplers: tuple[Sampler, ...]
     """Available samplers; the first is the default."""
     frame: Literal["parent", "world"]
-    """Frame of the rotations of windows, in which they are joined: local or global."""
+    """Frame of the rotations of windows and of blending: local (parent) or global (world)."""
     root_motion: RootMotion
     expression_basis: ExpressionBasis = "arkit52"
 

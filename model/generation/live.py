@@ -88,7 +88,7 @@ class LiveMotion:
         self._speech = torch.cat([self._speech, features])
 
     def step(self) -> list[Motion]:
-        """Generate one window when it `is_due`; returns its final frames for each sample.
+        """Generate one window and return its final frames for each sample, if it `is_due`.
 
         They are all waiting frames, but no more than a window's advance.
         """
@@ -126,7 +126,7 @@ class LiveMotion:
         return self._chain.window(window, hop, ahead.condition, at)
 
     def _heard_from(self, first: int, stop: int) -> Float[Tensor, "heard dim"]:
-        """Return features of frames ``first`` to ``stop``, mirrored at the end, held before 0."""
+        """Return features of frames ``first`` to ``stop``, extrapolated at both ends."""
         wanted = torch.arange(first, stop)
         mirrored = torch.where(wanted < self.heard, wanted, 2 * self.heard - 1 - wanted)
         return self._speech[(mirrored - self._first).clamp(min=0)]

@@ -29,7 +29,7 @@ _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limit torch to one thread inside the block, and restore their number after it.
+    """Limit torch to one thread inside the block, and restore the previous number after it.
 
     Windows are small: a second thread saves a fifth on an idle machine, and on a busy one both wait
     for each other and take three times as long. Results stay the same.
@@ -225,8 +225,8 @@ class PiecewiseMotion:
     """Converter of windows to motion, piece after piece, in one world frame.
 
     Args:
-        origin: of a system with absolute root positions, the one placed at x = z = 0; None is the
-            first frame's.
+        origin: root position that moves to x = z = 0, for systems with absolute positions; None
+            for that of the first frame.
         follower: applies its condition to one sample's motion.
     """
 

@@ -66,9 +66,9 @@ class ErrorBySides:
 
     as_is: float
     mirrored: float
-    """The same error after mirroring the motion, left to right."""
+    """Error after mirroring the motion, left to right (degrees)."""
     swapped: float
-    """The same error after exchanging left and right joints only."""
+    """Error after exchanging left and right joints only (degrees)."""
 
 
 @dataclass(frozen=True, eq=False)

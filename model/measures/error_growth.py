@@ -52,7 +52,7 @@ class ErrorGrowth:
     """Spread (m) with noise on the local rotations."""
     global_spread_m: Float64[np.ndarray, " points"]
     predicted_local_spread_m: Float64[np.ndarray, " points"]
-    """Spread predicted by the closed form above, with the lever arms of the clip's poses (m)."""
+    """Spread predicted in closed form, with the lever arms of the clip's poses (m)."""
     predicted_global_spread_m: Float64[np.ndarray, " points"]
     jerk_m_s3: dict[str, float]
     """Mean jerk (m/s³) of the tracked point: ``clean``, with ``local`` and ``global`` noise."""

@@ -198,10 +198,7 @@ def _products(
 def _slanted(
     products: Float32[np.ndarray, "blocks reach products"], slope: int
 ) -> Float32[np.ndarray, "blocks lags products"]:
-    """Select products for a lag that grows by ``slope`` frames over the clip.
-
-    Its middle is at up to `MOST_LAG_FRAMES`.
-    """
+    """Select products for a lag that grows by ``slope`` frames over the clip."""
     count = len(products)
     places = (np.arange(count) + 0.5) / count - 0.5
     first = np.round(slope * places).astype(int) + _REACH - MOST_LAG_FRAMES

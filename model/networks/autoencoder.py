@@ -48,7 +48,7 @@ def _blocks(config: AutoencoderConfig) -> nn.Sequential:
 
 
 class MotionAutoencoder(nn.Module):
-    """Autoencoder of normalised frames (motion, blendshapes or both) at ``config.scales``."""
+    """Autoencoder of frames (motion, blendshapes or both) with codes at ``config.scales``."""
 
     def __init__(self, config: AutoencoderConfig) -> None:
         super().__init__()

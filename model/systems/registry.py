@@ -172,8 +172,10 @@ def list_speakers(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
 
 
 def system_files(name: str, folder: Path = BUNDLED_WEIGHTS) -> Iterator[Path]:
-    """Yield every file that a system may be read from: all weights and cards of its folder, and the
-    files that a person named for its family. Yields nothing of an unknown system."""
+    """Yield every file of which a system may consist; none for an unknown system.
+
+    They are all weights and cards of its folder, and the files named for its family.
+    """
     for family in _FAMILIES:
         if name in family.names:
             for home in {folder, family.home_of(name, folder)}:

@@ -60,7 +60,7 @@ class Targets:
     """Joint positions (N, 165) in metres, with the pelvis at its place in the rest pose."""
 
     def of(self, batch: Batch, *, rotations: bool) -> tuple[Float[Tensor, "B T C"], Decoded]:
-        """Return the vectors of a batch's windows, decoded too; global ones may be None."""
+        """Return vectors and decoded motion of a batch's windows; rotations only on request."""
         vectors = self.windows(batch)
         if rotations and self.space != "global":
             return vectors, decode(vectors, self.space, self.skeleton, self.root)

@@ -30,7 +30,7 @@ def signal_and_noise(t: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def flow_time(t: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute the flow time of the same ratio of data and noise, and the scale of x_t to it."""
+    """Return the flow time with the same ratio of data and noise, and the scale of x_t in it."""
     signal, noise = signal_and_noise(t)
     return signal / (signal + noise), signal + noise
 
@@ -52,7 +52,7 @@ def posterior(
     before: Float[Tensor, " B"],
     now: Float[Tensor, " B"],
 ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "B 1 1"]]:
-    """Compute mean and deviation of x at ``before`` from x at ``now`` and x_0; x_0 and 0 at 0."""
+    """Compute mean and deviation of x at the earlier ``before``, from x at ``now`` and x_0."""
     kept = _kept(before, now)
     signal_before, noise_before = signal_and_noise(before)
     _, noise_now = signal_and_noise(now)
@@ -87,7 +87,7 @@ def _rows(values: Float[Tensor, " B"]) -> Float[Tensor, "B 1 1"]:
 def stepped(
     x: Float[Tensor, "B T C"], x_0: Float[Tensor, "B T C"], before: float, now: float
 ) -> Float[Tensor, "B T C"]:
-    """Compute x at ``before`` for constant x_0 by DDIM (Song et al. 2021); x_0 at 0."""
+    """Compute x at the earlier ``before`` for constant x_0, by DDIM (Song et al. 2021)."""
     (signal_before, signal), (noise_before, noise) = (
         factors.tolist()
         for factors in signal_and_noise(torch.tensor([before, now], dtype=torch.float64))

@@ -96,7 +96,7 @@ is in metres squared at 5 cm, hence its large factor."""
 
 
 def presets(system: str) -> dict[str, GlobalDiffConfig]:
-    """Return the settings of one system: ``demo`` (bundled), ``paper`` (its size), ``smoke``."""
+    """Return one system's settings: ``demo`` as bundled, ``paper`` in its size, or ``smoke``."""
     config = _best() if system == BEST else _rung(system)
     large = replace(
         config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024

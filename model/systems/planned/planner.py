@@ -241,7 +241,7 @@ class Planner:
     def hear(
         self, features: Float[Tensor, "T_and_context speech_dim"], draw: Draw
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
-        """Compute each tier's input from features with context; with guidance two copies."""
+        """Compute each tier's input from features with context; a second copy has no speech."""
         copies = 1 if draw.guidance == 1 else 2
         heard = self.network.hear(
             heard_by_planner(features, self.normaliser, self.codes).expand(copies, -1, -1),
