@@ -1,11 +1,10 @@
 """Measure systems: ``python -m model.evaluate [PROTOCOL] --data DIR --out OUT``.
 
 - ``motion``, the default: metrics of generated motion compared with the recorded motion of the same
-  clips, distances of their distributions, and the difference between matched and mismatched speech.
-  Each value has a bootstrap interval over clips of the test split, of speakers the weights know.
-  Writes ``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are distributed over processes
-  or
-  a Dask cluster; the numbers of each are stored in ``clips``, and the same command resumes.
+  clips, distances of their distributions, and the effect of matched against mismatched speech. Each
+  value has a bootstrap interval over clips of the test split, of speakers the weights know. Writes
+  ``evaluation.json``, ``.md``, ``.csv`` and ``.tex``. Clips are distributed over processes or a
+  Dask cluster; the numbers of each are stored in ``clips``; the same command resumes.
 - ``adherence``: does a system follow its plan? Writes the file ``OUT``, as the next does.
 - ``finding``: how well are plans detected in motion?
 """
@@ -234,7 +233,7 @@ def evaluate(
 
 @cache
 def load_cast(names: tuple[str, ...], weights: Path, versions: FileVersions) -> Cast:
-    """Load systems and all available classifiers and encoders; once per process and version of their files."""
+    """Load systems and evaluation networks, once per process and version of their files."""
     judges = {
         measure: load_encoder(weights, encoder)
         for measure, encoder in frechet.ENCODERS.items()

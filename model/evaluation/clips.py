@@ -138,8 +138,8 @@ class ClipRow:
     measures: dict[str, float]
     arrays: dict[str, np.ndarray]
     """``positions``: pelvis-aligned joints of the first frames for each noise seed, for the
-    pairwise
-    distances; ``windows`` of the first seed (`differences.windows_of`); and codes by distance."""
+    pairwise distances; ``windows`` of the first seed (`differences.windows_of`); and codes by
+    distance."""
 
 
 @dataclass(frozen=True)

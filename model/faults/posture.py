@@ -141,8 +141,7 @@ SWAPPED_ERROR_RATIO = 0.6
 0."""
 INSIDE_M = 0.06
 """Distance (m) of wrist, knuckle or fingertip from the line through pelvis, spine and neck, which
-is
-10 cm and more under the skin in front; clean: at least 0.099."""
+is 10 cm and more under the skin in front; clean: at least 0.099."""
 INSIDE_FRAMES = 3
 _SPINE = ("pelvis", "spine1", "spine2", "spine3", "neck")
 _KNUCKLES = ("left_middle1", "right_middle1")

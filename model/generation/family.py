@@ -101,8 +101,7 @@ Use = Literal[
     "run", "steps", "hearing", "hearing-tab", "live", "training", "bench-training",
 ]  # fmt: skip
 """Uses of systems without an explicit choice: selected on the page for a run, selected for the
-curve of
-steps, compared by the command ``hearing``, selected in that tab, first in the tab Live,
+curve of steps, compared by the command ``hearing``, selected in that tab, first in the tab Live,
 ``python -m model.train``, and rows of `make bench`."""
 
 

@@ -137,12 +137,10 @@ THUMB_BEND_DEG = {1: 70.0, 2: 55.0, 3: 80.0}
 """Largest bend of the thumb's joints (degrees) in any direction, as its axes are oblique."""
 SIDEWAYS_DEG = 40.0
 """Largest sideways bend (degrees): twice the spread of 20 degrees, because a little finger's rest
-bone
-is at an angle to the plane in which it bends."""
+bone is at an angle to the plane in which it bends."""
 TOLERANCE_DEG = 20.0
 """Tolerance (degrees) for errors of motion capture and of the rest pose. With it, less than 1 % of
-the
-frames and finger joints of the recorded clips that were tried lie outside."""
+the frames and finger joints of the recorded clips that were tried lie outside."""
 ELBOW_BACKWARDS_DEG = 15.0
 """Backward bend of an elbow that counts (degrees); healthy elbows overextend by up to 10 to 15."""
 

@@ -15,8 +15,7 @@ class BranchConfig:
     feedforward_ratio: int = 2
     conv_kernel: int = 7
     """Kernel of each block's temporal convolution (frames); 0 omits it, as in the paper. It lets a
-    small
-    network learn smooth motion in few steps."""
+    small network learn smooth motion in few steps."""
     speech_dim: int = 68
     expression_dim: int = 52
     num_speakers: int = 31

@@ -53,12 +53,10 @@ class AsynFusionConfig(TrainConfig):
     loss: AsynFusionLoss = field(default_factory=AsynFusionLoss)
     apart: float = 0.5
     """Share of samples with independent steps of the branches, as in sampling the face with fewer
-    steps;
-    the paper does not mention it."""
+    steps; the paper does not mention it."""
     solver_steps: int = 50
     """Teacher's steps from noise to motion: a student agrees with itself one of them earlier. 1,000
-    / 50
-    is the skipping step of Luo et al. (2023)."""
+    / 50 is the skipping step of Luo et al. (2023)."""
     teacher_guidance: float = 2.5
     """Guidance scale of the teacher's gesture (as in Luo et al. 2023), which the student learns."""
 

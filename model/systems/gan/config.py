@@ -52,12 +52,10 @@ class GanLoss:
         )
     )
     """Shares of the explicit loss. The paper's is ``simple`` alone, here a Huber error of
-    normalised
-    channels; the others are those of `workbench/priorflow`."""
+    normalised channels; the others are those of `workbench/priorflow`."""
     spread: float = 0.1
     """Weight of the likelihood of sampled x_0 in the explicit loss: it fits the deviation, and
-    keeps the
-    mean exact where the prior leaves little open."""
+    keeps the mean exact where the prior leaves little open."""
     time_weight_floor: float | None = 0.1
     """Floor of `model.sampling.flow.time_weight`, at the flow time of a diffusion time."""
     gradient_penalty: float = 0.05

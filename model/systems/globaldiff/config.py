@@ -16,8 +16,7 @@ class NetworkConfig(BranchConfig):
 
     rotation_space: RotationSpace = "global"
     """Format of rotations: global as in GlobalDiff; axis-angle is nearest to Gaussian, for a
-    network that
-    extends the linear-Gaussian denoiser (`model.sampling.prior`)."""
+    network that extends the linear-Gaussian denoiser (`model.sampling.prior`)."""
     root: RootMotion = "velocity"
     """Format of root motion; with absolute positions ("place") the body returns to its home."""
 
@@ -46,8 +45,7 @@ class GlobalDiffLoss(GeometricWeights):
     """Weight of L_m: codes of the frozen variational encoder (GlobalDiff eqs. 14 and 15)."""
     time_weight_floor: float | None = 0.5
     """Floor of the sample weight 1 / ((1 - t)^2 + floor), scaled to mean 1, which raises late steps
-    of the
-    flow, on which smoothness depends. None: equal weights."""
+    of the flow, on which smoothness depends. None: equal weights."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +87,8 @@ SYSTEMS: tuple[str, ...] = (BEST, *LADDER)
 
 CONSTRAINT_WEIGHTS: dict[str, float] = {"joint": 900.0, "skeleton": 3.0, "motion": 0.045}
 """Weights at which each constraint has 0.4 times the gradient of the other terms together, measured
-on
-a trained `globaldiff/global`. The official weights suit raw errors, and the paper gives none; eq.
-10
-is in metres squared at 5 cm, hence its large factor."""
+on a trained `globaldiff/global`. The official weights suit raw errors, and the paper gives none;
+eq. 10 is in metres squared at 5 cm, hence its large factor."""
 
 
 def presets(system: str) -> dict[str, GlobalDiffConfig]:

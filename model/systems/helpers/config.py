@@ -16,8 +16,7 @@ JUDGE = AutoencoderConfig(
     rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
 )
 """Shape of the Fréchet distances' encoders. It differs from L_m's encoder in space (local, as
-EMAGE's),
-scale and weights, so that a system trained with L_m is not measured by its teacher."""
+EMAGE's), scale and weights, so that a system trained with L_m is not measured by its teacher."""
 AUTOENCODERS = {
     MOTION_VAE: AutoencoderConfig(),
     FGD_ENCODER: JUDGE,

@@ -230,8 +230,7 @@ LED = 0.6
 this leaves 3.2."""
 SOFT_FRAMES = 1.5
 """Deviation (frames) of the Gaussian on the planned path, which starts with a jolt. At 1 fingertips
-had
-1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time."""
+had 1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time."""
 SOFT_MARGIN = round(4 * SOFT_FRAMES)
 """Frames of the plan that are needed on either side."""
 LONGEST = 0.99

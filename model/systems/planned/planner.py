@@ -33,8 +33,7 @@ trained: speech shall decide when things happen, not how often."""
 
 Leaning = Callable[[str, int, Begun, Mapping[str, Begun]], Float[np.ndarray, " events"] | None]
 """Function of a tier's name, the frame, the tier's state and all states, which returns log odds to
-add
-to its events; None adds nothing."""
+add to its events; None adds nothing."""
 
 
 class Drawer:

@@ -28,16 +28,13 @@ STRENGTH = 1.4
 """Guidance scale of plan, speech and speaker together in the motion."""
 HEAD_STRENGTH = 2.4
 """Guidance scale of neck and head, which were .65 times as fast as people's at the common scale.
-More
-noise would drown the effect of speech on them."""
+More noise would drown the effect of speech on them."""
 NOISE_SHARE = 0.45
 """Factor of the noise at the start of the flow. With less noise and more of the plan there is as
-much
-motion, and more of it is planned."""
+much motion, and more of it is planned."""
 TRUNK_NOISE_SHARE = 0.85
 """Factor of the noise in the spine, which the plan hardly determines. With the hands' factor it
-moved
-half as fast as people's and the same for all speakers."""
+moved half as fast as people's and the same for all speakers."""
 TRUNK = ("spine1", "spine2", "spine3")
 REST_NOISE_SHARE = 0.1
 """`NOISE_SHARE` while both hands rest: with the common factor arms moved at 15 degrees a second
