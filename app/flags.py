@@ -210,7 +210,7 @@ def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> C
     try:
         with redirect_stderr(told), redirect_stdout(shown):
             return tyro.cli(held, prog=program, args=list(argv), config=_SHAPE)  # type: ignore[return-value]
-    except RunError as error:  # of a value that cannot stand with the others
+    except RunError as error:  # invalid in combination with other values
         sys.stderr.write(f"{printable(f'{program}: {error} See --help.')}\n")
         raise SystemExit(2) from None
     except SystemExit as left:

@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = parse(sys.argv[1:] if argv is None else argv)
     for sentence in left_out():
         say(sentence)
-    # A termination must pass through every `with`, so that it leaves no half file or child.
+    # SIGTERM must unwind every `with`, so that no partial file or child process remains.
     previous = signal.signal(signal.SIGTERM, _interrupt)
     try:
         command()

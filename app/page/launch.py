@@ -90,7 +90,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     # Gradio reads them when it is imported or launched.
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
-    # Nobody reads its tables of past events, which it makes anew, of all of them, at every click.
+    # Its tables of past events are never read, and it recomputes all of them at every click.
     os.environ["GRADIO_ANALYTICS_MAX_EVENTS"] = "1"
     os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
@@ -154,7 +154,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         opened=opened,
     )
     page = build_app(services)
-    page._queue = waiting = Turns(  # `page.queue` would make all of the app once more
+    page._queue = waiting = Turns(  # `page.queue` would build the whole app again
         jobs,
         config.max_waiting,
         live_updates=True,
@@ -163,7 +163,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         blocks=page,
         default_concurrency_limit=1,
     )
-    # Gradio would look a thousand times a second, which took a tenth of a core at rest.
+    # Gradio polls a thousand times a second, which used a tenth of an idle core.
     waiting.sleep_when_free, waiting.progress_update_sleep_when_free = LOOK_S, 1.0
     made = MadeFiles(config.temp, gate.do)
     routes = [
@@ -206,9 +206,9 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         css_paths=[CSS],
         head=head_style(),
         quiet=True,
-        # It would ask the page itself, and give up after 3 s of a busy machine.
+        # It would send a request to the page, and give up after 3 s on a busy machine.
         _frontend=False,
-        # Before Gradio's own routes, and there as soon as anyone can ask.
+        # They come before Gradio's own routes, and exist from the first request on.
         app_kwargs={
             "routes": routes,
             "lifespan": guarded(
@@ -219,7 +219,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         },
         auth=list(config.accounts) or None,
     )
-    # Only now: reading models beside it would hold up the page's own start.
+    # Loading models earlier would delay the start of the page.
     if is_warmed_up:
         threading.Thread(target=_warm_up, args=(worker,), name="warm-up", daemon=True).start()
     return page
@@ -279,7 +279,7 @@ def own_folders(config: AppConfig) -> AppConfig:
     temp = claim_folder(config.temp)
     scratch = temp / "scratch"
     scratch.mkdir(mode=0o700)
-    os.environ["TMPDIR"] = str(scratch)  # of what libraries and children write for a moment
+    os.environ["TMPDIR"] = str(scratch)  # for temporary files of libraries and child processes
     atexit.register(_remove, temp)
     for number in _ENDING:
         if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
@@ -316,5 +316,5 @@ def _warm_up(worker: Worker) -> None:
         time.sleep(FIRST_S)
         worker.start()
     except Exception:
-        if not _is_ending.is_set():  # no thread nor process can be started any longer
+        if not _is_ending.is_set():  # otherwise threads and processes cannot be started
             log.exception("the warm-up failed; the first run will say why")

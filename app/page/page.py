@@ -51,7 +51,7 @@ def build_app(services: Services) -> gr.Blocks:
             apply_default_css=False,
             elem_classes="told-elsewhere",
         )
-        with gr.Tabs(overflow_behavior="wrap") as tabs:  # a phone would hide some in a menu
+        with gr.Tabs(overflow_behavior="wrap") as tabs:  # otherwise a phone hides some in a menu
             with gr.Tab(text.MOTION_TAB, id="generate"), gr.Row(elem_classes="columns"):
                 with gr.Column(scale=4, min_width=320, elem_classes="sheet", elem_id=_FORM_ID):
                     form = build_form(services)

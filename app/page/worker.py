@@ -116,7 +116,7 @@ class Worker:
                 if self._is_closed or not self._is_kept:
                     self._drop()
                 elif self._child is not None:
-                    self._ready()  # at once: the next visitor should find its models read
+                    self._ready()  # now, so that the models are loaded for the next visitor
             finally:
                 self._turn.release()
 
@@ -133,7 +133,7 @@ class Worker:
             needed = (str(path) for path in self._warm or () if path is not None)
             child = self._child = Child("app.page.worker", *needed, is_log_handed_on=True)
             if self._niceness:
-                os.setpriority(os.PRIO_PROCESS, child.pid, self._niceness)  # and what it starts
+                os.setpriority(os.PRIO_PROCESS, child.pid, self._niceness)  # and its children
             self._is_fit = True
         return child
 
@@ -213,7 +213,7 @@ def main() -> None:
 def _as_told(error: Exception) -> Exception:
     """Convert an exception to a cancellation, a sentence or a fault for the page."""
     if isinstance(error, Cancelled):
-        return error.with_traceback(None)  # which would hold what the task had
+        return error.with_traceback(None)  # which would keep the task's objects alive
     if any(words in str(error) for words in _NO_MEMORY):
         error = MemoryError()
     sentence = sentence_of(error)

@@ -46,7 +46,7 @@ def in_register(motion: Motion) -> Motion:
     """
     register = register_of(motion)
     turn = Rotation.from_rotvec([0.0, register.turn_rad, 0.0])
-    rest = open_body_skeleton().rest_joints[0].double().numpy()  # the pelvis turns about this
+    rest = open_body_skeleton().rest_joints[0].double().numpy()  # centre of the pelvis rotation
     poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
     trans = turn.apply(motion.trans + rest) - rest + np.array(register.shift_m)
@@ -68,7 +68,7 @@ def register_of(motion: Motion) -> Register:
     skeleton = open_body_skeleton()
     joints = track_points(motion, skeleton).joints
     across = (joints[:, JOINT_INDEX["left_hip"]] - joints[:, JOINT_INDEX["right_hip"]]).mean(axis=0)
-    facing = np.arctan2(-across[2], across[0])  # of the left hip, which is at x for who faces z
+    facing = np.arctan2(-across[2], across[0])  # the left hip is at +x if the body faces +z
     turn = Rotation.from_rotvec([0.0, -facing, 0.0])
     rest = skeleton.rest_joints[0].double().numpy()
     pelvis = np.median(turn.apply(motion.trans + rest), axis=0)

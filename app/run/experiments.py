@@ -358,7 +358,7 @@ def _draw_bodies(
     def out(name: str, _: object) -> Path:
         return paths[name]
 
-    # The noise moves no camera.
+    # The camera frames the clean motion.
     jobs = jobs_of(noisy, request.video, body, tip, out, staged=[clean])
     draw_jobs(jobs, run.share("video", _DRAWN))
     video = run.folder.path(ROTATION_NOISE_VIDEO)
@@ -434,14 +434,14 @@ def _points_of(
     system: System, speech: Speech, request: StepSweepRequest, on_share: Callable[[float], None]
 ) -> list[StepPoint]:
     """Measure one system, and return its results from few steps to many."""
-    counts = sorted(set(request.counts), reverse=True)  # the most first: others are compared to it
+    counts = sorted(set(request.counts), reverse=True)  # the first is the reference of the others
     speaker = request.speaker or next(iter(system.speakers))
-    generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # what is only done once
+    generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # warm-up
     found: list[StepPoint] = []
     most: np.ndarray | None = None
     for done, count in enumerate(counts):
         on_share(done / len(counts))
-        seed = clip_seed(request.seed, speech.sha256)  # the motion that `generate` makes
+        seed = clip_seed(request.seed, speech.sha256)  # same motion as by `generate`
         options = GenerateOptions(speaker, seed=seed, steps=count)
         started = time.perf_counter()
         (motion,) = generate_motion(system, speech, options)

@@ -62,7 +62,7 @@ def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> R
     systems = _load_systems(request)
     speaker = request.sampling.speaker or _first_speaker(systems)
     for system in systems:
-        system.speaker_index(speaker)  # raises for a name that it does not know
+        system.speaker_index(speaker)  # raises for an unknown name
     recorded = _read_reference(request, speech, run)
     backend = choose_backend() if request.output.has_video else None
     require_free_space(request.output.out, _needed_bytes(request, speech.num_frames, len(systems)))
@@ -86,7 +86,7 @@ def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> R
     shortest = min(each.num_frames for each in (speech, *recorded.values()))
     check_figure(request, shortest, min(MAX_COMPARED, len(names)))
     if any(map(_performs, systems)) and (request.planning.plan is None or request.planning.style):
-        words.begin(speech.waveform)  # plans are drawn from words: these come first
+        words.begin(speech.waveform)  # plans are sampled from words, which are needed first
         words.found(run.stop_if_asked)
 
     def told(name: str, raw: Motion) -> tuple[Motion, Motion]:
@@ -103,12 +103,12 @@ def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> R
         made = _made_in_turns(making, speech.num_frames, run, told, post_filter == "none")
     else:
         name = systems[0].name
-        if recording.plan is not None:  # before the motion, of which one would be found
+        if recording.plan is not None:  # before the motion, or a plan would be detected in it
             run.performed(name, read_plan_file(recording.plan).plan)
         run.note(LIVE_NOTE)
         run.progress("motion", 1.0)
         made = {name: told(name, load_motion(recording.motion))}
-    words.begin(speech.waveform)  # beside the numbers and pictures, never before the motions
+    words.begin(speech.waveform)  # in parallel with metrics and pictures, after the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version: Version = "savgol" if post_filter == "savgol" else "raw"
     is_pictured = request.output.has_video or request.output.has_figures
@@ -336,8 +336,8 @@ def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) ->
 def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -> int:
     """Estimate the disk space of a run, half as much again as measured runs have taken."""
     count = num_systems * request.sampling.samples + 1
-    motion_bytes = (4 * 268 + 504) * num_frames  # as a file, and as a browser plays it
-    # Each picture is in the comparison too, and so is each close-up, of half a body's height.
+    motion_bytes = (4 * 268 + 504) * num_frames  # npz file, and frames for the browser
+    # Pictures and close-ups (half a body's height) are in the comparison, too.
     video = request.video
     pixels = video.size**2 * (len(video.views) + len(video.close_ups) / 2) * 2
     video_bytes = 0.012 * pixels * num_frames if request.output.has_video else 0.0

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 WORTH_S = 60.0
 """Seconds of motion that take about as long to generate as further processes take to start."""
-_LOADING = threading.Lock()  # the warm-up and a first visitor must not read the same file twice
+_LOADING = threading.Lock()  # warm-up and first visitor must not load the same file twice
 
 
 def get_system(name: str, weights: Path) -> System:
@@ -76,13 +76,13 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
     from model.speech.audio import Speech
     from renderer.body.levels import body_at
 
-    body_at(get_body(body), height_px=1.0)  # coarser meshes of a licensed body are made once
+    body_at(get_body(body), height_px=1.0)  # makes the coarser meshes of a licensed body
     yield
     noise = np.random.default_rng(0).normal(0.0, 0.1, SAMPLE_RATE).astype(np.float32)
     for name in list_systems(weights):
         try:
             system = get_system(name, weights)
-        except FamilyError as error:  # of another package: whoever asks for it is told
+        except FamilyError as error:  # of another package; reported when the system is used
             log.warning("%s", error)
             continue
         options = GenerateOptions(speaker=next(iter(system.speakers)), steps=1)

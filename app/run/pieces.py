@@ -41,7 +41,7 @@ def frames_message(
     count = motion.num_frames
     quaternions = Rotation.from_rotvec(motion.poses.reshape(-1, 3)).as_quat()
     faces = np.clip(motion.expressions[:, :NUM_FACES], 0, 1)
-    if motion.expression_basis != FACE_BASIS:  # the open body's face cannot follow it
+    if motion.expression_basis != FACE_BASIS:  # the open body has no such blendshapes
         faces = np.zeros_like(faces)
     return b"".join(
         [
@@ -99,7 +99,7 @@ def reaches(body: Body) -> BodyMotion:
         poses[1, JOINT_INDEX[f"{side}_elbow"], 1] = -sign * _ELBOWS_RAD
         poses[1, JOINT_INDEX[f"{side}_shoulder"], 2] = -sign * _SHOULDERS_RAD / 2
     trans = np.zeros((4, 3))
-    trans[:, 1] = -body.template[:, 1].min()  # soles on the ground, where motion has them
+    trans[:, 1] = -body.template[:, 1].min()  # soles on the floor
     trans[2:, 0] = -0.12, 0.12
     return BodyMotion(
         poses=poses.reshape(4, -1),

@@ -223,7 +223,7 @@ def _draw_poses(request: RunRequest, rows: Rows, run: RunWriter) -> Snapshots:
     frames = figures.figure_frames or choose_snapshot_frames(shortest, figures.start_frame)
     if not request.output.has_poses or "b" not in figures.figure_panels:
         return Snapshots(frames)
-    if not (request.output.has_video and rows.is_made):  # else as the videos are
+    if not (request.output.has_video and rows.is_made):  # otherwise the same as in videos
         video = replace(video, size=POSES_PX, views=("front",))
     placed = {name: _placed(motion, rows) for name, motion in rows.drawn.items()}
     on_share = run.share("figure", _POSES)

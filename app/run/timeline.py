@@ -279,7 +279,7 @@ def derivative_curve(
     stride = max(1, -(-len(values) // max_points))
     if len(values):
         values = np.maximum.reduceat(values, np.arange(0, len(values), stride))
-    # Entry i comes from frames i to i + order; a frame is seen from its time to the next one's.
+    # Entry i comes from frames i to i + order; a frame is shown until the next one.
     middle = (order + 1) / 2 + (stride - 1) / 2
     return {
         "start_s": round(middle / FPS, 5),

@@ -133,7 +133,7 @@ def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
             try:
                 read_any_motion(path)
             except MotionError as error:
-                if kind != "motions" or "--assume" not in str(error):  # else the form can say it
+                if kind != "motions" or "--assume" not in str(error):  # else: a field of the form
                     raise
         case "transcript":
             from model.speech.transcript import read_words

@@ -107,12 +107,12 @@ def point_choices() -> list[tuple[str, str]]:
 
 def _trained_on(cards: list[Card]) -> str:
     """Describe the training data according to the model cards, which hold for any weights."""
-    cards = [card for card in cards if card.whose is None]  # not those of others
+    cards = [card for card in cards if card.whose is None]  # without checkpoints of other authors
     hours = [card.training_hours for card in cards]
     if max(hours, default=0.0) == 0.0 or not any(card.steps for card in cards):
         return ""
     data = cards[0].get("training_data")
-    # A corpus made by this project describes itself; of any other folder only the name is known.
+    # A corpus made by this project has a description, any other folder only a name.
     what = "procedural motion made by a program" if isinstance(data, dict) else f"“{data}”"
     least, most = (f"{found:.1f}" for found in (min(hours), max(hours)))
     return f"{least if least == most else f'{least} to {most}'} hours of {what}"

@@ -131,7 +131,7 @@ class KeptRuns(Kept[KeptRun]):
 
     def __init__(self, keep_s: float) -> None:
         super().__init__()
-        self._keep_s = keep_s  # as files are; only to be told
+        self._keep_s = keep_s  # same as for files, only for display
 
     def keep_run(
         self, job: Job, showings: Mapping[str, Showing], form: Mapping[str, Any] | None = None

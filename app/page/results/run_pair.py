@@ -112,7 +112,7 @@ class RunPair:
         value = {"run": " ".join(value["run"] for value in values), "rows": rows}
         if not all(lines):
             return value
-        # Each sound that is another can be heard; of one speech, or of none, the longer.
+        # Different speeches can be chosen; with one speech, or none, the longer sound plays.
         spoken = [i for i, run in enumerate(self.runs) if run.speech_sha256]
         heard = sorted(spoken or (0, 1), key=lambda i: -lines[i].get("duration_s", 0.0))[:1]
         if len(spoken) == 2 and not self.has_one_speech:
@@ -172,7 +172,7 @@ def told_settings(a: RunRecord, b: RunRecord) -> str:
     brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
     if len(brought) != 1:
         return _against(differ) or text.PAIR_SAME_SETTINGS
-    # What a system was asked for is no setting of a file.
+    # Settings of systems do not apply to imported files.
     shared = a.settings.keys() & b.settings.keys()
     told = _against({name: pair for name, pair in differ.items() if name in shared})
     return f"{text.PAIR_BROUGHT.format(run=brought[0])} {told}".rstrip()

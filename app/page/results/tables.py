@@ -95,7 +95,7 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
         + "".join(_row(each, columns) for each in measures)
         for group, measures in groupby(shown, key=lambda measure: measure.group)
     )
-    # What the table holds, raw and filtered, one number in a line.
+    # All numbers of the table, raw and filtered, one per line.
     lines = [(of.title, of.unit, each.name, version, value) for of, each, version, value in numbers]
     csv = csv_text([("measure", "unit", "name", "filter", "value"), *lines])
     more = (

@@ -71,7 +71,7 @@ class HostNames:
             ipaddress.ip_address(name)
         except ValueError:
             return False
-        return self._any_address  # nobody can make an address point elsewhere
+        return self._any_address  # an IP address cannot be redirected by DNS
 
 
 def _space() -> str:
@@ -88,7 +88,7 @@ def framing(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
     policy = " ".join(("frame-ancestors 'self'", *hosts, *embedders))
     headers = [(b"content-security-policy", policy.encode("ascii"))]
     headers.append((b"x-content-type-options", b"nosniff"))
-    if not hosts and not embedders:  # it can name no others
+    if not hosts and not embedders:  # the header cannot list sites
         headers.append((b"x-frame-options", b"SAMEORIGIN"))
     return headers
 
@@ -151,7 +151,7 @@ class Guard:
                 await _refuse_call(error, scope, receive, framed)
                 return
         CONNECTION.set(HTTPConnection(scope))
-        with contextlib.suppress(ClientDisconnect):  # an upload that is broken off
+        with contextlib.suppress(ClientDisconnect):  # an interrupted upload
             await self.inner(scope, receive, framed)
 
     def _refusal(self, scope: Scope) -> tuple[str, int] | None:
@@ -177,7 +177,7 @@ class Guard:
 
     def _forget_forwarded(self, scope: Scope) -> None:
         """Remove untrusted forwarding headers, from which Gradio makes links."""
-        is_https = scope["scheme"] in ("https", "wss")  # as a proxy has said that is trusted
+        is_https = scope["scheme"] in ("https", "wss")  # as reported by a trusted proxy
 
         def is_good(name: bytes, value: bytes) -> bool:
             if name == b"x-forwarded-host":
@@ -253,7 +253,7 @@ def tell_wrong_calls() -> None:
         except HTTPException:
             raise
         except gr.Error as error:
-            if not error.print_exception:  # a function has told it already
+            if not error.print_exception:  # already converted to a sentence
                 raise
             raise _wrong_call(str(error.message)) from None
         except Exception as error:

@@ -59,11 +59,11 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
     unsent: asyncio.Queue[Message] = asyncio.Queue(_MOST_UNSENT)
 
     def put(message: Message) -> None:
-        if unsent.full():  # the browser takes nothing; what is old helps it least
+        if unsent.full():  # the browser is too slow: drop the oldest message
             unsent.get_nowait()
         unsent.put_nowait(message)
 
-    def tell(message: Any) -> None:  # from the thread that listens to the process
+    def tell(message: Any) -> None:  # called by the thread that reads from the process
         if not loop.is_closed():
             loop.call_soon_threadsafe(put, message)
 
@@ -71,7 +71,7 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
     try:
         told, cookie = await _ask(socket), socket.cookies.get(COOKIE, "")
         number = await run_in_threadpool(sessions.open, told, cookie, tell, address_of(socket))
-        if not await _sent(socket, await unsent.get()):  # what a browser must know before it sends
+        if not await _sent(socket, await unsent.get()):  # token and timing come first
             return
         async with asyncio.TaskGroup() as ways:
             hearing = ways.create_task(_hear(socket, sessions, number))

@@ -118,7 +118,7 @@ class MadeFiles:
             do: runs a task in a worker process.
         """
         self._temp, self._do = temp, do
-        self._turns: anyio.CapacityLimiter | None = None  # made within the loop that it is of
+        self._turns: anyio.CapacityLimiter | None = None  # made within its event loop
 
     async def answer(
         self, task: Callable[..., object], request: Callable[[Path], object], name: str

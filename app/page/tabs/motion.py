@@ -64,8 +64,8 @@ def ask_from_form(
     told["speech"] = speeches[0] if len(speeches) == 1 else folder / SPEECHES
     if not told["systems"]:
         raise RunError("No system is chosen: tick at least one.")
-    # Kept in the catalogue's order, so that rows stand the same way in every run; of one that is
-    # not among them the run says so.
+    # In the catalogue's order, so that rows have the same order in every run; an unknown system is
+    # reported by the run.
     order = {name: number for number, name in enumerate(catalogue.systems)}
     systems = tuple(sorted(set(told["systems"]), key=lambda name: (order.get(name, -1), name)))
     count = len(systems) * told["samples"] + (told["reference"] is not None)

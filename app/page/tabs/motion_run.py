@@ -64,7 +64,7 @@ class StageLine:
         if not self.fractions:
             return text.STARTING_SYSTEMS
         doing = [stage for stage, fraction in self.fractions.items() if fraction < 1]
-        stage = (doing or list(self.fractions))[-1]  # between two stages, the one before
+        stage = (doing or list(self.fractions))[-1]  # between two stages, the previous one
         seconds = time.monotonic() - self.started
         of_clip = f"{self.clip}: " if self.clip else ""
         return f"{of_clip}{text.STAGE_NAMES[stage]} ({seconds:.0f} s so far)"
@@ -94,12 +94,12 @@ class RunRunner(TabRunner):
         """Attach runs to the form's buttons, and to other events."""
         form = self._form
         reveal_on_click(form.start, self._status)
-        # Listeners of a click are served in turn: this before the run.
+        # Listeners of a click run in order: this one before the run.
         waits = [self._status, form.start, form.cancel]
         form.start.click(self.waits, outputs=waits, **AT_ONCE)
-        # The button is free while figures are drawn; what it begins then comes after them.
+        # The button is enabled while figures are drawn; its next run is queued behind them.
         begun = [self.after(form.start.click, fields, trigger_mode="multiple", **how)]
-        begun[0].failure(self.refused, outputs=waits[1:], **AT_ONCE)  # also where no place is free
+        begun[0].failure(self.refused, outputs=waits[1:], **AT_ONCE)  # also if the queue is full
         begun += [self.after(event, [*form.fields.values()]) for event in also]
         self.ends_on(form.cancel, begun, self.outputs)
         page.unload(self.videos.left)
@@ -153,7 +153,7 @@ class RunRunner(TabRunner):
                 updates |= told_so_far(moving[0], parts) if moving else {}
                 records = {clip: each.record for clip, each in begun.items()}
                 updates[parts.clips] = shown(clips_html(records))
-                if [*records] == [""] and records[""].numbers:  # no figure needs the form
+                if [*records] == [""] and records[""].numbers:  # figures do not need the form
                     updates[self._form.start] = gr.update(interactive=True)
             new = {part: each for part, each in updates.items() if so_far.get(part) != each}
             so_far.update(new)
@@ -165,7 +165,7 @@ class RunRunner(TabRunner):
             def do(ear: Ear) -> None:
                 try:
                     services.worker.do(do_in_folder, asked, ear)
-                finally:  # when its process has ended, which may be after the page has gone on
+                finally:  # after the end of its process, maybe later than that of the generator
                     opened = request.output.out.with_name(OPENED)
                     shutil.rmtree(opened, ignore_errors=True)
 
@@ -271,7 +271,7 @@ class Opening:
 
     def opened(self, request: gr.Request) -> Updates:
         cookie = cookie_of(request)
-        listed = self._kept.html(cookie)  # Gradio takes each update apart
+        listed = self._kept.html(cookie)  # but an update each: Gradio modifies them
         updates: Updates = {parts.runs: shown(listed) for parts in self._places.values()}
         tokens = request.query_params.getlist(PARAMETER)[:2] or self._services.opened
         runs = [run for run in map(self._kept.find, tokens) if run is not None]
@@ -315,7 +315,7 @@ class Opening:
 
     def _shown(self, run: KeptRun, parts: ResultParts, cookie: str) -> Updates:
         showing = run.showing
-        if run.job.visitor and not is_same(run.job.cookie, cookie):  # of nobody: everybody's
+        if run.job.visitor and not is_same(run.job.cookie, cookie):  # no visitor: public
             showing = showing.for_browser(self._services.media.share(run.folder, cookie))
         return {
             **run.updates(parts, showing),

@@ -91,7 +91,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
         **PRIVATE,
         trigger_mode="once",
     )
-    # Pressed by the chips of a row: says one thing otherwise, and runs anew.
+    # Clicked by the assumption chips of a row, to change one assumption and measure again.
     otherwise = gr.Button(elem_classes="otherwise-start told-elsewhere")
     said = otherwise.click(
         None,
@@ -119,7 +119,7 @@ def build_own_form(services: Services) -> FormParts:
     of["recorded"] = gr.Dropdown(
         choices=[(NO_RECORDED, "")],
         value="",
-        allow_custom_value=True,  # as below
+        allow_custom_value=True,  # see below
         visible=False,
         label="Recorded motion among them, as reference",
         elem_id="own-reference",
@@ -128,7 +128,7 @@ def build_own_form(services: Services) -> FormParts:
         choices=[],
         multiselect=True,
         max_choices=MAX_COMPARED,
-        allow_custom_value=True,  # of files just taken away: a click may come before the answer
+        allow_custom_value=True,  # a removed file may still be selected
         visible=False,
         label="Shown on the stage and in figures",
         info="At most six with the reference; all are measured.",
@@ -305,7 +305,7 @@ class OwnMotionRunner(RunRunner):
         def do(ear: Ear) -> Sets:
             try:
                 return self._services.worker.do(MEASURE_SETS, request, ear)
-            except BaseException:  # its clips can be opened only if all went well
+            except BaseException:  # clips can only be opened after a complete run
                 shutil.rmtree(request.output.out / UNPACKED, ignore_errors=True)
                 raise
 

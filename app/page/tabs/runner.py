@@ -108,11 +108,11 @@ class Services:
 
     def _refusal(self, kind: UploadKind, value: str | list[str] | None) -> str:
         given = [value] if isinstance(value, str) else value or ()
-        paths = [Path(path) for path in dict.fromkeys(given)]  # each once, however often named
+        paths = [Path(path) for path in dict.fromkeys(given)]  # without duplicates
         try:
             given = Given(kind, paths, self.config.max_speech_s)
             sentence = self.gate.do(refusal_of, given) if paths else ""
-        except Exception as error:  # of the checking, which took too long or failed itself
+        except Exception as error:  # the check itself failed or timed out
             log.warning("an upload could not be checked: %s", error)
             return ""
         return visitor_sentence(RunError(sentence)) if sentence else ""
@@ -169,7 +169,7 @@ def _batch(events: queue.SimpleQueue[Event | None]) -> tuple[list[Event], bool]:
         if event is None:
             return batch, True
         batch.append(event)
-        if isinstance(event, Grown):  # somebody waits to see it move
+        if isinstance(event, Grown):  # the visitor waits for motion
             deadline = min(deadline, time.monotonic() + _SOON_S)
     return batch, False
 
@@ -209,8 +209,8 @@ class TabRunner(ABC):
             run, fields = named_fields(run, fields), [*fields.values()]
         if "api_name" not in how:
             how["api_visibility"] = "private"
-        # One after the other, whoever asks; its place in the queue is told on the status, and
-        # another click of the same button is none.
+        # Runs of all visitors are queued; the status shows the place in the queue. Another click of
+        # the same button is ignored.
         usual = {"show_progress": "minimal", "show_progress_on": self._status}
         usual |= {"trigger_mode": "once", "concurrency_id": RUNS}
         return event(run, fields, **{**usual, **how})
@@ -242,7 +242,7 @@ class TabRunner(ABC):
                 yield blank
                 for update in steps:
                     if job.is_cancelled():
-                        raise Cancelled  # what was on its way is told nobody
+                        raise Cancelled  # drop the pending update
                     yield update
             self._unfinished.discard(visitor)
         except Cancelled:
@@ -252,7 +252,7 @@ class TabRunner(ABC):
             self._unfinished.discard(visitor)
             sentence = visitor_sentence(error)
             yield self.stopped(markup.sentence_status(text.STOPPED), markup.error_message(sentence))
-            # Else for programs alone: the page tells it once.
+            # Otherwise only for API clients, as the tab shows it already.
             visible = not self.is_told
             raise gr.Error(sentence, visible=visible, print_exception=False) from error
 

@@ -93,7 +93,7 @@ class TakesRunner(TabRunner):
             number = max(row.take.number for row in showing.record.rows if row.take)
             return said(text.TAKE_COMING.format(number=number), state="working")
 
-        drop_unfinished(showing.folder)  # whose page was closed
+        drop_unfinished(showing.folder)  # left by closed pages
         yield said(text.TAKE_BEGINS if asked.edits else text.EDITOR_BEGINS, state="working")
         try:
             wanted = PlanEditRequest(
@@ -262,17 +262,17 @@ class VideosBehind:
         visitor = visitor_of(request)
         wanted = self._wanted.pop(visitor, None)
         if wanted is None:
-            yield {self._parts.status: gr.skip()}  # of one that gives nothing Gradio empties all
+            yield {self._parts.status: gr.skip()}  # without any update, Gradio clears all outputs
             return
         run, video = wanted
         try:
             jobs = self._services.jobs
             with jobs.opened(visitor, self._tab, owner=jobs.quota.owner_of(request)) as job:
-                job.beside.append(run.job.folder)  # which they are drawn into
+                job.beside.append(run.job.folder)  # the videos are added to it
                 yield from self._drawn(job, run, video)
         except Cancelled:
-            return  # another run of the visitor has begun, and shows itself
-        except Exception as error:  # whatever it is, the run that has ended stays and says so
+            return  # replaced by another run of the visitor
+        except Exception as error:  # the finished run stays, with the error
             yield self._line(run, f"Its videos could not be drawn: {visitor_sentence(error)}")
 
     def _drawn(self, job: Job, run: KeptRun, video: VideoOptions) -> Iterator[Updates]:

@@ -68,7 +68,7 @@ def build_study_tab(services: Services) -> Fields:
     for button in ready:
         asked, changes = QUESTIONS[button.value]
         filled = json.dumps([asked, [usual_planner()], changes])
-        # By the browser itself: who makes the study right after the click means this one.
+        # In the browser, so that a click on "Make the study" right after it uses these values.
         button.click(
             None,
             outputs=[protocol, systems, changed],
@@ -130,7 +130,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
         "study-motions",
         file_count="multiple",
     )
-    of["changed"] = of.pop("changed")  # as programs give them
+    of["changed"] = of.pop("changed")  # last, for the order of the API's parameters
     return of
 
 
@@ -394,7 +394,7 @@ class StudyRunner(TabRunner):
             pages = yield from self.followed(job, make, "Making the videos: {share:.0%}")
         except BaseException:
             job.cancel()
-            shutil.rmtree(waiting, ignore_errors=True)  # had it ended before that was heard
+            shutil.rmtree(waiting, ignore_errors=True)  # if the task ended before that
             raise
         token = services.private.keep(waiting, waiting, job.cookie)
         look = services.media.share(pages, job.cookie, PAGE_TYPES)(pages / "index.html")

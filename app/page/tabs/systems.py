@@ -39,7 +39,7 @@ _DELIMITERS = {"left": "$$", "right": "$$", "display": True}
 
 def build_systems_tab(systems: Sequence[str]) -> None:
     """Lay out the tab in the current context, for systems that have weights."""
-    # Markdown, because Gradio sets formulas in it; the text is our own, so nothing is taken out.
+    # Markdown, because Gradio renders its formulas; the text is our own and needs no sanitising.
     gr.Markdown(
         ladder(systems), sanitize_html=False, latex_delimiters=[_DELIMITERS], elem_id="ladder"
     )

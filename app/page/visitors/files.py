@@ -71,7 +71,7 @@ def uploads_of(values: Iterable[Any], cache: Path) -> list[Path]:
 def touch(folders: Iterable[Path]) -> None:
     """Reset the age of files."""
     for folder in folders:
-        with suppress(OSError, ValueError):  # a reader says that it is gone
+        with suppress(OSError, ValueError):  # the next reader reports a missing file
             os.utime(folder)
 
 

@@ -87,7 +87,7 @@ class Turns(queueing.Queue):
             if len(own) >= limit:
                 return False, FULL_OF_ADDRESS.format(count=limit), "error"
         held, messages = self.pending_event_ids_session, self.pending_messages_per_session
-        if len(held) > 2 * MAX_SESSIONS:  # Gradio forgets the messages of pages, not their events
+        if len(held) > 2 * MAX_SESSIONS:  # Gradio drops messages of pages, but not their events
             for session in [each for each in held if each not in messages]:
                 del held[session]
         return await super().push(body, request, username)

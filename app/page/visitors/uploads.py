@@ -76,7 +76,7 @@ class TidyParser(route_utils.GradioMultiPartParser):
             if is_disk_full(error):
                 error = MultiPartException(text.DISK_FULL)
             if isinstance(error, MultiPartException):
-                async for _ in stream:  # a browser that still sends would not hear the sentence
+                async for _ in stream:  # a browser that still sends would miss the answer
                     pass
             raise error
         finally:

@@ -28,7 +28,7 @@ def address_of(request: gr.Request | HTTPConnection) -> str:
 
     Whoever has one address of such a network has all of them.
     """
-    client = getattr(request, "client", None)  # of a caller within the program there is none
+    client = getattr(request, "client", None)  # internal callers have none
     host = client.host if client else ""
     try:
         address = ipaddress.ip_address(host)

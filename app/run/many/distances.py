@@ -167,7 +167,7 @@ def _drawn(clips: Iterator[np.ndarray], num_clips: int) -> list[Moments]:
     times = np.array([np.ones(num_clips), *drawn])
     sums: Any = 0.0
     for start in range(0, num_clips, _CLIPS_AT_ONCE):
-        # Beside a column of ones, the products hold count and total, too.
+        # With a column of ones, the products also contain count and total.
         some = [np.insert(codes, 0, 1.0, axis=1) for codes in islice(clips, _CLIPS_AT_ONCE)]
         products = np.array([codes.T @ codes for codes in some])
         sums = sums + np.tensordot(times[:, start : start + _CLIPS_AT_ONCE], products, 1)

@@ -424,7 +424,7 @@ def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
     }
     apart = parts_apart(lacks)
     for part, (what, _) in LACKS.items():
-        if part == "face":  # is counted
+        if part == "face":  # in the counts of assumptions
             continue
         for name, of_set in files.items():
             count = sum(part in file["lacks"] for file in of_set)

@@ -241,7 +241,7 @@ def _do_clip(
 ) -> None:
     from app.run import pipeline
 
-    (request.output.out / RUN).unlink(missing_ok=True)  # of other files, which are about to go
+    (request.output.out / RUN).unlink(missing_ok=True)  # of earlier files, which will be replaced
     if do is None:
         pipeline.run(request)
     else:

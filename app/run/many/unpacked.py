@@ -206,7 +206,7 @@ class _Archive:
         """List the entries of a zip; backslashes of Windows are converted."""
         most = self._limits.files
         with self._path.open("rb") as file:
-            if list_bytes(file) > _BYTES_AN_ENTRY * most:  # which is read whole
+            if list_bytes(file) > _BYTES_AN_ENTRY * most:  # the directory is read whole
                 raise RunError(
                     f"{self._name} holds more files than the {most} that are read; split it."
                 )

@@ -57,7 +57,7 @@ def held_folder(folder: Path) -> Iterator[None]:
             try:
                 (folder / LOCK_NAME).unlink(missing_ok=True)
             except OSError:
-                pass  # a file that nobody holds is no obstacle
+                pass  # an unlocked file does not block other commands
         if not was_there:
             _remove_if_empty(folder)
 
@@ -106,7 +106,7 @@ def _who(folder: Path, file: IO[str]) -> str:
             f"Another command is at work in {folder}: process {facts['pid']} on {facts['host']}, "
             f"since {facts['since']}, `{facts['command']}`; {end}"
         )
-    except (OSError, ValueError, KeyError, TypeError):  # it has just begun
+    except (OSError, ValueError, KeyError, TypeError):  # the other command has just started
         return f"Another command is at work in {folder}; {end}"
 
 
@@ -114,7 +114,7 @@ def _remove_if_empty(folder: Path) -> None:
     try:
         folder.rmdir()
     except OSError:
-        pass  # someone has put something there
+        pass  # it is not empty
 
 
 UNFINISHED = ".unfinished-"
@@ -147,7 +147,7 @@ class ResultFolder:
     def __enter__(self) -> ResultFolder:
         self._held.__enter__()
         try:
-            for left in self.out.glob(f"{UNFINISHED}*"):  # by killed runs, as this one holds it
+            for left in self.out.glob(f"{UNFINISHED}*"):  # of killed runs: this one has the lock
                 shutil.rmtree(left, ignore_errors=True)
             self._staging.mkdir(mode=0o700)
         except OSError as error:

@@ -372,7 +372,7 @@ def end_run(folder: Path, sentence: str) -> bool:
         with changed(folder) as record:
             record.state, record.sentence = "failed", cut(sentence)
     except (RunError, OSError):
-        return False  # it had not begun
+        return False  # the run had not started
     return any("motion" in row.files for row in record.rows)
 
 

@@ -64,7 +64,7 @@ def name_file(path: Path) -> None:
     """Write the path of a file to standard output; a terminal gets no control characters."""
     out = sys.stdout
     if isinstance(out, io.TextIOWrapper):
-        out.reconfigure(errors="surrogateescape")  # a name may be no text at all
+        out.reconfigure(errors="surrogateescape")  # file names may be invalid UTF-8
     out.write(f"{printable(str(path)) if out.isatty() else path}\n")
     out.flush()
 

@@ -52,7 +52,7 @@ def render_motion(
     else:
         files = _export(request, body, motion)
     apart = () if request.speech is None else _apart(request.speech, reading)
-    # Blender shows a body of its own
+    # Blender uses its own body
     own = blender_notes(motion) if request.suffix == ".blender.npz" else body.notes(motion)
     return files, (*reading.notes, *apart, *own)
 
@@ -89,7 +89,7 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
                 write_still(body, motion, frame, part)
             case ".bvh":
                 write_bvh(body, motion, part)
-                if plan is not None:  # the format has no place for them
+                if plan is not None:  # BVH cannot store markers
                     files.append(request.out.with_suffix(MARKERS_SUFFIX))
                     write_atomically(files[1], markers_csv(plan))
             case _:

@@ -188,7 +188,7 @@ def draw_poses(
     for name, motion in posed.items():
         groups.setdefault((motion.expression_basis, motion.betas.tobytes()), []).append(name)
     pictures: dict[str, list[np.ndarray]] = {name: [] for name in posed}
-    for names in groups.values():  # one after the other as frames of one motion
+    for names in groups.values():  # rendered as consecutive frames of one motion
         still = [frames_of(posed[name], frames) for name in names]
         parts = {
             part: np.concatenate([getattr(each, part) for each in still])
