@@ -107,7 +107,7 @@ def analyse(
 ) -> None:
     """Analyse answers and write a report (HTML, CSV, LaTeX).
 
-    Participants who failed the attention checks are excluded. The report has preference shares,
+    Participants that failed the attention checks are excluded. The report has preference shares,
     tests, Bradley-Terry strengths and the power of the design.
 
     Args:

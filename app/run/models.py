@@ -57,8 +57,7 @@ def _load_body(path: Path | None, look: str, versions: FileVersions) -> Body:
 
 
 def pool_for(motion_s: float) -> JobPool:
-    """Return who generates so many seconds of motion: this process, or several, of which each has
-    to read its models first."""
+    """Return the pool for a length of motion: this process, or several, which load each model."""
     return JobPool(None if motion_s > WORTH_S else 1)
 
 

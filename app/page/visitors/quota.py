@@ -1,7 +1,7 @@
-"""Limit the disk space of the uploads and runs of one address.
+"""Limit on the disk space of the uploads and runs of one address.
 
 If a trusted proxy does not forward addresses, all visitors have the proxy's: each browser then has
-a quota of its own.
+a separate quota.
 """
 
 from __future__ import annotations
@@ -33,10 +33,11 @@ class Quota:
     def __init__(
         self, max_bytes: float = math.inf, keep_s: float = 3600.0, proxies: Collection[str] = ()
     ) -> None:
-        """
+        """Configure the limit.
+
         Args:
             max_bytes: maximum disk space of one owner.
-            keep_s: time for which files are kept, for the error message.
+            keep_s: lifetime of files, for the error message.
             proxies: addresses and networks of trusted proxies.
         """
         self.max_bytes = max_bytes
