@@ -84,7 +84,8 @@ class Finding:
     worst_frame: int | None = None
     """Frame at which the fault is worst; None if it is the same everywhere."""
     stretches: tuple[tuple[int, int], ...] = ()
-    """First and last frame of up to `MOST_STRETCHES` places of the fault, the longest first."""
+    """First and last frame of up to `MOST_STRETCHES` places of the fault, the longest first; empty
+    if it is everywhere."""
     gravity: int = SEEN
     kind: str = ""
     """Kind of fault, set by the table like the gravity (`table.FAULTS`)."""

@@ -62,7 +62,7 @@ def foot_contact(feet: Float[np.ndarray, "T feet 3"]) -> tuple[float, float, flo
 
 
 def hand_speed_symmetry(joints: Float[np.ndarray, "T 55 3"]) -> float:
-    """Compute the Pearson correlation of the wrists' speeds; NaN under 3 frames or if constant."""
+    """Correlate the wrists' root-relative speeds (Pearson); NaN under 3 frames or if constant."""
     wrists = joints[:, list(WRISTS)] - joints[:, :1]
     left, right = derivative_magnitudes(wrists, 1).T
     if len(left) < 2 or np.ptp(left) < 1e-9 or np.ptp(right) < 1e-9:

@@ -42,8 +42,8 @@ CHANCE = 2.5e-4
 LEVEL_FRAMES = 31
 STRETCH_FRAMES = 64
 CUT = 1.4
-"""Amplitude over the background at which it is clipped, against the influence of loud
-minorities."""
+"""Amplitude over the background at which it is clipped: hardly less sensitive to a faint clock, and
+insensitive to a loud minority."""
 SAME_PERIOD = 0.75
 """Share of repeating power that a shorter period must explain; half of a true one explains half."""
 WORST = 5
@@ -290,7 +290,10 @@ class RecurringJerk:
 
 
 def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> RecurringJerk:
-    """Find the peak of `by_phase` with medians, against single jumps; NaN under 4 windows."""
+    """Find the peak of `by_phase` with medians, so that no single jump can cause it.
+
+    NaN under 4 whole windows, and where nothing moves.
+    """
     by_frame = np.concatenate([np.full(2, np.nan), jerk])  # entry f: frames f - 2 to f + 1
     num_windows = len(by_frame) // window_advance
     if num_windows < MIN_PERIODS:

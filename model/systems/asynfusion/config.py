@@ -41,7 +41,7 @@ class AsynFusionLoss:
     velocity: float = 1.0
     huber: float = 1.0
     huber_delta: float = 1.0
-    """Error at which eq. 14 turns from squared to absolute; the paper gives none."""
+    """Error (normalised) at which eq. 14 turns from squared to absolute; not in the paper."""
 
 
 @dataclass(frozen=True)

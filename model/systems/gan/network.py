@@ -52,7 +52,10 @@ def posterior(
     before: Float[Tensor, " B"],
     now: Float[Tensor, " B"],
 ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "B 1 1"]]:
-    """Compute mean and deviation of x at the earlier ``before``, from x at ``now`` and x_0."""
+    """Compute mean and deviation of x at the earlier ``before``, from x at ``now`` and x_0.
+
+    At ``before`` 0 they are x_0 and 0.
+    """
     kept = _kept(before, now)
     signal_before, noise_before = signal_and_noise(before)
     _, noise_now = signal_and_noise(now)

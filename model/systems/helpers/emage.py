@@ -116,7 +116,8 @@ def load_emage_encoder(path: Path) -> EmageEncoder:
 def emage_codes(encoder: EmageEncoder, motion: Motion) -> Float[np.ndarray, "codes 240"]:
     """Compute the codes of a clip, cut to a multiple of 32 frames; empty for a shorter one.
 
-    The input is the 6D local rotations of all 55 joints; neither translation nor expressions.
+    The input is the local rotations of all 55 joints, as the first two rows of each matrix; neither
+    translation nor expressions.
     """
     whole = motion.num_frames - motion.num_frames % WHOLE_FRAMES
     if not whole:

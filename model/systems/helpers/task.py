@@ -220,7 +220,7 @@ class CodesTask(DescentTask):
 def reading_terms(
     found: SpeechReading, phone: Int[Tensor, "B T"], told: Float[Tensor, "B T told"]
 ) -> dict[str, Float[Tensor, ""]]:
-    """Compute each term of the loss."""
+    """Compute cross-entropies, and squared errors of strength (at accents) and speed."""
     losses = {"phone": F.cross_entropy(found.phone.flatten(0, 1), phone.flatten())}
     for number, name in enumerate(TOLD):
         said, wanted = found.told[..., number], told[..., number]
