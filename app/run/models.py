@@ -57,7 +57,7 @@ def _load_body(path: Path | None, look: str, versions: FileVersions) -> Body:
 
 
 def pool_for(motion_s: float) -> JobPool:
-    """Return the pool for a length of motion: this process, or several, which load each model."""
+    """Return a pool of this process, or of several for long motion, as each loads the models."""
     return JobPool(None if motion_s > WORTH_S else 1)
 
 
