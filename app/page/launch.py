@@ -246,7 +246,6 @@ def without_stubs() -> Iterator[None]:
 
 
 def main(argv: list[str] | None = None) -> None:
-    """Run ``python app.py``."""
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
         config = own_folders(parse_config(argv))

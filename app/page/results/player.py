@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from app.run.takes.edits import Offer
 
 NOTHING: dict[str, Any] = {}
-"""Value of an empty player."""
 _SHOWN: tuple[RowKind, ...] = ("motion", "frames", "plan", "video")
 
 

@@ -71,7 +71,6 @@ def _beside(told: Beside, systems: Sequence[str]) -> str:
 
 
 def _others(others: Sequence[str]) -> str:
-    """Format the other systems by family."""
     cards = []
     for title in dict.fromkeys(family_of(name).title for name in others):
         rows = "".join(
