@@ -25,8 +25,7 @@ from app.run.requests.requests import GenerateRequest
 from conventions.rates import FPS, SAMPLE_RATE
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData
-from model.data.recordings import NUM_FACE_UNITS
-from model.motion.motion import Motion
+from model.motion.motion import NUM_FACE_UNITS, Motion
 from model.systems.registry import families, family_of, list_systems, usual_systems
 from model.training.task import TaskSetup
 

@@ -17,8 +17,8 @@ from conventions.rates import FPS
 from model.data.prepared import Batch, PreparedClip, PreparedData, arrays_beside
 from model.data.recordings import DataError, copy_speed
 from model.plan.files import annotated_plan
-from model.plan.kinds import KindTable
-from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError
+from model.plan.kinds import KindTable, kinds_of
+from model.plan.plan import SIDES, GesturePlan, PlanError
 from model.plan.tracks import (
     NUM_TRACKS,
     TIERS,
@@ -130,21 +130,6 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
         ),
     )
     return Plans(data, tracks, tuple(map(chains_of, plans)), kinds, table)
-
-
-def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
-    """Return the number of the gesture type of each hand in each frame."""
-    kinds = np.zeros((num_frames, 2), np.uint8)
-    for column, side in enumerate(SIDES):
-        for phase in plan.hand(side):
-            kinds[_frames(phase, num_frames), column] = table.place(phase.kind)
-    return kinds
-
-
-def _frames(phase: HandPhase, num_frames: int) -> slice:
-    """Return the frames with their centre inside a phase."""
-    first, stop = (max(0, int(np.ceil(at * FPS - 0.5))) for at in (phase.start_s, phase.end_s))
-    return slice(min(first, num_frames), min(stop, num_frames))
 
 
 def textgrid_of(data: PreparedData, clip: PreparedClip) -> Path:

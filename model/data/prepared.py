@@ -19,17 +19,15 @@ from torch import Tensor
 from tqdm import tqdm
 
 from model.data.recordings import (
-    NUM_FACE_UNITS,
     DataError,
     augmented_copy,
     encode_clip,
-    face_units,
     fingerprint,
     read_files,
     read_split,
     speaker_of,
 )
-from model.motion.motion import Motion
+from model.motion.motion import NUM_FACE_UNITS, Motion, face_units
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
 from model.storage.files import write_atomically, written_atomically

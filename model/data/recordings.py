@@ -16,7 +16,6 @@ from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.augment import at_speed, draw_recording, recorded_elsewhere
 from model.speech.encoder import SpeechEncoder
 
-NUM_FACE_UNITS = 52
 SPEED_PERCENT = (90, 111)
 """Lowest speed of an augmented copy (percent), and one above the highest."""
 FINGERPRINT_BYTES = 4096
@@ -107,10 +106,3 @@ def _draws(name: str, copy: int) -> tuple[np.random.Generator, float]:
     """Return the random generator of a copy, and the copy's speed, which is drawn first."""
     rng = np.random.default_rng([zlib.crc32(name.encode()), copy])
     return rng, int(rng.integers(*SPEED_PERCENT)) / 100
-
-
-def face_units(motion: Motion) -> np.ndarray:
-    """Return the 52 face units (T, 52); zero where the clip has FLAME coefficients instead."""
-    if motion.expression_basis == "arkit52":
-        return motion.expressions[:, :NUM_FACE_UNITS].astype(np.float32)
-    return np.zeros((motion.num_frames, NUM_FACE_UNITS), np.float32)

@@ -21,10 +21,9 @@ from conventions.joints import (
     RIGHT_HAND,
     UPPER_BODY,
 )
-from model.data.recordings import face_units
 from model.measures.smoothness import mean_by_depth
 from model.motion.kinematics import mirror_local
-from model.motion.motion import Motion, first_frames
+from model.motion.motion import Motion, face_units, first_frames
 from model.motion.rotations import axis_angle_from_matrix, geodesic_angle
 from model.motion.tracks import Tracks
 

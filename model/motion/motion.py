@@ -34,6 +34,7 @@ ExpressionBasis = Literal["flame100", "arkit52"]
 
 NUM_EXPRESSIONS = 100
 NUM_BETAS = 300
+NUM_FACE_UNITS = 52
 MAX_FRAMES = 60 * 60 * FPS
 """Largest number of frames, one hour; longer files are refused before their arrays are read."""
 
@@ -102,6 +103,13 @@ def put_together(parts: Sequence[Motion]) -> Motion:
 def first_frames(motion: Motion, num_frames: int) -> Motion:
     """Return the first ``num_frames`` frames of a motion."""
     return motion.part(slice(num_frames))
+
+
+def face_units(motion: Motion) -> np.ndarray:
+    """Return the 52 face units (T, 52); zero where the clip has FLAME coefficients instead."""
+    if motion.expression_basis == "arkit52":
+        return motion.expressions[:, :NUM_FACE_UNITS].astype(np.float32)
+    return np.zeros((motion.num_frames, NUM_FACE_UNITS), np.float32)
 
 
 def in_step(motion: Motion, lag_s: float) -> Motion:

@@ -15,8 +15,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
+from conventions.rates import FPS
 from model.plan.plan import SIDES, STILL, GesturePlan, HandPhase, Side, without_gaps
 from model.plan.tier_files import Interval
 
@@ -370,6 +371,17 @@ def strokes_of(plan: GesturePlan) -> list[Stroke]:
         return bool(len(other) and np.abs(other - stroke.lands.end_s).min() < TOGETHER_S)
 
     return [replace(stroke, both=meets(stroke)) for stroke in found]
+
+
+def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
+    """Return the number of the gesture type of each hand in each frame whose centre it covers."""
+    kinds = np.zeros((num_frames, 2), np.uint8)
+    for column, side in enumerate(SIDES):
+        for phase in plan.hand(side):
+            ends_s = phase.start_s, phase.end_s
+            first, stop = (max(0, int(np.ceil(end_s * FPS - 0.5))) for end_s in ends_s)
+            kinds[first:stop, column] = table.place(phase.kind)
+    return kinds
 
 
 def _calls(

@@ -7,7 +7,6 @@ equals one that was not.
 import csv
 import datetime
 import json
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from model.storage.cards import load_card, to_json
 from model.storage.checkpoint import save_weights
 from model.storage.files import write_atomically, written_atomically
 from model.storage.harmless import csv_text
+from model.storage.revision import revision
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard
 from model.training.task import Task, TaskSetup
@@ -111,22 +111,6 @@ def make_card(
         "date": datetime.date.today().isoformat(),
         "revision": revision(),
     }
-
-
-def revision() -> str:
-    """Return the Git revision, with ``+`` for changes in tracked files; "unknown" without Git."""
-    root = Path(__file__).parent
-
-    def git(*command: str) -> str:
-        return subprocess.run(
-            ["git", "-C", str(root), *command], capture_output=True, text=True, check=True
-        ).stdout.strip()
-
-    try:
-        changed = git("status", "--porcelain", "--untracked-files=no")
-        return git("rev-parse", "--short", "HEAD") + ("+" if changed else "")
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"
 
 
 VALIDATION_BATCHES = 8

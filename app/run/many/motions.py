@@ -44,8 +44,8 @@ from model.speech.audio import SpeechLimits, load_speech
 from model.storage.cards import BUNDLED_WEIGHTS, load_card
 from model.storage.files import file_sha256, write_atomically
 from model.storage.npz import MotionError
+from model.storage.revision import revision
 from model.systems.helpers.config import FGD_ENCODER
-from model.training.loop import revision
 from processes.job import Job
 from processes.pool import JobPool
 

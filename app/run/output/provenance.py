@@ -13,6 +13,7 @@ from app.run.requests.convert import flat_json
 from app.run.requests.parts import SYSTEM_OPTIONS, MotionInput, Steps
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest, RunRequest
 from conventions.names import printable, short_names
+from model.storage.revision import revision
 from model.systems.registry import sampler_title
 
 if TYPE_CHECKING:
@@ -28,8 +29,6 @@ _PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmp
 
 def versions() -> dict[str, str]:
     """Return the versions of this project, Python and packages that affect numbers or pictures."""
-    from model.training.loop import revision
-
     found = {"project": revision(), "python": platform.python_version()}
     for package in _PACKAGES:
         try:

@@ -14,12 +14,11 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
-from model.data.annotated import kinds_of
 from model.generation.base import Draw
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import Trained
-from model.plan.kinds import KindTable, drawn_by
+from model.plan.kinds import KindTable, drawn_by, kinds_of
 from model.plan.plan import GesturePlan
 from model.plan.tracks import BY_NAME, TIERS, Begun, plan_of, seen_of, tracks_of
 from model.speech.encoder import SPEECH_ENCODER

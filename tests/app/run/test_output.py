@@ -21,7 +21,7 @@ from app.run.output.result_folder import (
     zip_folder,
 )
 from model.motion.motion import save_motion
-from model.training.loop import revision
+from model.storage.revision import revision
 from tests.app.study.made_study import write_inputs, write_plan
 from tests.helpers import ROOT, smooth_motion_example
 
