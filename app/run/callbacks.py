@@ -23,7 +23,7 @@ class Progress:
     detail: str = ""
     """Current item, such as the name of a system."""
     clip: str = ""
-    """Name and number of the clip, if there are several."""
+    """Number of clips, such as "4 clips", if there are several; progress is the mean of them."""
 
 
 @dataclass(frozen=True)

@@ -101,8 +101,8 @@ def refusal_of(given: Given, *_: object) -> str:
     return ""
 
 
-def check_clips(speeches: Sequence[Path], max_s: float) -> None:
-    """Check the number, total length and readability of the clips of one run.
+def check_clips(speeches: Sequence[Path], max_s: float) -> float:
+    """Check number, length and readability of a run's clips; return their total length (s).
 
     Raises:
         RunError: if there are too many, or if they are too long together.
@@ -115,6 +115,7 @@ def check_clips(speeches: Sequence[Path], max_s: float) -> None:
     lengths = [load_speech(path, SpeechLimits(max_s=max_s)).duration_s for path in speeches]
     if sum(lengths) > max_s:
         raise RunError(TOO_LONG.format(limit=max_s / 60, count=sum(lengths) / 60))
+    return sum(lengths)
 
 
 def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:

@@ -46,15 +46,13 @@ class StageLine:
     fractions: dict[Stage, float] = field(default_factory=dict)
     details: dict[Stage, str] = field(default_factory=dict)
     clip: str = ""
-    """Current clip, if there are several."""
+    """Number of clips, if there are several."""
 
     def html(self, events: Sequence[Event]) -> str:
         """Update the progress with events, and format it as HTML."""
         for event in events:
             if isinstance(event, Progress):
-                if event.clip != self.clip:
-                    self.clip = event.clip
-                    self.fractions.clear()
+                self.clip = event.clip
                 self.fractions[event.stage] = event.fraction
                 self.details[event.stage] = event.detail
         return markup.status(self.line, self.fractions, self.details, self.stages)

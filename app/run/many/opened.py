@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.callbacks import Ear, Event, Progress
+from app.run.callbacks import Ear
 from app.run.many.speeches import clip_requests, do_clips
 from app.run.many.unpacked import UnpackLimits, is_packed, unpacked
 from app.run.output.run_folder import (
@@ -25,8 +25,7 @@ from app.run.output.run_folder import (
 )
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MAX_CLIPS, MAX_COMPARED
-from app.run.requests.requests import AnyRun, DiagnoseRequest
-from app.run.tasks import Done
+from app.run.requests.requests import AnyRun, DiagnoseRequest, systems_of
 from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
@@ -51,31 +50,24 @@ def do_in_folder(request: AnyRun, ear: Ear) -> None:
     Raises:
         Exception: also if every clip has failed.
     """
+    from app.run.models import pool_for
     from app.run.pipeline import run
 
     requests: dict[str, AnyRun] = {"": request}
     out, speech = request.output.out, request.speech.path
+    pool = JobPool(1)
     if isinstance(request, DiagnoseRequest):
         if is_one_run(request.motions.motions):
             requests = {**opened(request, out.with_name(OPENED))}
     elif speech == out.with_name(SPEECHES):
         requests = {**clip_requests(request)}
         paths = [each.speech.path for each in requests.values() if each.speech.path]
-        check_clips(paths, request.speech.max_speech_s)
+        seconds = check_clips(paths, request.speech.max_speech_s)
+        pool = pool_for(seconds * len(systems_of(request)) * request.sampling.samples)
     if "" in requests:
         run(requests[""], ear)
         return
-    order = list(requests)
-
-    def do_clip(clip: str, own: AnyRun) -> Done:
-        told = f"{clip}, {order.index(clip) + 1} of {len(order)}"
-
-        def tell(event: Event) -> None:
-            ear.hear(replace(event, clip=told) if isinstance(event, Progress) else event)
-
-        return run(own, Ear(tell, ear.should_cancel))
-
-    done = do_clips(requests, JobPool(1), do=do_clip)
+    done = do_clips(requests, pool, ear=ear)
     if not done.clips:
         raise RunError(next(iter(done.failed.values())))
 

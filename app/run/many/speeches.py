@@ -16,13 +16,13 @@ from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.findings.verdict import verdict_of
+from app.run.callbacks import DEAF, Ear, Event, Progress, Stage
 from app.run.many.pairing import ends_in
 from app.run.many.table import write_tables
 from app.run.output.result_folder import held_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from app.run.requests.convert import flat_json, replace_fields, with_paths
 from app.run.requests.requests import AnyRun, GenerateRequest
-from app.run.tasks import Done
 from app.run.upload_check import SOUNDS
 from conventions.names import REFERENCE_NAME, file_stem
 from processes.job import Job
@@ -86,26 +86,28 @@ def do_clips(
     requests: Mapping[str, AnyRun],
     pool: JobPool,
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
-    do: Callable[[str, Any], Done] | None = None,
+    ear: Ear = DEAF,
 ) -> ManyRuns:
     """Run each clip in its own folder, and write the tables and the verdict over finished ones.
 
     Args:
         on_done: called with the folder of each finished run, and the fraction done.
-        do: runs one clip in this process; by default, workers run `app.run.pipeline.run`.
+        ear: gets the mean progress of all clips; no news of those that a cluster runs.
 
     Raises:
-        Cancelled: if ``do`` was cancelled.
+        Cancelled: if ``ear`` has cancelled.
         JobsError: if the workers are lost; finished clips are kept.
     """
     jobs, out = [], next(iter(requests.values())).output.out.parent
     for clip, request in requests.items():
         stamp = _stamp(request)
         done = partial(_is_done, request.output.out, stamp)
-        jobs.append(Job(clip, done, partial(_do_clip, clip, request, stamp, do)))
+        jobs.append(Job(clip, done, partial(_do_clip, request, stamp), has_news=True))
     with held_folder(out):
         kept, failed = do_jobs(
-            jobs, pool, lambda clip, share: on_done(requests[clip].output.out, share)
+            *(jobs, pool, lambda clip, share: on_done(requests[clip].output.out, share)),
+            on_news=_mean_progress(ear, len(jobs)),
+            should_cancel=ear.should_cancel,
         )
         clips = [clip for clip in requests if clip not in failed]
         files: tuple[Path, ...] = ()
@@ -120,13 +122,28 @@ def do_clips(
     return ManyRuns(tuple(clips), kept, failed, files, tuple(notes))
 
 
+def _mean_progress(ear: Ear, num_clips: int) -> Callable[[str, Event], None]:
+    """Return a callback for the events of clips that may run at the same time."""
+    fractions: dict[tuple[Stage, str], float] = {}
+
+    def on_event(clip: str, event: Event) -> None:
+        if isinstance(event, Progress):
+            fractions[event.stage, clip] = event.fraction
+            done = sum(each for (stage, _), each in fractions.items() if stage == event.stage)
+            event = Progress(event.stage, done / num_clips, clip=f"{num_clips} clips")
+        ear.hear(event)
+
+    return on_event
+
+
 def do_jobs(
-    jobs: Sequence[Job], pool: JobPool, on_done: Callable[[str, float], None]
+    jobs: Sequence[Job], pool: JobPool, on_done: Callable[[str, float], None], **further: Any
 ) -> tuple[int, dict[str, str]]:
     """Run jobs, and return how many had been done before, and the errors of failed ones.
 
     Args:
         on_done: called with the name of each finished job, and the fraction done.
+        further: callbacks of `JobPool.do_all`.
     """
     kept = done = sum(job.is_done() for job in jobs)
 
@@ -135,7 +152,8 @@ def do_jobs(
         done += 1
         on_done(name, done / len(jobs))
 
-    return kept, {name: _sentence(error) for name, error in pool.do_all(jobs, tell).items()}
+    failed = pool.do_all(jobs, tell, **further)
+    return kept, {name: _sentence(error) for name, error in failed.items()}
 
 
 def find_speeches(source: Path) -> dict[str, Path]:
@@ -234,18 +252,15 @@ def stamp_of(files: Mapping[str, Path], said: object) -> str:
 
 
 def _do_clip(
-    clip: str,
     request: AnyRun,
     stamp: str,
-    do: Callable[[str, Any], Done] | None,
+    on_event: Callable[[Event], None],
+    should_cancel: Callable[[], bool],
 ) -> None:
     from app.run import pipeline
 
     (request.output.out / RUN).unlink(missing_ok=True)  # of earlier files, which will be replaced
-    if do is None:
-        pipeline.run(request)
-    else:
-        do(clip, request)
+    pipeline.run(request, Ear(on_event, should_cancel))
     record = read_run(request.output.out)
     record.whole = stamp
     record.write(request.output.out / RUN)

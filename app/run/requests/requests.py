@@ -431,9 +431,12 @@ class RunVideosRequest:
     video: VideoOptions
 
 
-def systems_of(request: SpeechEffectRequest | StepSweepRequest) -> tuple[str, ...]:
+def systems_of(
+    request: GenerateRequest | SpeechEffectRequest | StepSweepRequest,
+) -> tuple[str, ...]:
     """Return the names of the requested systems; without any, all systems."""
-    return tuple(dict.fromkeys(request.systems)) or list_systems(request.weights)
+    sampling = request.sampling
+    return tuple(dict.fromkeys(sampling.systems)) or list_systems(sampling.weights)
 
 
 def _check_count(request: SpeechEffectRequest | StepSweepRequest) -> None:

@@ -12,7 +12,7 @@ from app.errors import Cancelled, RunError
 from app.findings.comparison import by_measure
 from app.findings.measure_rows import JERK
 from app.run import pipeline
-from app.run.callbacks import DEAF, Ear, Event, Progress
+from app.run.callbacks import DEAF, Ear, Event, Grown, Progress
 from app.run.many.opened import SPEECHES, copied_run, do_in_folder
 from app.run.many.speeches import clip_requests, do_clips, find_speeches, is_many
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
@@ -111,7 +111,16 @@ def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
     assert do_clips(clip_requests(asked(speeches, "among")), HERE).failed == {}
     listed = tmp_path / "list.txt"
     listed.write_text("speech/c.wav\nspeech/b.wav\n")
-    assert do_clips(clip_requests(asked(listed, "processes")), pool).failed == {}
+    events: list[Event] = []
+    in_processes = clip_requests(asked(listed, "processes"))
+    assert do_clips(in_processes, pool, ear=Ear(events.append)).failed == {}
+    told = [(each.clip, each.fraction) for each in events if isinstance(each, Progress)]
+    assert told[0] == ("2 clips", 0.0) and told[-1] == ("2 clips", 1.0)
+    assert {each.folder.parent.name for each in events if isinstance(each, Grown)} == {"b", "c"}
+    events.clear()
+    stopped = Ear(events.append, should_cancel=lambda: len(events) > 0)
+    with pytest.raises(Cancelled):
+        do_clips(clip_requests(asked(listed, "stopped")), pool, ear=stopped)
     for out in ("among", "processes"):
         np.testing.assert_array_equal(poses(tmp_path / out / "b"), expected)
     assert not np.array_equal(poses(tmp_path / "among" / "c"), expected)
@@ -159,8 +168,9 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
         do_in_folder(asked, Ear(should_cancel=lambda: True))
     events: list[Event] = []
     do_in_folder(asked, Ear(events.append))
-    told = [event.clip for event in events if isinstance(event, Progress)]
-    assert list(dict.fromkeys(told)) == ["a, 1 of 2", "b, 2 of 2"]
+    motion = [each for each in events if isinstance(each, Progress) and each.stage == "motion"]
+    assert {each.clip for each in motion} == {"2 clips"}
+    assert [each.fraction for each in motion] == pytest.approx([0.5, 1.0])
     runs = runs_in(asked.output.out)
     assert [read_run(run).settings["speech"] for run in runs.values()] == list(runs) == list("ab")
     do_clips(clip_requests(replace_fields(asked, out=tmp_path / "2", is_kept=False)), HERE)
