@@ -37,7 +37,7 @@ from app.run.requests.parts import OutputOptions
 from app.run.requests.requests import AnyRun, DiagnoseRequest, GenerateRequest, RunRequest
 from app.run.run_writer import Rows, RunWriter, writing_run
 from app.run.tasks import Done
-from app.run.timeline import SpokenWords, said_in
+from app.run.timeline import SpokenWords, said_in, with_snaps
 from app.run.videos.videos import Snapshots, draw_poses, draw_rows, joined_side_by_side
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
@@ -107,6 +107,9 @@ def _run(
         for name, motion in rows.staged.items():
             run.note(*(f"{name}: {note}" for note in rows.body.notes(body_motion(motion))))
         diagnostics = _measure(rows, run)
+        timeline = with_snaps(rows.timeline, diagnostics.findings)
+        if timeline != rows.timeline:
+            run.timeline(timeline, words.given)
         run.find_plans(rows.staged)
         if output.has_video:
             _draw_videos(request, rows, run)
@@ -119,7 +122,7 @@ def _run(
         said, notes = words.found(run.stop_if_asked)
         run.note(*notes)
         if said.origin != words.given.origin:
-            run.timeline(rows.timeline, said)
+            run.timeline(timeline, said)
         run.file(*write_diagnostics(diagnostics, run.folder, said))
         if rows.is_made:
             path = run.folder.path(PROVENANCE)

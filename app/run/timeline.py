@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,9 +15,12 @@ from app.run.output.run_folder import Text, file_of, read_run
 from app.run.requests.parts import NUM_WORST_SECONDS, WordSource
 from conventions.names import REFERENCE_NAME, Version
 from conventions.rates import FPS, SAMPLE_RATE
+from model.faults.evidence import Finding
+from model.faults.table import SNAP
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.altered import smooth_motion
 from model.motion.motion import Motion
+from model.motion.tracks import point_words
 from model.networks.speech_codes import heard_accents
 from model.plan.tier_files import Interval
 from model.speech.audio import Speech
@@ -67,6 +70,61 @@ def worst_seconds(
         for mean in means.values():
             mean[max(0, start - FPS + 1) : start + FPS] = np.nan
     return found
+
+
+def with_snaps(
+    timeline: Mapping[str, Any],
+    findings: Mapping[str, Sequence[Finding]],
+    count: int = NUM_WORST_SECONDS,
+) -> dict[str, Any]:
+    """Return the timeline with joints that snap among its worst seconds.
+
+    The jerk of the tracked point misses snaps of other joints. A snap that is the most severe
+    finding of its motion comes before all seconds of jerk; the worst other snap comes last.
+
+    Args:
+        timeline: as returned by `make_timeline`.
+        findings: by name of a motion, the most severe first.
+
+    Returns:
+        The timeline; seconds of snaps have ``joint``, ``snap_deg`` and ``is_gravest`` in place of
+        ``jerk_m_s3``.
+    """
+    snaps = [
+        (each.severity, _second_of(name, each, of_motion[0], timeline["duration_s"]))
+        for name, of_motion in findings.items()
+        for each in of_motion
+        if each.kind == SNAP and name != REFERENCE_NAME and name in timeline["curves"]
+    ]
+    seconds = [second for _, second in sorted(snaps, key=lambda snap: -snap[0])]
+    first = [second for second in seconds if second["is_gravest"]]
+    last = [second for second in seconds if not second["is_gravest"]][:1]
+    worst = _without_overlap([*first, *timeline["worst"]])[:count]
+    if len(_without_overlap([*worst, *last])) > len(worst):
+        worst = [*worst[: count - 1], *last]
+    return {**timeline, "worst": worst}
+
+
+def _second_of(name: str, snap: Finding, gravest: Finding, duration_s: float) -> dict[str, Any]:
+    """Return the second around the worst frame of a finding."""
+    start_s = max(0.0, min((snap.worst_s or 0.0) - 0.5, duration_s - 1.0))
+    return {
+        "start_s": round(start_s, 4),
+        "end_s": round(min(start_s + 1.0, duration_s), 4),
+        "name": name,
+        "joint": point_words(snap.numbers["joint"]),
+        "snap_deg": round(snap.numbers["snap_deg"], 1),
+        "is_gravest": snap is gravest,
+    }
+
+
+def _without_overlap(seconds: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the seconds that overlap none before them."""
+    kept: list[dict[str, Any]] = []
+    for each in seconds:
+        if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
+            kept.append(dict(each))
+    return kept
 
 
 def _means(jerk: np.ndarray, num_frames: int) -> np.ndarray:

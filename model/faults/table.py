@@ -23,6 +23,7 @@ class Fault:
     """Parts of a motion file (`formats.read.Part`) without any of which it is not used."""
 
 
+SNAP = "snap"
 FAULTS: tuple[Fault, ...] = (
     Fault("identical", WRONG, glitches.identical, "reference", ("copied_face",)),
     Fault("frozen", WRONG, posture.freezes, explains=("copied_frames",)),
@@ -37,7 +38,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("time_shift", WRONG, glitches.shifted_reference, "reference"),
     Fault("time_shift", WRONG, glitches.shifted_speech, "speech"),
     Fault("pops", SEEN, glitches.pops),
-    Fault("snap", SEEN, glitches.snaps),
+    Fault(SNAP, SEEN, glitches.snaps),
     Fault("rotation_noise", MEASURED, glitches.rotation_noise, of=("detail",)),
     Fault("seams", SEEN, glitches.seams),
     Fault("period", MEASURED, glitches.period, of=("detail",)),

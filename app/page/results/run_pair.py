@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
@@ -210,7 +211,11 @@ def _as_address(timeline: Mapping[str, Any]) -> str:
 def worst_of_both(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the worst seconds without overlap."""
     kept: list[dict[str, Any]] = []
-    for each in sorted(seconds, key=lambda one: -one["jerk_m_s3"]):
+
+    def order(second: Mapping[str, Any]) -> float:
+        return -second.get("jerk_m_s3", math.inf if second.get("is_gravest") else 0.0)
+
+    for each in sorted(seconds, key=order):
         if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
             kept.append(each)
     return kept[:NUM_WORST_SECONDS]

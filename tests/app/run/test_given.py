@@ -21,6 +21,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import read_run
 from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
+from conventions.joints import JOINT_INDEX
 from model.diagnostics import diagnose
 from model.faults.evidence import Finding
 from model.faults.table import FAULTS, without
@@ -98,6 +99,20 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         "52 of the body's 55 joints shake",
     ):
         assert words_said in said
+
+
+def test_a_joint_that_snaps_is_the_worst_second_of_the_time_line(tmp_path: Path) -> None:
+    """Of a point that the snap does not move."""
+    motion = smooth_motion_example(90)
+    motion.poses[45:, 3 * JOINT_INDEX["left_knee"]] += np.radians(120)
+    save_motion(motion, tmp_path / "a.npz")
+    request = diagnose_request(
+        motions=(tmp_path / "a.npz",), out=tmp_path / "out", has_figures=False
+    )
+    run(request)
+    worst, *others = json.loads((tmp_path / "out" / "timeline.json").read_text())["worst"]
+    assert (worst["start_s"], worst["end_s"], worst["joint"]) == (1.0, 2.0, "left knee")
+    assert worst["snap_deg"] > 100 and all("jerk_m_s3" in each for each in others)
 
 
 def test_one_frame_and_a_still_motion_are_measured_under_names_from_the_page(

@@ -14,8 +14,11 @@ from app.run.timeline import (
     point_curves,
     tiers_of,
     waveform_peaks,
+    with_snaps,
     worst_seconds,
 )
+from conventions.names import REFERENCE_NAME
+from model.faults.evidence import Finding
 from model.plan.tier_files import Interval
 from model.speech.audio import Speech, load_speech
 from model.speech.transcript import Accent, Transcript, Word
@@ -132,6 +135,27 @@ def test_no_two_of_them_overlap_and_a_short_clip_is_all_of_one():
     (found,) = worst_seconds({"a": point(20, f5=0.01)})
     assert (found["start_s"], found["end_s"]) == (0.0, round(20 / 30, 4))
     assert worst_seconds({"a": point(3)}) == worst_seconds({}) == []
+
+
+def found(kind: str, excess: float, at: int) -> Finding:
+    numbers = {"joint": "left_elbow", "snap_deg": 132.0}
+    return Finding("It.", numbers, excess=excess, worst_frame=at, kind=kind)
+
+
+def test_a_snap_is_the_worst_second_where_it_is_the_gravest_finding_and_else_among_them():
+    tracks = {"a": point(300, f60=0.01, f200=0.03), "b": point(300)}
+    line = {"duration_s": 10.0, "curves": tracks, "worst": worst_seconds(tracks, count=2)}
+    by_jerk = [each["jerk_m_s3"] for each in line["worst"]]
+    snap, jerk = found("snap", 4.0, 3), found("jerk", 2.0, 0)
+    gravest = with_snaps(line, {"b": [snap, jerk], "a": [jerk], REFERENCE_NAME: [snap]}, count=2)
+    first, second = gravest["worst"]
+    assert (first["name"], first["start_s"], first["end_s"]) == ("b", 0.0, 1.0)
+    assert (first["joint"], first["snap_deg"]) == ("left elbow", 132.0)
+    assert second["jerk_m_s3"] == by_jerk[0]
+    _, last = with_snaps(line, {"b": [jerk, snap]}, count=2)["worst"]
+    assert last["snap_deg"] == 132.0 and not last["is_gravest"]
+    within = with_snaps(line, {"a": [jerk, found("snap", 4.0, 215)]}, count=2)
+    assert within == with_snaps(line, {}, count=2) == line, "a second shows it already"
 
 
 @pytest.mark.slow

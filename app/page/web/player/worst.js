@@ -1,4 +1,4 @@
-/** Leads to the seconds in which the followed point jerks most, and plays each slowly again and again. */
+/** Leads to the seconds in which the tracked point jerks most or a joint snaps, and plays each slowly again and again. */
 
 import { allow, iconButton, make } from "../dom.js";
 
@@ -67,9 +67,10 @@ export class WorstSeconds {
     this.start.setAttribute("aria-pressed", String(isOn));
     allow(this.steps[0], this.#at !== 0);
     allow(this.steps[1], this.#at !== this.#seconds.length - 1);
-    const { name, jerk_m_s3, start_s } = this.#seconds[this.#at] ?? {};
+    const { name, jerk_m_s3, joint, snap_deg, start_s } = this.#seconds[this.#at] ?? {};
+    const why = joint ? `${joint} snaps by ${Math.round(snap_deg)}°` : `${Math.round(jerk_m_s3)} m/s³`;
     this.line.hidden = !isOn;
-    const text = isOn ? `${this.#at + 1} of ${this.#seconds.length}: ${name}, ${Math.round(jerk_m_s3)} m/s³ at ${start_s.toFixed(1)} s` : "";
+    const text = isOn ? `${this.#at + 1} of ${this.#seconds.length}: ${name}, ${why} at ${start_s.toFixed(1)} s` : "";
     if (this.told.textContent !== text) this.told.textContent = text;
   }
 }
