@@ -59,7 +59,7 @@ test: .venv/.test-ready
 	exit $$tests
 
 fuzz: .venv/.test-ready
-	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz
+	FUZZ_SECONDS=3600 $(BIN)/python -m pytest tests/fuzz --timeout 1800
 
 soak: .venv/.test-ready
 	SOAK_SECONDS=1800 $(BIN)/python -m pytest tests/soak

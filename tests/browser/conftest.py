@@ -30,7 +30,7 @@ from app.page.launch import launch
 from app.run.callbacks import Ear
 from app.run.many.opened import do_in_folder
 from app.run.requests.convert import replace_fields
-from app.run.requests.requests import AnyRun
+from app.run.requests.requests import AnyRun, DiagnoseRequest
 from app.study.design.plan import read_plan
 from app.study.export import export_study, zipped
 from app.study.make.workspace import ExportRequest
@@ -276,7 +276,7 @@ class Fake:
         self.seconds = SECONDS
 
     def generate(self, *arguments: Any) -> Any:
-        if arguments[0].motions:
+        if isinstance(arguments[0], DiagnoseRequest):
             return do_in_folder(*arguments)
         before = self.windows.__getitem__ if self.comes_in_windows else None
         given: dict[str, Any] = {"before_window": before, "before_figures": self.figures}

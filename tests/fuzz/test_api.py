@@ -18,7 +18,7 @@ from app.page.parts.asked import Fields, values_of
 from app.page.tabs.motion import ask_from_form, build_form
 from app.page.tabs.own_motion import build_own_form, own_ask
 from app.page.tabs.study import build_study_tab, plan_text
-from app.run.requests.requests import AnyRun
+from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from app.study.design.plan import Plan
 from tests.app.fakes import CATALOGUE, made_services
 from tests.fuzz.clock import (
@@ -67,11 +67,11 @@ def forms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[type, Fie
         study = build_study_tab(services)
     return {
         "generate": (
-            AnyRun,
+            GenerateRequest,
             generate,
             lambda told: ask_from_form(told, Path("/job"), CATALOGUE, config),
         ),
-        "own": (AnyRun, own, lambda told: own_ask(told, Path("/job"), config)),
+        "own": (DiagnoseRequest, own, lambda told: own_ask(told, Path("/job"), config)),
         "study": (Plan, study, plan_text),
     }
 

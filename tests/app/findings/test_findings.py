@@ -358,8 +358,8 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     )
     record = read_run(tmp_path / "out")
     verdict = record.verdict
-    assert verdict is not None and verdict.numbers.endswith("A 190, B 1318.")
-    assert verdict.judgement.startswith("From B, which jerks most, to A 86 % less. One clip is")
+    assert verdict is not None and verdict.numbers.endswith("A 185, B 1226.")
+    assert verdict.judgement.startswith("From B, which jerks most, to A 85 % less. One clip is")
     first, last = record.findings[0], record.findings[-1]
     assert first.name == "B"
     assert first.sentence.startswith("It shakes, most at 0:")

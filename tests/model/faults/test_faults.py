@@ -84,7 +84,9 @@ def test_a_planted_fault_is_found_and_told(example, planted):
     headline = verdict_of("right_middle", [numbers], is_made=False)
     assert ranked({"clean": [], "planted": found})[0][0] == "planted"
     if " shak" in found[0].sentence.lower() and headline is not None:
-        assert headline.judgement.startswith("From planted, which jerks most, to clean")
+        worst = "From planted, which jerks most, to clean"
+        alike = "The largest difference in jerk, from planted to clean: alike within 5 %"
+        assert headline.judgement.startswith((worst, alike)), "or of another point than the shaken"
 
 
 def test_every_fault_of_the_table_is_planted():
