@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from abc import abstractmethod
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -97,7 +97,7 @@ class RunRunner(TabRunner):
         form.start.click(self.waits, outputs=waits, **AT_ONCE)
         # The button is enabled while figures are drawn; its next run is queued behind them.
         begun = [self.after(form.start.click, fields, trigger_mode="multiple", **how)]
-        begun[0].failure(self.refused, outputs=waits[1:], **AT_ONCE)  # also if the queue is full
+        begun[0].failure(self.refused, outputs=waits, **AT_ONCE)  # also if the queue is full
         begun += [self.after(event, [*form.fields.values()]) for event in also]
         self.ends_on(form.cancel, begun, self.outputs)
         page.unload(self.videos.left)
@@ -112,8 +112,11 @@ class RunRunner(TabRunner):
     def asked(self, job: Job, values: Sequence[Any]) -> AnyRun:
         """Return the request of a form; raises RunError if it is invalid."""
 
+    def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
+        self._waiting.discard(visitor_of(request))
+        yield from super().run(request, *values)
+
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        self._waiting.discard(job.visitor)
         request = self.asked(job, values)
         self.videos.give_up(job.visitor)
         fields = self._form.fields
@@ -214,9 +217,12 @@ class RunRunner(TabRunner):
         return {self._status: line, **self._buttons(is_running=True)}
 
     def refused(self, request: gr.Request) -> Updates:
-        """Release the buttons after a failed run, or if the queue is full."""
-        self._waiting.discard(visitor_of(request))
-        return self._buttons(is_running=False)
+        """Release the buttons after a failed run, and the status if the queue was full."""
+        visitor = visitor_of(request)
+        if visitor not in self._waiting:
+            return self._buttons(is_running=False)
+        self._waiting.discard(visitor)
+        return self.idle()
 
     def cancel(self, request: gr.Request) -> Updates:
         self._waiting.discard(visitor_of(request))

@@ -130,6 +130,20 @@ def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp
     assert [start(each) for each in runner.run(VISITOR, *values, None)][-1] is True
 
 
+def test_a_run_that_finds_no_place_in_the_queue_leaves_no_line_that_it_waits(tmp_path, speech):
+    services = made_services(tmp_path, {"do_in_folder": make_generate(error=RunError("No."))})
+    with gr.Blocks():
+        form, parts = build_form(services), ResultParts()
+    runner = GenerateRunner(services, form, parts)
+    assert "Waiting" in runner.waits(VISITOR)[parts.status]
+    refused = runner.refused(VISITOR)
+    assert text.READY in refused[parts.status] and refused[form.start]["interactive"]
+    runner.waits(VISITOR)
+    services.jobs.quota.max_bytes = -1
+    assert "GB are allowed" in updates_of(runner, parts, str(speech))[-1]["error"]
+    assert parts.status not in runner.refused(VISITOR), "which says already that it has failed"
+
+
 def test_videos_tell_when_they_are_ready_from_the_rate_so_far():
     remaining = Remaining()
     assert remaining.sentence(0.0, 10.0) == remaining.sentence(0.02, 18.0) == ""
