@@ -102,8 +102,8 @@ def report_page(clips: Clips, real: Clips, seed: int | None) -> str:
             _HEAD,
             _about(clips, seed),
             _HOW,
-            _realism("Can it be told from real motion?", names, *bodies),
-            _realism("Can its head and jaw be told from real ones?", names, *heads),
+            _realism("Can a classifier tell it from real motion?", names, *bodies),
+            _realism("Can a classifier tell its head and jaw from real ones?", names, *heads),
             _OF_JAWS,
             _TAIL,
         ]
@@ -145,9 +145,10 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
         rows.append([told["name"], *medians, *areas, f"{told['share']:.0%}"])
     is_reached = realism.joint <= max(AIM, realism.floor + AIM_OVER_FLOOR)
     return (
-        f"{title}Told from real with an area under the curve of **{realism.joint:.2f}**, by"
-        f" {len(realism.features)} figures; real from real with {realism.floor:.2f}. The aim, at"
-        f" most {AIM:g} or that + {AIM_OVER_FLOOR:g}, is {'reached' if is_reached else 'missed'}."
+        f"{title}A classifier separates it from real motion with an area under the curve of"
+        f" **{realism.joint:.2f}**, by {len(realism.features)} features; the two real clips from"
+        f" each other with {realism.floor:.2f}. The target, at most {AIM:g} or that +"
+        f" {AIM_OVER_FLOOR:g}, is {'reached' if is_reached else 'missed'}."
         "\n\n"
         + _table(
             ["figure", *names, "corpus", "by itself", "real against real", "share"],
@@ -156,41 +157,42 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
     )
 
 
-_HEAD = """# The procedural corpus in figures
+_HEAD = """# Statistics of the procedural corpus
 
-All tables are made by `python -m tools.corpus.report --data CORPUS --real BEAT2`. How the corpus is
-made is told in `tools/corpus/`, from `words` to `clip.py`. Real clips are one man's minutes from
-BEAT2's test split. They guide tuning; nothing measured on them is a test result, and no frame of
-them is in the corpus.
+How close the procedural corpus is to recorded motion. `tools/corpus/` generates the corpus, from
+`words` to `clip.py`; `python -m tools.corpus.report --data CORPUS --real BEAT2` makes all tables.
+Real clips are a few minutes of one man from BEAT2's test split. They guide tuning, so nothing
+measured on them is a test result; no frame of them is in the corpus.
 """
 
-_HOW = """## How it is told from real motion
+_HOW = """## Method: comparison with real motion
 
 A logistic regression over windows of 2 s is trained on one real clip and half of the corpus's clips
-and tested on the others (mean of both ways; 0.5 is chance). Tables have the figures that tell most
-by themselves: medians of windows, the area under the curve by the figure alone and of the two real
-clips, and the figure's share in the regression's distance. Calm speakers differ from a lively man
-also as people do.
+and tested on the others (mean of both splits; chance level 0.5). Tables list the most informative
+features: medians over windows, the area under the curve (AUC) of the feature alone and between the
+two real clips, and the feature's share in the regression's distance. Part of the difference is that
+between people: calm speakers and a lively man.
 """
 
-_OF_JAWS = """Recordings open the mouth by face units as well as by the jaw, the corpus by the jaw
-above all: figures of the jaw tell two ways of writing a mouth down as much as two of moving it.
+_OF_JAWS = """Recordings open the mouth by blendshapes as well as by the jaw, the corpus
+mainly by the jaw, so features of the jaw show a difference of representation as much as one of
+movement.
 """
 
 _TAIL = """## Gestures
 
-Every gesture at the end of its stroke.
+Every gesture type at the end of its stroke.
 
 ![gestures](figures/corpus_gestures.png)
 
-## Known faults
+## Known limitations
 
-- Speech is flite's: clear, but flat. Accents are raised by level and pitch, more than people do.
+- Speech is from flite: clear, but flat. Accents are raised in level and pitch, more than by people.
 - Speakers are calmer than the man of the real clips: wrists, elbows and feet are slower than his.
-- Hands touch each other when folded, but no face and no thing. Nobody walks or turns away.
-- Words call for some fifty literal gestures, always the same: "two" shows two fingers.
-- Faces blink, speak, smile and raise brows; they show no feelings that the text has.
-- While speakers listen nobody is heard: silence is digital zero, and nods answer nothing.
+- Folded hands touch each other, but hands touch no face and no object. Nobody walks or turns away.
+- Words trigger some fifty literal gestures, always the same: "two" shows two fingers.
+- Faces blink, speak, smile and raise brows, but do not express the emotions of the text.
+- While speakers listen, there is no other voice: silence is digital zero, and nods answer nothing.
 """
 
 
