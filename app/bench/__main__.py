@@ -26,7 +26,7 @@ def measure(short: bool = False, out: Path = Path("bench.json")) -> None:
     """Measure the cost of each step on this machine; print a table and write a file.
 
     Args:
-        short: skip drawing stages, training and memory.
+        short: skip drawing stages, figures, speech effect, training and memory.
     """
     figures = []
     with tempfile.TemporaryDirectory(prefix="bench-") as name:
@@ -56,6 +56,8 @@ def _figures(short: bool, folder: Path) -> Iterator[runs.Figure]:
     yield from drawing.video_rates(body_motion(motion), folder)
     if not short:
         yield from drawing.stages(body_motion(motion), folder)
+        yield from runs.time_figures(clip, folder)
+        yield runs.time_speech_effect(folder)
         yield from runs.time_training()
         yield from runs.measure_memory(folder)
 

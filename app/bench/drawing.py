@@ -1,14 +1,11 @@
 """Benchmark of drawing: finished videos, and each stage against the usual pyrender loop."""
 
 import os
-import resource
-import time
 from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
-from typing import TypeVar
 
-from app.bench.runs import Figure
+from app.bench.runs import Figure, Result, timed_with_cpu
 from renderer.body.body import BodyMotion, load_body
 from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import OffscreenRenderer
@@ -24,7 +21,6 @@ from renderer.video.workers import RenderJob, draw_jobs
 SIZE_PX = 512
 NAIVE_FRAMES = 30
 """Frames drawn by the usual loop, which is slow."""
-Result = TypeVar("Result")
 
 
 def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
@@ -50,7 +46,7 @@ def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
                 paths = [folder / f"{name}.mp4" for name in jobs]
                 compose_videos(paths, list(jobs), folder / "comparison.mp4")
 
-        _, wall_s, cpu_s = _timed(draw)
+        _, wall_s, cpu_s = timed_with_cpu(draw)
         frames, cores = motion.num_frames, len(os.sched_getaffinity(0))
         at_least = f"at least {aim}"
         figures.append(Figure(title, frames / wall_s, "frames/s", at_least, cores * frames / cpu_s))
@@ -69,7 +65,7 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     body = mesh_of(whole, stage, stage.shots[0], settings.panels[0])
 
     def timed(name: str, work: Callable[[], Result]) -> Result:
-        result, *seconds = _timed(work)
+        result, *seconds = timed_with_cpu(work)
         wall, cpu = (1e3 * each / motion.num_frames for each in seconds)
         figures.append(Figure(f"{name}, {SIZE_PX} x {SIZE_PX}", wall, "ms/frame", cpu=cpu))
         return result
@@ -99,22 +95,9 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
 
     timed("encoding", encode)
     few = [*chain.from_iterable(whole.vertices(frames_of(motion, slice(NAIVE_FRAMES))))]
-    _, *seconds = _timed(lambda: draw_naively(few, whole, stage, SIZE_PX))
+    _, *seconds = timed_with_cpu(lambda: draw_naively(few, whole, stage, SIZE_PX))
     wall, cpu = (1e3 * each / len(few) for each in seconds)
     ours = [each for each in figures if not each.name.startswith(("skinning", "encoding"))]
     own_wall, own_cpu = sum(each.value for each in ours), sum(each.cpu or 0.0 for each in ours)
     title = "naive loop over normals, shadow and drawing"
     return [*figures, Figure(title, wall / own_wall, "x", "at least 35; CPU 40", cpu / own_cpu)]
-
-
-def _timed(work: Callable[[], Result]) -> tuple[Result, float, float]:
-    """Run ``work``; return its result, wall time (s) and CPU time (s)."""
-    cpu_started, started = _cpu_s(), time.perf_counter()
-    result = work()
-    return result, time.perf_counter() - started, _cpu_s() - cpu_started
-
-
-def _cpu_s() -> float:
-    """Return the CPU time (s) of this process and of its children that have ended."""
-    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(usage.ru_utime + usage.ru_stime for usage in usages)

@@ -3,31 +3,36 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
-from app.run.callbacks import Ear, Event, Grown
+from app.run.callbacks import Ear, Event, Grown, Progress
+from app.run.experiments import measure_hearing
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import generate
 from app.run.requests.convert import request_from
-from app.run.requests.requests import GenerateRequest
+from app.run.requests.requests import GenerateRequest, SpeechEffectRequest
 from conventions.rates import FPS, SAMPLE_RATE
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData
 from model.motion.motion import NUM_FACE_UNITS, Motion
 from model.systems.registry import families, family_of, list_systems, usual_systems
 from model.training.task import TaskSetup
+from renderer.figures.style import FORMS
 
 START_TIMEOUT_S = 60.0
 SAMPLES = 5
@@ -37,6 +42,7 @@ SHORT_S, LONG_S = 60.0, 600.0
 BATCH, WARM_STEPS, TIMED_STEPS = 64, 2, 8
 SPEECH_DIMS = {"mel64": 68, "wavlm": 1024}
 _FRAMES = 600
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -143,20 +149,11 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
             if any("motion" in row.files for row in rows):
                 whole_at.append(time.monotonic())
 
-    explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
-    ladder = tuple(name for name in list_systems(BUNDLED_WEIGHTS) if name in explained)
+    ladder = _explained_systems()
     started = time.monotonic()
-    request = request_from(
-        GenerateRequest,
-        {
-            "speech": clip,
-            "out": folder / "page",
-            "systems": ladder,
-            "size": PAGE_SIZE_PX,
-            "close_ups": CLOSE_UPS,
-        },
-    )
-    generate(request, Ear(watch))
+    given = {"speech": clip, "out": folder / "page", "systems": ladder}
+    shown = {"size": PAGE_SIZE_PX, "close_ups": CLOSE_UPS}
+    generate(request_from(GenerateRequest, given | shown), Ear(watch))
     seconds = time.monotonic() - started
     first = moving_at[0] - started
     whole = f"{len(ladder)} systems end to end, 10 s clip, as on the page"
@@ -165,6 +162,43 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
         Figure("first whole motion, 10 s clip", whole_at[0] - started, "s"),
         Figure(whole, seconds, "s", "at most 30 s"),
     ]
+
+
+def _explained_systems() -> tuple[str, ...]:
+    explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
+    return tuple(name for name in list_systems(BUNDLED_WEIGHTS) if name in explained)
+
+
+def time_figures(clip: Path, folder: Path) -> list[Figure]:
+    """Measure the CPU time of figures of the explained systems, for the page and a command."""
+    figures, systems = [], _explained_systems()
+    for title, forms, aim in (("page (PNG)", ("png",), 4), ("command (all forms)", FORMS, 8)):
+        cpu_at: list[float] = []
+        of_figures: list[int] = []
+
+        def watch(
+            event: Event, cpu_at: list[float] = cpu_at, of_figures: list[int] = of_figures
+        ) -> None:
+            if isinstance(event, Progress) and event.stage == "figure":
+                of_figures.append(len(cpu_at))
+            cpu_at.append(cpu_s())
+
+        given = {"speech": clip, "out": folder / f"figures {len(forms)}", "systems": systems}
+        how = {"has_video": False, "figure_forms": forms}
+        generate(request_from(GenerateRequest, given | how), Ear(watch))
+        seconds = cpu_at[of_figures[-1]] - cpu_at[of_figures[0] - 1]  # from what came before them
+        name = f"processor, figures of {len(systems)} systems, {title}"
+        figures.append(Figure(name, seconds, "s", f"at most {aim} s"))
+    return figures
+
+
+def time_speech_effect(folder: Path) -> Figure:
+    """Measure the speech effect of two examples with two seeds, in a warm process."""
+    request = SpeechEffectRequest(
+        speeches=tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), out=folder / "speech effect"
+    )
+    _, wall_s, cpu = timed_with_cpu(lambda: measure_hearing(request))
+    return Figure("speech effect of two speeches", wall_s, "s", cpu=cpu)
 
 
 def time_measures(motion: Motion) -> Figure:
@@ -245,3 +279,16 @@ def _made_up_data(folder: Path, speech_dim: int) -> PreparedData:
         speech=noise(speech_dim, 1.0),
         speakers={1: "made"},
     )
+
+
+def timed_with_cpu(work: Callable[[], Result]) -> tuple[Result, float, float]:
+    """Run ``work``; return its result, wall time (s) and CPU time (s)."""
+    cpu_started, started = cpu_s(), time.perf_counter()
+    result = work()
+    return result, time.perf_counter() - started, cpu_s() - cpu_started
+
+
+def cpu_s() -> float:
+    """Return the CPU time (s) of this process and of its children that have ended."""
+    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
