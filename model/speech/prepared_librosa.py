@@ -31,6 +31,11 @@ def librosa() -> ModuleType:
         return _imported()
 
 
+def begin_import() -> None:
+    """Import the library in a thread, while the caller reads something else."""
+    threading.Thread(target=librosa, daemon=True).start()
+
+
 @functools.cache
 def _imported() -> ModuleType:
     place = _own_folder()

@@ -69,6 +69,22 @@ def test_processes_that_begin_at_once_share_what_is_compiled_though_the_first_is
     assert state(place) == before, "who reads writes nothing"
 
 
+BEGUN = """
+import sys, time
+from app.run.models import get_system
+from model.storage.cards import BUNDLED_WEIGHTS
+get_system("globaldiff/local", BUNDLED_WEIGHTS)
+while not hasattr(sys.modules.get("librosa.onset"), "onset_strength"):
+    time.sleep(0.05)
+print("hears")
+"""
+
+
+@pytest.mark.slow
+def test_whoever_reads_a_system_has_librosa_imported_meanwhile():
+    heard(start(Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()), BEGUN))
+
+
 def test_a_folder_that_others_may_write_to_is_not_used(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
