@@ -176,7 +176,11 @@ def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
     on_share = run.share("numbers")
     on_share(0.0)
     diagnostics = measure_motions(
-        *(rows.measured, rows.tip, rows.onsets_s, on_share, rows.windows),
+        rows.measured,
+        rows.tip,
+        rows.onsets_s,
+        on_share,
+        rows.windows,
         heard=rows.heard,
         mean_speeds=rows.mean_speeds,
     )

@@ -65,7 +65,7 @@ def _joints(*names: str) -> tuple[int, ...]:
 PARTS: dict[str, tuple[int, ...]] = {
     "trunk": _joints("pelvis", "spine1", "spine2", "spine3", "neck", "head"),
     "legs": _joints(
-        *("left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot", "right_foot")
+        "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot", "right_foot"
     ),
     "left arm": _joints("left_elbow", "left_wrist"),
     "right arm": _joints("right_elbow", "right_wrist"),

@@ -84,7 +84,12 @@ class Canvas(pyrender.Renderer):
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glPixelStorei(GL.GL_PACK_ROW_LENGTH, self._whole.right)
         GL.glReadPixels(
-            *(box.left, box.bottom, box.width, box.height, self._format, GL.GL_UNSIGNED_BYTE),
+            box.left,
+            box.bottom,
+            box.width,
+            box.height,
+            self._format,
+            GL.GL_UNSIGNED_BYTE,
             GL.GLvoidp(self._pixels[box.bottom :, box.left :].ctypes.data),
         )
         GL.glPixelStorei(GL.GL_PACK_ROW_LENGTH, 0)
@@ -347,7 +352,7 @@ class TexturedQuad:
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._texture._texid)
         GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
         GL.glTexSubImage2D(
-            *(GL.GL_TEXTURE_2D, 0, 0, 0, columns, rows, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, pixels)
+            GL.GL_TEXTURE_2D, 0, 0, 0, columns, rows, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, pixels
         )
         GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
 

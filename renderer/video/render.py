@@ -86,7 +86,11 @@ class RenderSettings:
 def stage_for(body: Body, motions: Sequence[BodyMotion], settings: RenderSettings) -> Stage:
     """Make the stage for pictures of these motions with these settings."""
     return set_stage(
-        *(body, motions, settings.view, settings.aspect, settings.panels[1:]),
+        body,
+        motions,
+        settings.view,
+        settings.aspect,
+        close_ups=settings.panels[1:],
         framing=settings.framing,
     )
 
@@ -132,7 +136,8 @@ def draw_frames(
         canvases = [
             renderer.canvas(
                 Subject(mesh.faces, mesh.vertex_colors, corners, settings.is_transparent),
-                *(panel.width, panel.height),
+                panel.width,
+                panel.height,
             )
             for panel, mesh in zip(panels, meshes, strict=True)
         ]

@@ -85,7 +85,10 @@ def animate(
         legs.trans.astype(np.float32),
         expressions,
         utterance,
-        *(plan, trunk, face, legs),
+        plan,
+        trunk,
+        face,
+        legs,
     )
 
 

@@ -378,7 +378,11 @@ class StudyRunner(TabRunner):
                 written = Path(shutil.copyfile(plan, work / plan.name))
                 collect_files((*told["speeches"], *told["motions"]), work)
                 asked = ExportRequest(
-                    *(written, work / "study", config.weights, config.body), (bundle, key)
+                    plan=written,
+                    out=work / "study",
+                    weights=config.weights,
+                    body=config.body,
+                    zips=(bundle, key),
                 )
                 study = services.worker.do(EXPORT_STUDY, asked, ear)
                 if ear.should_cancel():

@@ -164,12 +164,13 @@ def _diagnose_clips(
     kept, here = request.output.out.absolute() / "clips", with_paths(request, Path.absolute)
     measured = {
         clip: _Clip(
-            {
+            files={
                 name: {sample: path.absolute() for sample, path in found[clip].items()}
                 for name, found in files.items()
             },
-            sounds[clip].absolute() if clip in sounds else None,
-            *(here, kept / f"{clip}.json"),
+            sound=sounds[clip].absolute() if clip in sounds else None,
+            request=here,
+            record=kept / f"{clip}.json",
         )
         for clip in clips
     }

@@ -114,9 +114,13 @@ def _draw(
         return request.out if is_first else request.out.with_suffix(f".{view}{request.out.suffix}")
 
     jobs = jobs_of(
-        *({"": read}, request.video, body, choose_tip_source(request.video.body, request.joint)),
+        {"": read},
+        request.video,
+        body,
+        choose_tip_source(request.video.body, request.joint),
         lambda _, view: named(view) if request.suffix == ".mp4" else None,
-        *(request.speech, (*stills, *sheet)),
+        speech=request.speech,
+        frames=(*stills, *sheet),
         is_transparent=request.stills.background == "transparent",
     )
     files: list[Path] = []

@@ -78,7 +78,9 @@ def draw_seen(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
             request,
             [parts / f"{i}.mp4" for i in jobs],
             [seen.bodies[number].label for number in seen.shown],
-            *(room, folder, ear.share("video", 1 - _DRAWN, _DRAWN)),
+            room,
+            folder,
+            ear.share("video", 1 - _DRAWN, _DRAWN),
         )
         (video,) = folder.publish()
     ear.progress("video", 1.0)
@@ -204,7 +206,10 @@ def _compose(
         pair = Pair(mode, room.width, room.height, body, tuple(beside), edge, inks)
         labels = [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]
     compose_videos(
-        *(videos, labels, folder.path(NAME), request.speech),
+        videos,
+        labels,
+        folder.path(NAME),
+        request.speech,
         on_progress=on_progress,
         num_columns=room.columns,
         pair=pair,

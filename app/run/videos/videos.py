@@ -384,9 +384,14 @@ def draw_behind(request: RunVideosRequest, ear: Ear) -> None:
     body = get_body(video.body, video.look)
     with ResultFolder(request.out) as folder:
         draw_rows(
-            *(picture_motions(motions)[0], video, body),
-            *(choose_tip_source(video.body, record.point), ear.share("video")),
-            *(folder, speech, add),
+            picture_motions(motions)[0],
+            video,
+            body,
+            choose_tip_source(video.body, record.point),
+            ear.share("video"),
+            folder,
+            speech,
+            add,
         )
         if len(motions) > 1:
             names = names_that_fit(list(motions))[0]

@@ -75,17 +75,17 @@ def encode_speech(waveform: np.ndarray, out: Path, clip: str) -> None:
         level = f"volume={gain_db:.3f}dB,alimiter=limit={limit:.4f}:level=false,aresample=48000"
         with written_atomically(out) as part:
             run_ffmpeg(
-                *("-i", str(wav), "-af", level, "-ac", "1", "-c:a", "aac", "-b:a", "128k"),
-                *(*_BITEXACT, str(part)),
-            )
+                "-i", str(wav), "-af", level, "-ac", "1", "-c:a", "aac", "-b:a", "128k",
+                *_BITEXACT, str(part),
+            )  # fmt: skip
 
 
 def measure_loudness(path: Path) -> float:
     """Measure the integrated loudness of a file by EBU R128, in LUFS; -70 is silence."""
     said = run_ffmpeg(
-        *("-i", str(path), "-map", "0:a:0", "-af", "ebur128=framelog=quiet", "-f", "null", "-"),
+        "-i", str(path), "-map", "0:a:0", "-af", "ebur128=framelog=quiet", "-f", "null", "-",
         log="info",
-    )
+    )  # fmt: skip
     found = re.findall(r"I:\s+(-?[\d.]+) LUFS", said)
     if not found:
         raise VideoError(f"The loudness of {path.name} could not be measured.")
@@ -122,15 +122,15 @@ def encode_picture(drawn: Path, out: Path, size: int, share: float = 1.0) -> Non
 def _encode(drawn: Path, out: Path, rate: int) -> int:
     """Encode once without padding; return the number of frames."""
     run_ffmpeg(
-        *("-threads", "1", "-filter_threads", "1", "-i", str(drawn), "-map", "0:v:0", "-an"),
-        *("-vf", _GRAIN, "-c:v", "libx264", "-preset", "fast", "-threads", "1"),
-        *("-pix_fmt", "yuv420p", "-b:v", str(rate), "-minrate", str(rate), "-maxrate", str(rate)),
-        *("-bufsize", str(rate // 2), "-bf", "0", "-g", str(FPS), "-keyint_min", str(FPS)),
-        *("-sc_threshold", "0", "-x264-params", _X264),
+        "-threads", "1", "-filter_threads", "1", "-i", str(drawn), "-map", "0:v:0", "-an",
+        "-vf", _GRAIN, "-c:v", "libx264", "-preset", "fast", "-threads", "1",
+        "-pix_fmt", "yuv420p", "-b:v", str(rate), "-minrate", str(rate), "-maxrate", str(rate),
+        "-bufsize", str(rate // 2), "-bf", "0", "-g", str(FPS), "-keyint_min", str(FPS),
+        "-sc_threshold", "0", "-x264-params", _X264,
         *_BITEXACT,
         # x264 writes its settings (NAL type 6) and padding (12) into the stream.
-        *("-bsf:v", "filter_units=remove_types=6|12", "-f", "h264", str(out)),
-    )
+        "-bsf:v", "filter_units=remove_types=6|12", "-f", "h264", str(out),
+    )  # fmt: skip
     frames = frames_of(out.read_bytes())
     out.write_bytes(joined(frames))
     return len(frames)
@@ -141,10 +141,10 @@ def join(stream: Path, track: Path | None, out: Path) -> None:
     sound = () if track is None else ("-i", str(track), "-map", "0:v:0", "-map", "1:a:0")
     with written_atomically(out) as part:
         run_ffmpeg(
-            *("-framerate", str(FPS), "-f", "h264", "-i", str(stream), *sound, "-c", "copy"),
-            *("-bsf:v", f"setts=ts=N*{_TICKS}:duration={_TICKS}"),
-            *(*_BITEXACT, "-write_btrt", "0", "-movflags", "+faststart", str(part)),
-        )
+            "-framerate", str(FPS), "-f", "h264", "-i", str(stream), *sound, "-c", "copy",
+            "-bsf:v", f"setts=ts=N*{_TICKS}:duration={_TICKS}",
+            *_BITEXACT, "-write_btrt", "0", "-movflags", "+faststart", str(part),
+        )  # fmt: skip
         blank_user_data(part)
 
 

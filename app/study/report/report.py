@@ -43,8 +43,19 @@ def page_of(
     results_with_all: Sequence[QuestionResult],
 ) -> str:
     """Render the page; ``results_with_all`` include participants that were set aside, if any."""
-    skipped = [pages for one in screened.kept if (pages := skipped_by(one))]
-    return templates().get_template("report.html.j2").render(**locals())
+    return (
+        templates()
+        .get_template("report.html.j2")
+        .render(
+            key=key,
+            collected=collected,
+            screened=screened,
+            skipped=[pages for one in screened.kept if (pages := skipped_by(one))],
+            balance=balance,
+            results=results,
+            results_with_all=results_with_all,
+        )
+    )
 
 
 @functools.cache

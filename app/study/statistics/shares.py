@@ -151,9 +151,10 @@ def share_numbers(
 
 def with_holm(numbers: Sequence[Number]) -> list[Number]:
     """Add p values adjusted over all numbers with a p value."""
-    tested = [number for number in numbers if number.p is not None]
-    adjusted = dict(zip(map(id, tested), holm([one.p for one in tested]), strict=True))  # type: ignore[misc]
-    return [replace(one, p_holm=adjusted.get(id(one))) for one in numbers]
+    adjusted = iter(holm([number.p for number in numbers if number.p is not None]))
+    return [
+        replace(number, p_holm=None if number.p is None else next(adjusted)) for number in numbers
+    ]
 
 
 def clopper_pearson(successes: float, trials: float) -> Limits:

@@ -176,7 +176,11 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant
         strong = row.get("is_strong") == "True"
         answers[row["user"]].append(
             Answer(
-                *(trial, question.id, tuple(shown), winners[row["winner"]], reasons),
+                trial,
+                question.id,
+                shown=tuple(shown),
+                value=winners[row["winner"]],
+                reasons=reasons,
                 is_strong=strong,
             )
         )
