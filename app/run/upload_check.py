@@ -11,13 +11,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-from zipfile import BadZipFile, ZipFile, is_zipfile
+from zipfile import BadZipFile, is_zipfile
 
 from app.errors import RunError, sentence_of
 from app.run.requests.parts import MAX_CLIPS
 from conventions.names import printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
-from model.storage.files import list_bytes
+from model.storage.files import opened_zip
 
 PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
 """Suffixes of archives."""
@@ -63,15 +63,15 @@ def kind_of(path: Path) -> FileKind:
 def _names_in(path: Path) -> list[str]:
     """Return the file names in an archive, as far as its start or a short directory lists them."""
     names: list[str] = []
-    with suppress(*_UNREADABLE), path.open("rb") as file:
+    with suppress(*_UNREADABLE):
         if path.suffix.lower() == ".zip":
-            if list_bytes(file) <= _MAX_LIST_BYTES:
-                names += ZipFile(file).namelist()
-        else:
-            is_plain = path.suffix.lower() == ".tar"
-            start = (file if is_plain else gzip.open(file)).read(_MAX_START_BYTES)
-            with tarfile.open(fileobj=io.BytesIO(start), mode="r:") as tar:
-                names += (member.name for member in tar)
+            with opened_zip(path, _MAX_LIST_BYTES) as archive:
+                return archive.namelist()
+        is_plain = path.suffix.lower() == ".tar"
+        with path.open("rb") if is_plain else gzip.open(path) as file:
+            start = file.read(_MAX_START_BYTES)
+        with tarfile.open(fileobj=io.BytesIO(start), mode="r:") as tar:
+            names += (member.name for member in tar)
     return names
 
 

@@ -2,13 +2,14 @@
 
 import errno
 import hashlib
+import io
+import math
 import os
 import secrets
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
 
 
 class WriteError(OSError):
@@ -116,13 +117,29 @@ def file_versions(paths: Iterable[Path]) -> FileVersions:
     return tuple(versions)
 
 
-def list_bytes(file: IO[bytes]) -> int:
-    """Return the length of the central directory at the end of a zip, which `zipfile` reads whole.
+class LongDirectoryError(zipfile.BadZipFile):
+    """A zip whose directory is longer than its reader allows."""
+
+
+class _LimitedReader(io.BufferedReader):
+    max_read: float = math.inf
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is not None and size > self.max_read:
+            raise LongDirectoryError(f"a directory of {size} bytes")
+        return super().read(size)
+
+
+@contextmanager
+def opened_zip(path: Path, max_directory_bytes: int) -> Iterator[zipfile.ZipFile]:
+    """Open a zip; its directory, which `zipfile` reads whole and at once, is of limited length.
 
     Raises:
-        BadZipFile: if there is none.
+        LongDirectoryError: if it is longer; nothing of it was read.
+        OSError, ValueError, NotImplementedError, BadZipFile: as `zipfile.ZipFile`.
     """
-    end = zipfile._EndRecData(file)  # pyright: ignore[reportAttributeAccessIssue]
-    if not end:
-        raise zipfile.BadZipFile("no list of files")
-    return end[zipfile._ECD_SIZE]  # pyright: ignore[reportAttributeAccessIssue]
+    with path.open("rb", buffering=0) as raw, _LimitedReader(raw) as file:
+        file.max_read = max_directory_bytes
+        with zipfile.ZipFile(file) as archive:
+            file.max_read = math.inf
+            yield archive

@@ -28,7 +28,7 @@ from app.run.many.pairing import is_hidden
 from app.run.output.result_folder import require_free_space
 from app.run.upload_check import PACKED
 from conventions.names import file_stem, printable
-from model.storage.files import list_bytes, write_error
+from model.storage.files import LongDirectoryError, opened_zip, write_error
 from model.storage.npz import MAX_FILE_BYTES
 
 TARS = PACKED[1:]
@@ -205,12 +205,8 @@ class _Archive:
     def _zip(self) -> Iterator[list[_Entry]]:
         """List the entries of a zip; backslashes of Windows are converted."""
         most = self._limits.files
-        with self._path.open("rb") as file:
-            if list_bytes(file) > _BYTES_AN_ENTRY * most:  # the directory is read whole
-                raise RunError(
-                    f"{self._name} holds more files than the {most} that are read; split it."
-                )
-            with zipfile.ZipFile(file) as opened:
+        try:
+            with opened_zip(self._path, _BYTES_AN_ENTRY * most) as opened:
                 yield [
                     _Entry(
                         self._checked(
@@ -223,6 +219,10 @@ class _Archive:
                     )
                     for entry in opened.infolist()
                 ]
+        except LongDirectoryError:
+            raise RunError(
+                f"{self._name} holds more files than the {most} that are read; split it."
+            ) from None
 
     @contextmanager
     def _tar(self) -> Iterator[list[_Entry]]:

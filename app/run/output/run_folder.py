@@ -29,7 +29,7 @@ from conventions.names import (
     short_names,
 )
 from model.storage.checked import FieldError, read_checked
-from model.storage.files import list_bytes, write_atomically
+from model.storage.files import opened_zip, write_atomically
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
@@ -398,10 +398,8 @@ def files_of(folder: Path) -> list[Path]:
 def is_run_zip(path: Path) -> bool:
     """Check whether a zip holds a run, or several, by its directory; nothing is unpacked."""
     try:
-        with path.open("rb") as file:
-            if list_bytes(file) > _MAX_LIST_BYTES:
-                return False
-            names = zipfile.ZipFile(file).namelist()
+        with opened_zip(path, _MAX_LIST_BYTES) as archive:
+            names = archive.namelist()
     except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
         return False
     found = sum(name.split("/")[-1] == RUN and name.count("/") <= 2 for name in names)

@@ -126,7 +126,7 @@ def test_a_list_of_too_many_files_is_not_even_read(comment, folder, tmp_path, mo
         archive.comment = comment
         for place in range(100):
             archive.writestr(f"{place:0100}.npz", b"")
-    monkeypatch.setattr("zipfile.ZipFile", None)
+    monkeypatch.setattr("zipfile.ZipInfo", None)  # of an entry that is read
     with pytest.raises(RunError, match="more files than the 10"):
         unpacked(path, folder, NPZ, UnpackLimits(files=10))
 
