@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from model.generation.family import FileReport
 from model.storage.checkpoint import check_tensors, read_tensors
-from model.systems.official.config import (
+from model.systems.official.checkpoints import (
     BODY_CHANNELS,
     EXPRESSION_DIM,
     HAND_CHANNELS,

@@ -16,7 +16,7 @@ from torch import Tensor
 from model.generation.base import num_windows
 from model.speech.encoder import EncoderError
 from model.speech.wavlm import WINDOW_FRAMES, WINDOW_SAMPLES, Hear, hearing, resampled
-from model.systems.official.config import SEED_FRAMES, SPEECH_DIM, require_speech
+from model.systems.official.checkpoints import SEED_FRAMES, SPEECH_DIM, require_speech
 
 STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)
 ADVANCE = WINDOW_FRAMES - SEED_FRAMES

@@ -19,16 +19,15 @@ from model.motion.spaces import ROOT_DIM
 from model.sampling.flow import sample
 from model.storage.files import FileVersions, file_sha256, file_versions
 from model.storage.npz import MotionError
-from model.systems.official.config import (
-    FAMILY,
+from model.systems.official.checkpoints import (
     MOTION_DIM,
     SEED_FRAMES,
     SEED_VARIABLE,
-    UNFILTERED,
     WINDOW_FRAMES,
     Part,
     official_file,
 )
+from model.systems.official.config import FAMILY, UNFILTERED
 from model.systems.official.networks import (
     OfficialExpressionNetwork,
     OfficialMotionNetwork,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.systems.official.config import SPEECH_DIM, WINDOW_FRAMES, Part
+from model.systems.official.checkpoints import SPEECH_DIM, WINDOW_FRAMES, Part
 from model.systems.official.networks import make_network
 from tests.model.systems.official.filled import fill, made
 
@@ -30,7 +30,7 @@ def make_official(folder: Path) -> Path:
 
 def _calm(state: dict[str, torch.Tensor]) -> None:
     """Let the network's answer be near a body that stands, so that its motion can be shown."""
-    from model.systems.official.config import BODY_CHANNELS, HAND_CHANNELS
+    from model.systems.official.checkpoints import BODY_CHANNELS, HAND_CHANNELS
     from model.systems.official.system import standing
 
     pose = standing()[0]

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import read_tensors
-from model.systems.official.config import official_file, official_folder, part_of
+from model.systems.official.checkpoints import official_file, official_folder, part_of
 from model.systems.official.networks import load_network, make_network
 from tests.model.systems.official.filled import fill
 from tests.model.training.made import assert_equal_states

@@ -15,7 +15,8 @@ from torch import Tensor, nn
 
 from model.generation.base import Draw, SpeechWindow, Windowing
 from model.storage.cards import Card
-from model.systems.official.config import FAMILY, FILTERED, PARTS
+from model.systems.official.checkpoints import PARTS
+from model.systems.official.config import FAMILY, FILTERED
 from model.systems.official.networks import make_network
 from model.systems.official.speech import OfficialEncoder, by_frame
 from model.systems.official.system import OfficialSystem, seed_of, smoothed

@@ -10,7 +10,7 @@ import torch
 
 from model.speech.encoder import EncoderError
 from model.speech.wavlm import WINDOW_SAMPLES, resampled
-from model.systems.official.config import SPEECH_DIM
+from model.systems.official.checkpoints import SPEECH_DIM
 from model.systems.official.speech import (
     STEP_SAMPLES,
     OfficialEncoder,
