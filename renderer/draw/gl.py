@@ -11,7 +11,7 @@ from pyrender.constants import RenderFlags
 from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 from trimesh.visual import TextureVisuals
 
-from renderer.draw.offscreen import SHADERS
+from renderer.draw.lighting import SHADERS
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.studio import ROUGHNESS, STUDIO, Light, PosedFrame, Subject
 

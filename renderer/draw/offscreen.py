@@ -12,7 +12,6 @@ import threading
 import types
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from renderer.scene.studio import Subject
@@ -24,19 +23,10 @@ Backend = Literal["egl", "osmesa"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 """Backends in the order of reports; `renderer.draw.probe.choose_backend` selects one."""
 
-SHADERS = Path(__file__).with_name("shaders")
-_BEGIN, _END = "// Browsers light bodies by the same lines, from here on:", "// As far as here."
-
 _in_use = threading.Lock()
 """Lock for the lifetime of a context: pyrender closes the driver's display with the first context
 that is closed, and PyOpenGL's data of a context are not separated by thread.
 """
-
-
-def lighting_source() -> str:
-    """Return the lighting code that pyrender and the browser (``app/page/web/stage``) compile."""
-    shader = (SHADERS / "mesh.vert").read_text("utf-8")
-    return shader.partition(_BEGIN)[2].partition(_END)[0].partition("\n")[2]
 
 
 class GLError(RuntimeError):

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
 from conventions.views import VIEWS
-from renderer.draw.offscreen import lighting_source
+from renderer.draw.lighting import lighting_source
 from renderer.scene import camera, stage, studio
 from renderer.scene.stage import CLOSE_UP_VIEWS, drawn_joints
 from renderer.scene.studio import ROUGHNESS, STUDIO
