@@ -221,7 +221,7 @@ class Family:
 
     def fields_of(self, name: str, card: Card) -> "dict[str, Any]":
         """Return the fields of `System` that follow from the family and the model card."""
-        from model.speech.encoder import make_encoder
+        from model.speech.encoders import make_encoder
 
         return {
             "name": name,

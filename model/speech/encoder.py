@@ -35,24 +35,6 @@ class SpeechEncoder(Protocol):
         ...
 
 
-def make_encoder(name: str) -> SpeechEncoder:
-    """Make the encoder ``mel64`` (needs no weights) or ``wavlm`` (needs its weights).
-
-    Raises:
-        ValueError: if the name is unknown, or WavLM's weights are missing.
-    """
-    match name:
-        case "mel64":
-            from model.speech.features import MelEncoder  # imports torch
-
-            return MelEncoder()
-        case "wavlm":
-            from model.speech.wavlm import WavLMEncoder  # imports transformers
-
-            return WavLMEncoder()
-    raise ValueError(f"There is no speech encoder {name!r}; choose mel64 or wavlm.")
-
-
 SPEECH_ENCODER = "speech-encoder"
 """Name of the encoder's weights."""
 PHONES = tuple(

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from conventions.rates import FPS
 from model.data.prepared import Batch, PreparedClip, PreparedData, prepare
-from model.speech.encoder import make_encoder
+from model.speech.encoders import make_encoder
 from model.storage.cards import load_card, to_json
 from model.storage.checkpoint import save_weights
 from model.storage.files import write_atomically, written_atomically

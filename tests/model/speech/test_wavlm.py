@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from model.speech.encoder import EncoderError, make_encoder
+from model.speech.encoder import EncoderError
+from model.speech.encoders import make_encoder
 from model.speech.wavlm import WavLMEncoder, resampled
 from tests.model.made import made_waveform
 

@@ -1,0 +1,19 @@
+"""Speech encoders by name."""
+
+from model.speech.encoder import SpeechEncoder
+from model.speech.features import MelEncoder
+from model.speech.wavlm import WavLMEncoder
+
+
+def make_encoder(name: str) -> SpeechEncoder:
+    """Make the encoder ``mel64`` (needs no weights) or ``wavlm`` (needs its weights).
+
+    Raises:
+        ValueError: if the name is unknown, or WavLM's weights are missing.
+    """
+    match name:
+        case "mel64":
+            return MelEncoder()
+        case "wavlm":
+            return WavLMEncoder()
+    raise ValueError(f"There is no speech encoder {name!r}; choose mel64 or wavlm.")
