@@ -36,7 +36,8 @@ from app.run.run_writer import writing_run
 from app.run.videos.export import render_motion
 from conventions.names import REFERENCE_NAME, Version
 from model.diagnostics import Diagnostics
-from model.formats.read import read_any_motion, read_told
+from model.formats.read import read_any_motion
+from model.formats.reading import read_told
 from model.measures.differences import degrees_by_part
 from model.measures.lag import heard_of
 from model.motion.kinematics import open_body_skeleton

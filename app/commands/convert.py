@@ -22,10 +22,10 @@ from app.run.requests.convert import refuse_ignored
 from app.run.requests.parts import ImportOverrides
 from conventions.names import file_stem, printable
 from model.formats.parameters import motion_files
-from model.formats.read import Assumptions
+from model.formats.reading import Assumptions
 
 if TYPE_CHECKING:
-    from model.formats.read import Reading
+    from model.formats.reading import Reading
 
 FORMS = (".npz", ".bvh", ".glb")
 

@@ -38,8 +38,8 @@ class Measure:
     is_first: bool = False
     """True if the row is among the few that the table shows before it is expanded."""
     needs: tuple[str, ...] = ()
-    """Parts (`model.formats.read.Part`) that the measure requires; it is left out for a motion that
-    lacks one. ``detail`` is missing in frames that were interpolated.
+    """Parts (`model.formats.reading.Part`) that the measure requires; it is left out for a motion
+    that lacks one. ``detail`` is missing in frames that were interpolated.
     """
     compared_with: tuple[str, ...] = ()
     """Parts that change the measure: values with and without them are not comparable."""
@@ -157,7 +157,7 @@ def parts_apart(lacks: Mapping[str, Collection[str]]) -> dict[str, frozenset[str
     """Return by motion the parts that it lacks and another one has.
 
     Args:
-        lacks: missing parts (`model.formats.read.Part`) of each motion of a comparison.
+        lacks: missing parts (`model.formats.reading.Part`) of each motion of a comparison.
     """
     everywhere = frozenset.intersection(*map(frozenset, lacks.values())) if lacks else frozenset()
     return {name: frozenset(own) - everywhere for name, own in lacks.items()}

@@ -23,7 +23,8 @@ from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding
 from model.faults.table import without
-from model.formats.read import MOTIONS, Assumption, Reading, apart, lengths_apart, read_any_motion
+from model.formats.read import read_any_motion
+from model.formats.reading import MOTIONS, Assumption, Reading, apart, lengths_apart
 from model.generation.base import Windowing
 from model.measures.beats import read_mean_speeds
 from model.measures.lag import heard_of

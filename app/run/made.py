@@ -20,7 +20,8 @@ from app.run.run_writer import Rows, RunWriter
 from app.run.timeline import SpokenWords, make_timeline
 from app.run.videos.videos import names_that_fit
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable
-from model.formats.read import ENDINGS, Assumptions, read_any_motion
+from model.formats.read import ENDINGS, read_any_motion
+from model.formats.reading import Assumptions
 from model.generation.base import System, Windowing
 from model.generation.windows import (
     GenerateOptions,

@@ -44,7 +44,7 @@ from app.run.timeline import (
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, listed, short_names
 from model.diagnostics import Diagnostics
 from model.faults.evidence import Finding, ranked
-from model.formats.read import Reading
+from model.formats.reading import Reading
 from model.generation.base import Windowing
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, put_together, save_motion

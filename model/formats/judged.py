@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
 from conventions.rates import FPS
 from model.formats.numbers import Draft, at_30_fps
-from model.formats.read import AXES, METRES, Kind, Reading, axis_of
+from model.formats.reading import AXES, METRES, Kind, Reading, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, in_step
 from model.motion.tracks import Tracks, track_points

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
-from model.formats.read import USUAL_RATES, Assumption, Kind, Part, Rotations, Sure
+from model.formats.reading import USUAL_RATES, Assumption, Kind, Part, Rotations, Sure
 from model.motion.altered import motion_at_speed
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, ExpressionBasis, Motion

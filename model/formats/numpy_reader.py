@@ -37,7 +37,7 @@ from model.formats.parameters import (
     parameter_files,
     split_key,
 )
-from model.formats.read import Assumption, Part, Sure
+from model.formats.reading import Assumption, Part, Sure
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,

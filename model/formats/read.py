@@ -2,259 +2,16 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from jaxtyping import Float
 
+from model.formats.bvh_reader import read_bvh
+from model.formats.judged import finished
+from model.formats.numpy_reader import CONVERT, read_npy, read_npz
+from model.formats.reading import Assumptions, Reading
 from model.storage.npz import MotionError, opened_archive, read_array, read_headers
-
-if TYPE_CHECKING:
-    from model.motion.motion import Motion
-
-Kind = Literal[
-    "layout", "motion", "joints", "rotations", "hands", "up", "facing", "units", "rate", "place",
-    "frames", "face", "shape", "lag",
-]  # fmt: skip
-"""Kinds of assumptions about a file; no file contains `lag`, which is against the speech."""
-Sure = Literal["told", "stated", "sure", "likely", "unsure"]
-"""Certainty: stated by the user, stated by the file, evident from the motion, likely, or a
-guess."""
-Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
-"""Parts that a motion may lack: `finger_angles` if our hand replaces the mean hand pose, `place`
-for its translation, `detail` if frames were interpolated."""
-
-LACKS: dict[Part, tuple[str, str]] = {
-    "detail": ("was filled in from fewer frames a second", "jerk and tremble"),
-    "finger_angles": ("has hands whose mean is not known", "fingers' angles"),
-    "hands": ("has no fingers that move", "fingers"),
-    "face": ("has no face", "face"),
-    "place": ("says nothing of where the body stands", "feet, place and jerk"),
-    "legs": ("has no legs", "legs and feet"),
-}
-"""Text for a motion that lacks a part, and which of its metrics cannot be compared."""
-Rotations = Literal[
-    "axis-angle", "6d", "6d-columns", "6d-interleaved", "quaternion-wxyz", "quaternion-xyzw",
-    "matrix",
-]  # fmt: skip
-AXES = ("y", "-y", "z", "-z", "x", "-x")
-USUAL_RATES = ("15", "20", "24", "25", "30", "50", "60", "120")
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-TELLABLE: dict[str, tuple[str, ...]] = {
-    "up": AXES,
-    "facing": (*AXES[2:], "as-is"),
-    "units": tuple(METRES),
-    "rate": (),
-    "hands": ("flat", "mean"),
-    "rotations": get_args(Rotations),
-    "motion": (),
-    "frames": ("refuse", "bridge"),
-    "lag": (),
-}
-"""Options of `--assume` and their values; an empty list allows a number, or a name inside a
-file."""
-MOTIONS, REFERENCE = "motions", "reference"
-"""Names with which `Assumptions` addresses all motions but the reference, or the reference."""
-_NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
-_SAID = re.compile("[^=]+=[^,]*|[^=]+$")
-_FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
-
-
-def axis_of(name: str) -> np.ndarray:
-    """Return the unit vector of one of `AXES`."""
-    return np.eye(3)["xyz".index(name[-1])] * (-1 if name[0] == "-" else 1)
-
-
-@dataclass(frozen=True)
-class Assumption:
-    """An assumption about a file."""
-
-    kind: Kind
-    value: str
-    """Value, as for `--assume` if that has this kind."""
-    why: str
-    """Reason, half a sentence."""
-    sure: Sure = "sure"
-    others: tuple[str, ...] = ()
-    """Alternative values."""
-    is_usual: bool = False
-    """True if it is as in our own files, so that users need no note."""
-
-    def __post_init__(self) -> None:
-        others = tuple(each for each in self.others if each != self.value)
-        object.__setattr__(self, "others", others)
-
-    def sentence(self, name: str) -> str:
-        """Format a note that names the file."""
-        way = ""
-        if self.others and self.sure in ("likely", "unsure") and self.kind in TELLABLE:
-            way = f" (if not, say --assume {self.kind}={'|'.join(self.others[:6])})"
-        return f"{name}: {self.kind} {self.value}, {self.why}{way}."
-
-    def as_json(self) -> dict[str, object]:
-        """Return the assumption for JSON."""
-        return {
-            "what": self.kind,
-            "value": self.value,
-            "why": self.why,
-            "sure": self.sure,
-            "others": list(self.others),
-        }
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A motion that was read, at 30 frames per second, y up, in metres, with flat hands."""
-
-    motion: Motion
-    assumptions: tuple[Assumption, ...] = ()
-    name: str = ""
-    """Name of the file."""
-    lacks: frozenset[Part] = frozenset()
-    """Parts that the file lacks, for which there are no findings."""
-
-    @property
-    def rate(self) -> float:
-        """Frame rate at which the file was read (Hz)."""
-        found = self.of("rate")
-        return 30.0 if found is None else float(found.value)
-
-    def of(self, kind: Kind) -> Assumption | None:
-        """Return the assumption of a kind; None if there was none."""
-        return next((each for each in self.assumptions if each.kind == kind), None)
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes on the assumptions that differ from our own files."""
-        return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_usual)
-
-
-def apart(readings: Mapping[str, Reading]) -> list[str]:
-    """Return notes on differences between motions that make comparisons unfair."""
-    sentences = []
-    kinds: dict[Kind, str] = {"rate": "frames a second", "hands": "the pose that hands start from"}
-    for kind, words in kinds.items():
-        values = {name: found.value for name, each in readings.items() if (found := each.of(kind))}
-        if len(set(values.values())) > 1:
-            said = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
-            sentences.append(f"The motions differ in {words} ({said}); numbers may differ by it.")
-    for part, (words, what) in LACKS.items():
-        without = [name for name, each in readings.items() if part in each.lacks]
-        if without and len(without) < len(readings):
-            said = ", ".join(without[:6])
-            sentences.append(f"{said} {words}: do not compare its {what} with the others'.")
-    return sentences
-
-
-LENGTHS_APART_S = 1.0
-"""Difference in duration (s) that matching sound and motion do not reach."""
-
-
-def lengths_apart(
-    speech_s: float, durations_s: Mapping[str, float], rates: Mapping[str, float] | None = None
-) -> list[str]:
-    """Return a note on motions with a duration unlike the speech's, with the rate that would fit.
-
-    Args:
-        rates: frame rate at which each was read, if that is not 30.
-    """
-    others = {
-        name: duration_s
-        for name, duration_s in durations_s.items()
-        if abs(speech_s - duration_s) > LENGTHS_APART_S
-    }
-    if not others:
-        return []
-    ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
-    who = next(iter(others)) if len(others) == 1 else f"{len(others)} of the motions"
-    named = f"{who} {' to '.join(ends)} s"
-    fits = [
-        duration_s * (rates or {}).get(name, 30.0) / speech_s
-        for name, duration_s in others.items()
-        if speech_s > 0
-    ]
-    fitting = [
-        rate for rate in USUAL_RATES if fits and all(abs(f / float(rate) - 1) < 0.01 for f in fits)
-    ]
-    hint = ""
-    if fitting:
-        it = "it" if len(others) == 1 else "each"
-        hint = (
-            f" At {fitting[0]} frames a second {it} would be as long as the speech (--assume"
-            f" rate={fitting[0]})."
-        )
-    return [f"The speech lasts {speech_s:.1f} s and {named}; only what both have is seen.{hint}"]
-
-
-@dataclass(frozen=True)
-class Assumptions:
-    """Properties that the user states for files with incomplete or wrong content."""
-
-    says: tuple[tuple[str, str, str], ...] = ()
-    """File's name (or a pattern such as ``*.npz``, `MOTIONS`, `REFERENCE`, or "" for all), kind and
-    value of each."""
-
-    def of(self, *names: str) -> dict[str, str]:
-        """Return a file's values by kind, of which specific names override patterns and ""."""
-        kinds = {f"*{Path(name).suffix.lower()}" for name in names}
-        order: tuple[Collection[str], ...] = ("",), kinds, names
-        return {what: value for of in order for name, what, value in self.says if name in of}
-
-    def known(self, files: Sequence[Path], *names: str) -> Assumptions:
-        """Return the statements on these files, and on all."""
-        there = {"", MOTIONS, REFERENCE, *names}
-        there |= {
-            each for path in files for each in (path.name, path.stem, f"*{path.suffix.lower()}")
-        }
-        return Assumptions(tuple(each for each in self.says if each[0] in there))
-
-    def unknown(self, files: Sequence[Path], *names: str) -> str:
-        """Return an error text about the first statement on a missing file, or ""."""
-        known = self.known(files, *names).says
-        for name, kind, value in self.says:
-            if (name, kind, value) not in known:
-                there = ", ".join(names or [path.name for path in files[:6]])
-                said = f"of which {kind}={value} is said"
-                return f"No file is called {name[:80]!r}, {said}; there are {there}."
-        return ""
-
-    def check(self, files: Sequence[Path], *names: str) -> None:
-        """Check that all files with a statement exist.
-
-        Raises:
-            MotionError: as `unknown`.
-        """
-        if wrong := self.unknown(files, *names):
-            raise MotionError(wrong)
-
-
-def read_told(written: str) -> Assumptions:
-    """Parse the value of `--assume`: ``up=z,units=cm,NAME:rate=25``; a name may have commas.
-
-    Raises:
-        MotionError: for unknown kinds and values; it lists the known ones.
-    """
-    says = []
-    for part in filter(None, (part.strip(" ,") for part in _SAID.findall(written))):
-        found = _FLAG.match(part)
-        if found is None or found["kind"] not in TELLABLE:
-            raise MotionError(
-                f"{part[:60]!r} is no assumption; say WHAT=VALUE or NAME:WHAT=VALUE, of "
-                f"{', '.join(TELLABLE)}."
-            )
-        kind, value = found["kind"], found["value"].strip()
-        known = TELLABLE[kind]
-        if kind in ("rate", "lag") and not _NUMBER.match(value):
-            raise MotionError(f"{kind} must be a number; found {value[:40]!r}.")
-        if known and value not in known:
-            raise MotionError(f"{kind} must be one of {', '.join(known)}; found {value[:40]!r}.")
-        says.append((found["name"] or "", kind, value))
-    return Assumptions(tuple(says))
-
 
 ENDINGS = (".npz", ".npy", ".bvh")
 PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".p", ".joblib", ".ckpt")
@@ -305,15 +62,11 @@ def read_unguarded(
     path: Path, said: dict[str, str], hands: Float[np.ndarray, "30 3"] | None = None
 ) -> Reading:
     """Read a motion file; unexpected content raises errors that are not for users."""
-    from model.formats.bvh_reader import read_bvh
-    from model.formats.judged import finished
-    from model.formats.numpy_reader import CONVERT, read_npy, read_npz
-
-    reader = {".npy": read_npy, ".bvh": read_bvh, ".npz": read_npz}[_kind(path, CONVERT)]
+    reader = {".npy": read_npy, ".bvh": read_bvh, ".npz": read_npz}[_kind(path)]
     return finished(reader(path, said), hands)
 
 
-def _kind(path: Path, convert: str) -> str:
+def _kind(path: Path) -> str:
     """Return the file type by its suffix, or by its first bytes if the suffix is unknown.
 
     Raises:
@@ -323,7 +76,7 @@ def _kind(path: Path, convert: str) -> str:
     if ending in PICKLES:
         raise MotionError(
             f"{path.name} is a pickle, which can run programs when it is read, and is never loaded."
-            f" If you trust it, convert it yourself: {convert}."
+            f" If you trust it, convert it yourself: {CONVERT}."
         )
     if ending in ENDINGS or not path.is_file():
         kind = ending if ending in ENDINGS else ".npz"

@@ -35,7 +35,8 @@ from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import raw_evidence
 from model.faults.table import find_faults, without
 from model.formats.parameters import parameter_files
-from model.formats.read import ENDINGS, LACKS, MOTIONS, REFERENCE, Reading, read_any_motion
+from model.formats.read import ENDINGS, read_any_motion
+from model.formats.reading import LACKS, MOTIONS, REFERENCE, Reading
 from model.measures.beats import read_mean_speeds
 from model.measures.lag import heard_of
 from model.motion.kinematics import open_body_skeleton

@@ -27,7 +27,7 @@ from app.flags import (
 from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
-from model.formats.read import Assumptions, read_told
+from model.formats.reading import Assumptions, read_told
 from model.storage.npz import MotionError
 from renderer.figures.style import FORMS
 

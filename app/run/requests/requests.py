@@ -36,7 +36,7 @@ from app.run.requests.parts import (
 )
 from conventions.names import file_stem
 from conventions.views import CLOSE_UPS
-from model.formats.read import Assumptions
+from model.formats.reading import Assumptions
 from model.storage.cards import two_speakers
 from model.systems.registry import list_systems, usual_systems
 from renderer.figures.style import FORMS, MAX_SYSTEMS

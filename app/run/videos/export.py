@@ -15,7 +15,8 @@ from app.run.models import get_body
 from app.run.requests.requests import MARKERS_SUFFIX, MAX_STILLS, SHEET_POSES, RenderRequest
 from app.run.videos.videos import jobs_of
 from conventions.views import View
-from model.formats.read import Reading, lengths_apart, read_any_motion
+from model.formats.read import read_any_motion
+from model.formats.reading import Reading, lengths_apart
 from model.motion.motion import Motion
 from model.plan.files import markers_csv, markers_of, read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan

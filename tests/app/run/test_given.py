@@ -25,7 +25,7 @@ from conventions.joints import JOINT_INDEX
 from model.diagnostics import diagnose
 from model.faults.evidence import Finding
 from model.faults.table import FAULTS, without
-from model.formats.read import read_told
+from model.formats.reading import read_told
 from model.measures.beats import speech_onsets
 from model.measures.smoothness import VelocitySpectrum
 from model.motion.kinematics import open_body_skeleton

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.judged import RELAXED_HANDS
-from model.formats.read import Assumptions, Reading, read_any_motion
+from model.formats.read import read_any_motion
+from model.formats.reading import Assumptions, Reading
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from app.run.bodies import body_motion
 from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES
-from model.formats.read import read_any_motion, read_told
+from model.formats.read import read_any_motion
+from model.formats.reading import read_told
 from model.storage.npz import MotionError
 from renderer.body.body import load_body
 from renderer.files.exports import write_bvh

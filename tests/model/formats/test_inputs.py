@@ -9,7 +9,8 @@ import pytest
 
 from model.diagnostics import raw_evidence
 from model.faults.table import find_faults
-from model.formats.read import Reading, lengths_apart, read_any_motion, read_told
+from model.formats.read import read_any_motion
+from model.formats.reading import Reading, lengths_apart, read_told
 from model.motion.kinematics import open_body_skeleton
 from model.storage.npz import MotionError
 from tests.helpers import ROOT, foreign_folder

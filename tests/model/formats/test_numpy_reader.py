@@ -13,7 +13,8 @@ from model.formats.judged import RELAXED_HANDS
 from model.formats.numbers import shape_of
 from model.formats.numpy_reader import CONVERT
 from model.formats.parameters import motion_files
-from model.formats.read import Reading, mean_hands, read_any_motion, read_told
+from model.formats.read import mean_hands, read_any_motion
+from model.formats.reading import Reading, read_told
 from model.measures.smoothness import derivative_magnitudes
 from model.motion.motion import load_motion, save_motion
 from model.storage.npz import MotionError

@@ -4,13 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from model.formats.read import (
-    Assumption,
-    Reading,
-    apart,
-    lengths_apart,
-    read_told,
-)
+from model.formats.reading import Assumption, Reading, apart, lengths_apart, read_told
 from model.storage.npz import MotionError
 from tests.helpers import smooth_motion_example
 
