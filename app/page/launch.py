@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import errno
-import inspect
 import logging
 import os
 import shutil
@@ -13,8 +12,6 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,6 +28,7 @@ from app.config import (
 )
 from app.errors import RunError, sentence_of
 from app.flags import family_files, read_flags, use_family_files
+from app.page.gradio_changes import change_queue, change_routes, import_gradio
 from model.systems.registry import families, left_out
 
 if TYPE_CHECKING:
@@ -47,8 +45,6 @@ _is_ending = threading.Event()
 FIRST_S = 6.0
 """Time (s) for which the warm-up leaves both cores to a browser that opened at once."""
 
-LOOK_S = 0.02
-"""Interval (s) at which the queue looks for waiting events; Gradio's progress is not used."""
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 CHECK_BYTES, CHECK_S = 2 * 10**9, 60.0
 """Memory (bytes) and time (s) for the check of an upload, or for the conversion of a motion."""
@@ -94,24 +90,21 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     os.environ["GRADIO_ANALYTICS_MAX_EVENTS"] = "1"
     os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
-    with without_stubs():
-        import gradio  # noqa: F401
+    import_gradio()
     from app.live.sessions import LiveSessions
     from app.page.alone import save_page
     from app.page.page import build_app
     from app.page.parts.catalogue import read_catalogue
     from app.page.results.kept_runs import KeptRuns, keep_own, saving_route
     from app.page.results.player import first_look
-    from app.page.routes.guard import HostNames, guarded, quieten_sockets, tell_wrong_calls
+    from app.page.routes.guard import HostNames, guarded, quieten_sockets
     from app.page.routes.live_route import live_routes
     from app.page.routes.media import MadeFiles, Media, media_routes, researcher_route
     from app.page.tabs.runner import Services
     from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.files import Jobs, keep_swept
     from app.page.visitors.quota import Quota
-    from app.page.visitors.turns import Turns, leaving_route
-    from app.page.visitors.uploads import keep_uploads_tidy
-    from app.page.visitors.visitors import visitor_route
+    from app.page.visitors.visitors import leaving_route, visitor_route
     from app.page.worker import Limits, Worker
     from app.run.output.run_folder import save_run
 
@@ -123,8 +116,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     proxies = (*LOCAL_PROXIES, *config.proxies)
     quota = Quota(config.max_kept_bytes, config.keep_results_s, proxies)
-    keep_uploads_tidy(config.temp, config.min_free_bytes, quota)
-    tell_wrong_calls()
+    change_routes(config.temp, config.min_free_bytes, quota)
     quieten_sockets()
     jobs = Jobs(config.jobs_folder, quota)
     keep_swept(config.temp, config.keep_results_s, jobs.in_use, quota.forget_deleted)
@@ -154,17 +146,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         opened=opened,
     )
     page = build_app(services)
-    page._queue = waiting = Turns(  # `page.queue` would build the whole app again
-        jobs,
-        config.max_waiting,
-        live_updates=True,
-        concurrency_count=page.max_threads,
-        update_intervals=1,
-        blocks=page,
-        default_concurrency_limit=1,
-    )
-    # Gradio polls a thousand times a second, which used a tenth of an idle core.
-    waiting.sleep_when_free, waiting.progress_update_sleep_when_free = LOOK_S, 1.0
+    change_queue(page, jobs, config.max_waiting)
     made = MadeFiles(config.temp, gate.do)
     routes = [
         saving_route(kept, made, ".zip", save_run),
@@ -223,26 +205,6 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     if is_warmed_up:
         threading.Thread(target=_warm_up, args=(worker,), name="warm-up", daemon=True).start()
     return page
-
-
-@contextmanager
-def without_stubs() -> Iterator[None]:
-    """Prevent Gradio from writing type stubs of its components, within the block.
-
-    It writes all of them at every start, which takes half of the time of its import.
-    """
-    file_of = inspect.getfile
-
-    def none_of_parts(thing: Any) -> str:
-        if type(thing).__name__ == "ComponentMeta":
-            raise OSError
-        return file_of(thing)
-
-    inspect.getfile = none_of_parts
-    try:
-        yield
-    finally:
-        inspect.getfile = file_of
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -10,28 +10,21 @@ import contextlib
 import ipaddress
 import logging
 import os
-import traceback
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-import gradio as gr
-from fastapi import FastAPI, HTTPException
-from gradio import route_utils
-from pydantic import ValidationError
+from fastapi import FastAPI
 from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.responses import JSONResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from app.errors import visitor_sentence, without_folders
 from app.page.routes.bodies import BodyError, read_body
-from app.page.visitors.uploads import CONNECTION
+from app.page.visitors.visitors import CONNECTION
 from conventions.names import printable
-from model.storage.checked import why
 
 log = logging.getLogger(__name__)
 OWN_ROUTES = ("/media/", "/live/", "/study/", "/visitor", "/leave")
@@ -229,47 +222,7 @@ async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: S
     await answer(scope, receive, send)
 
 
-UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."
-WRONG_CALL = "This function cannot be called so: {why}"
-_MAX_WHY, _MAX_READ = 300, 3000
-"""Maximum length of a reason (characters), when shown and when read."""
 _NO_TEXT = "Invalid UTF-8 sequence received from client."
-_find, _call = route_utils.get_fn, route_utils.call_process_api
-_OWN_FUNCTIONS = str(Path(__file__).parents[1])
-
-
-def tell_wrong_calls() -> None:
-    """Make Gradio answer to unknown functions with status 404, to invalid calls with a sentence."""
-
-    def get_fn(*arguments: Any, **named: Any) -> Any:
-        try:
-            return _find(*arguments, **named)
-        except (KeyError, route_utils.FnIndexInferError):
-            raise HTTPException(404, UNKNOWN_FUNCTION) from None
-
-    async def call_process_api(*arguments: Any, **named: Any) -> Any:
-        try:
-            return await _call(*arguments, **named)
-        except HTTPException:
-            raise
-        except gr.Error as error:
-            if not error.print_exception:  # already converted to a sentence
-                raise
-            raise _wrong_call(str(error.message)) from None
-        except Exception as error:
-            _, *frames = traceback.extract_tb(error.__traceback__)
-            if any(frame.filename.startswith(_OWN_FUNCTIONS) for frame in frames):
-                raise gr.Error(visitor_sentence(error), print_exception=False) from None
-            told = why(error) if isinstance(error, ValidationError) else str(error)[:_MAX_READ]
-            raise _wrong_call(f"{type(error).__name__}: {told}") from None
-
-    route_utils.get_fn, route_utils.call_process_api = get_fn, call_process_api
-
-
-def _wrong_call(reason: str) -> gr.Error:
-    told = printable(without_folders(reason[:_MAX_READ]))[:_MAX_WHY]
-    log.warning("a wrong call: %s", told)
-    return gr.Error(WRONG_CALL.format(why=told), print_exception=False)
 
 
 def quieten_sockets() -> None:

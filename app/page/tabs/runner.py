@@ -27,8 +27,7 @@ from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, shown
 from app.page.results.kept_runs import KeptRuns
 from app.page.routes.media import Media
 from app.page.visitors.files import Job, Jobs
-from app.page.visitors.turns import CHECKS, RUNS
-from app.page.visitors.visitors import Kept, cookie_of, visitor_of
+from app.page.visitors.visitors import CHECKS, RUNS, Kept, cookie_of, visitor_of
 from app.page.worker import Task, Worker
 from app.run.callbacks import Ear, Event, Grown, Progress
 from app.run.display import Display

@@ -13,17 +13,13 @@ import time
 from typing import Any
 
 import fastapi
-from fastapi.routing import APIRoute
 from gradio import queueing, route_utils
 from gradio.queueing import Event, EventQueue
 from gradio.utils import LRUCache
 
 from app.page.visitors.files import Jobs
-from app.page.visitors.visitors import address_of, cookie_of
+from app.page.visitors.visitors import CHECKS, RUNS, address_of
 
-LEAVING_ROUTE = "/leave"
-RUNS, CHECKS = "run", "check"
-"""Gradio's `concurrency_id` of runs and of checks of uploads."""
 MAX_OF_ADDRESS, MAX_CHECKS_OF_ADDRESS = 4, 16
 HEARD_WITHIN_S = 10.0
 """Time (s) without a listener after which a waiting event is dropped."""
@@ -189,13 +185,3 @@ class Turns(queueing.Queue):
 
 def _is_from(event: Event, address: str) -> bool:
     return address_of(event.request) == address
-
-
-def leaving_route(jobs: Jobs) -> APIRoute:
-    """Make the route for the notification that a page was closed, which ends its runs."""
-
-    async def leave(request: fastapi.Request) -> fastapi.Response:
-        jobs.leave((await request.body()).decode("latin-1"), cookie_of(request))
-        return fastapi.Response(status_code=204)
-
-    return APIRoute(LEAVING_ROUTE, leave, methods=["POST"], include_in_schema=False)

@@ -5,20 +5,17 @@ from __future__ import annotations
 import asyncio
 import shutil
 from collections.abc import AsyncGenerator
-from contextvars import ContextVar
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, ClassVar
 
 from gradio import route_utils
-from gradio.components import file as file_component
 from starlette.datastructures import FormData
 from starlette.formparsers import MultiPartException
-from starlette.requests import HTTPConnection
 
 from app import text
 from app.errors import RunError, is_disk_full
 from app.page.visitors.quota import Quota
+from app.page.visitors.visitors import CONNECTION
 
 MAX_FILES = 250
 """Maximum number of files in one request."""
@@ -31,8 +28,6 @@ _CHECK_BYTES = 1 << 24
 _PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048
 TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; send the others after them."
 TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; send the others after them."
-CONNECTION: ContextVar[HTTPConnection] = ContextVar("upload")
-"""The request that is being answered; Gradio passes only its headers to the parser."""
 FIELD_TOO_LONG = "A field that is no file may have {limit} bytes, and one of this upload has more."
 
 
@@ -120,11 +115,3 @@ class TidyParser(route_utils.GradioMultiPartParser):
             for at in range(0, len(chunk), _PIECE_BYTES):
                 yield chunk[at : at + _PIECE_BYTES]
                 await asyncio.sleep(0)
-
-
-def keep_uploads_tidy(root: Path, min_free_bytes: int, quota: Quota) -> None:
-    """Make Gradio use `TidyParser`, and prevent the unused empty file that it makes for each."""
-    TidyParser.root, TidyParser.min_free_bytes, TidyParser.quota = root, min_free_bytes, quota
-    route_utils.GradioMultiPartParser = TidyParser
-    unused = SimpleNamespace(NamedTemporaryFile=lambda **_: SimpleNamespace())
-    file_component.tempfile = unused  # pyright: ignore[reportAttributeAccessIssue]

@@ -5,15 +5,24 @@ from __future__ import annotations
 import ipaddress
 import secrets
 import threading
+from contextvars import ContextVar
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import fastapi
 import gradio as gr
 from fastapi.routing import APIRoute
 from starlette.requests import HTTPConnection
 
+if TYPE_CHECKING:
+    from app.page.visitors.files import Jobs
+
 COOKIE = "visitor"
+LEAVING_ROUTE = "/leave"
+RUNS, CHECKS = "run", "check"
+"""Gradio's `concurrency_id` of runs and of checks of uploads."""
+CONNECTION: ContextVar[HTTPConnection] = ContextVar("connection")
+"""The request that is being answered; Gradio passes only its headers to the parser of uploads."""
 VISITOR_ROUTE = "/visitor"
 _COOKIE_BYTES = 32
 
@@ -67,6 +76,16 @@ def visitor_route() -> APIRoute:
         return response
 
     return APIRoute(VISITOR_ROUTE, visitor, methods=["POST"], include_in_schema=False)
+
+
+def leaving_route(jobs: Jobs) -> APIRoute:
+    """Make the route for the notification that a page was closed, which ends its runs."""
+
+    async def leave(request: fastapi.Request) -> fastapi.Response:
+        jobs.leave((await request.body()).decode("latin-1"), cookie_of(request))
+        return fastapi.Response(status_code=204)
+
+    return APIRoute(LEAVING_ROUTE, leave, methods=["POST"], include_in_schema=False)
 
 
 Thing = TypeVar("Thing")

@@ -14,7 +14,8 @@ from typing import Any
 
 import httpx
 import pytest
-from gradio import Blocks, http_server
+from gradio import Blocks, http_server, queueing
+from gradio.components import file as file_component
 from gradio_client import Client, handle_file
 from gradio_client.exceptions import AppError
 from websockets.exceptions import ConnectionClosed
@@ -23,8 +24,9 @@ from websockets.sync.client import connect
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
+from app.page import gradio_changes
 from app.page.launch import launch, parse_config
-from tests.app.page.conftest import UPLOAD
+from tests.app.page.conftest import UPLOAD, served_page
 from tests.helpers import ROOT
 
 FORM = {
@@ -244,6 +246,22 @@ def test_a_page_reads_files_and_computes_nothing_and_leaves_nothing_however_it_i
     assert child.returncode == 0
     assert [p for p in temp.rglob("*") if p.is_file() and p.name != ".lock"] == []
     assert str(ROOT / "app") not in told
+
+
+def test_changes_that_do_not_fit_a_gradio_are_logged_and_the_page_is_served_without_them(
+    weights, tmp_path, monkeypatch, caplog
+):
+    with served_page(weights, tmp_path / "as locked"):
+        assert "Gradio" not in caplog.text
+    monkeypatch.setattr(gradio_changes, "version", lambda name: "7.1.0")
+    monkeypatch.delattr(file_component, "tempfile")
+    monkeypatch.delitem(sys.modules, "app.page.visitors.turns", raising=False)
+    monkeypatch.delattr(queueing, "EventQueue")
+    with served_page(weights, tmp_path / "other") as page:
+        assert page.client.get("/config").status_code == 200
+    assert "Gradio 7.1.0 is installed; this page was written for Gradio 6.31" in caplog.text
+    assert "leaves an empty file for an hour" in caplog.text
+    assert "the queue has no limits" in caplog.text and "functions end" not in caplog.text
 
 
 def test_the_queue_is_bounded_and_a_page_at_rest_seldom_looks_who_waits(served):

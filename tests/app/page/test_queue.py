@@ -14,8 +14,8 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 
 from app.page.visitors.files import Jobs
-from app.page.visitors.turns import CHECKS, HEARD_WITHIN_S, MAX_OF_ADDRESS, Turns, leaving_route
-from app.page.visitors.visitors import COOKIE
+from app.page.visitors.turns import HEARD_WITHIN_S, MAX_OF_ADDRESS, Turns
+from app.page.visitors.visitors import CHECKS, COOKIE, leaving_route
 from app.run.callbacks import Ear
 from tests.app.page.test_runner import Runner
 from tests.waiting import wait_for

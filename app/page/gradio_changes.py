@@ -1,0 +1,205 @@
+"""Changes of Gradio's internals, each with its reason.
+
+They were written for Gradio 6.31. One that does not fit the installed version is left out, with a
+warning that says what the page lacks.
+"""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from fastapi import HTTPException
+from pydantic import ValidationError
+
+from app.errors import visitor_sentence, without_folders
+from conventions.names import printable
+from model.storage.checked import why
+
+if TYPE_CHECKING:
+    import gradio as gr
+
+    from app.page.visitors.files import Jobs
+    from app.page.visitors.quota import Quota
+
+log = logging.getLogger(__name__)
+WRITTEN_FOR = (6, 31)
+"""Major and minor version; later minor versions are expected to work."""
+OTHER_VERSION = (
+    "Gradio {installed} is installed; this page was written for Gradio {major}.{minor} or a later "
+    "{major}. If something does not work, install the version in locks/run.txt."
+)
+DOES_NOT_FIT = "Gradio {installed} lacks what the page changes in it ({reason}): {without}."
+POLL_S = 0.02
+"""Interval (s) between two checks of the queue."""
+UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."
+WRONG_CALL = "This function cannot be called so: {why}"
+_MAX_WHY, _MAX_READ = 300, 3000
+"""Maximum length of a reason (characters), when shown and when read."""
+_OWN_FUNCTIONS = str(Path(__file__).parent)
+
+
+def import_gradio() -> None:
+    """Import Gradio, with a warning if it is another version than this page was written for."""
+    with _without_stubs():
+        import gradio  # noqa: F401
+    installed = version("gradio")
+    major, minor = (int(part) for part in installed.split(".")[:2])
+    if major != WRITTEN_FOR[0] or minor < WRITTEN_FOR[1]:
+        told = dict(zip(("major", "minor"), WRITTEN_FOR, strict=True))
+        log.warning("%s", OTHER_VERSION.format(installed=installed, **told))
+
+
+@contextmanager
+def _without_stubs() -> Iterator[None]:
+    """Prevent Gradio from writing type stubs of its components, within the block.
+
+    It writes all of them at every start, which takes half of the time of its import.
+    """
+    file_of = inspect.getfile
+
+    def none_of_parts(thing: Any) -> str:
+        if type(thing).__name__ == "ComponentMeta":
+            raise OSError
+        return file_of(thing)
+
+    inspect.getfile = none_of_parts
+    try:
+        yield
+    finally:
+        inspect.getfile = file_of
+
+
+def change_routes(root: Path, min_free_bytes: int, quota: Quota) -> None:
+    """Make the changes that all pages of this process share, before one is launched."""
+
+    def parse() -> None:
+        _parse_uploads(root, min_free_bytes, quota)
+
+    _attempt(parse, "uploads have no limits but 250 MB a file, and interrupted ones stay")
+    _attempt(_make_no_empty_files, "each file of a call leaves an empty file for an hour")
+    _attempt(_find_functions, "calls of unknown functions end in an error of the server")
+    _attempt(_explain_wrong_calls, "wrong calls end in messages of Python")
+
+
+def change_queue(page: gr.Blocks, jobs: Jobs, max_waiting: int) -> None:
+    """Give a page a queue of its own kind, before it is launched."""
+
+    def replace_queue() -> None:
+        _replace_queue(page, jobs, max_waiting)
+
+    _attempt(replace_queue, "the queue has no limits, and no run survives a lost connection")
+    _attempt(lambda: _poll_less(page), "the page uses a tenth of a core when idle")
+
+
+def _attempt(change: Callable[[], None], without: str) -> None:
+    """Make a change, or log what the page is without it."""
+    try:
+        change()
+    except (ImportError, AttributeError, TypeError) as error:
+        told = {"installed": version("gradio"), "reason": error, "without": without}
+        log.warning("%s", DOES_NOT_FIT.format(**told))
+
+
+@cache
+def _original(module: str, name: str) -> Any:
+    """Return Gradio's own attribute of a module, also after it was replaced."""
+    return getattr(import_module(module), name)
+
+
+def _replace(module: str, name: str, new: Any) -> None:
+    """Replace an attribute of a module that must be there."""
+    changed = import_module(module)
+    getattr(changed, name)
+    setattr(changed, name, new)
+
+
+def _parse_uploads(root: Path, min_free_bytes: int, quota: Quota) -> None:
+    """Limit number and size of uploads, and delete interrupted ones, which Gradio keeps."""
+    from app.page.visitors.uploads import TidyParser
+
+    TidyParser.root, TidyParser.min_free_bytes, TidyParser.quota = root, min_free_bytes, quota
+    _replace("gradio.route_utils", "GradioMultiPartParser", TidyParser)
+
+
+def _make_no_empty_files() -> None:
+    """Prevent the empty file that Gradio makes for each file of a call and never uses."""
+    unused = SimpleNamespace(NamedTemporaryFile=lambda **_: SimpleNamespace())
+    _replace("gradio.components.file", "tempfile", unused)
+
+
+def _find_functions() -> None:
+    """Answer to unknown functions with status 404, where Gradio fails with a KeyError."""
+    find = _original("gradio.route_utils", "get_fn")
+    unknown = (KeyError, _original("gradio.route_utils", "FnIndexInferError"))
+
+    def get_fn(*arguments: Any, **named: Any) -> Any:
+        try:
+            return find(*arguments, **named)
+        except unknown:
+            raise HTTPException(404, UNKNOWN_FUNCTION) from None
+
+    _replace("gradio.route_utils", "get_fn", get_fn)
+
+
+def _explain_wrong_calls() -> None:
+    """Answer to invalid calls with a sentence, where Gradio sends the text of any exception."""
+    import gradio as gr
+
+    call = _original("gradio.route_utils", "call_process_api")
+
+    async def call_process_api(*arguments: Any, **named: Any) -> Any:
+        try:
+            return await call(*arguments, **named)
+        except HTTPException:
+            raise
+        except gr.Error as error:
+            if not error.print_exception:  # already converted to a sentence
+                raise
+            raise _wrong_call(str(error.message)) from None
+        except Exception as error:
+            _, *frames = traceback.extract_tb(error.__traceback__)
+            if any(frame.filename.startswith(_OWN_FUNCTIONS) for frame in frames):
+                raise gr.Error(visitor_sentence(error), print_exception=False) from None
+            told = why(error) if isinstance(error, ValidationError) else str(error)[:_MAX_READ]
+            raise _wrong_call(f"{type(error).__name__}: {told}") from None
+
+    _replace("gradio.route_utils", "call_process_api", call_process_api)
+
+
+def _wrong_call(reason: str) -> gr.Error:
+    import gradio as gr
+
+    told = printable(without_folders(reason[:_MAX_READ]))[:_MAX_WHY]
+    log.warning("a wrong call: %s", told)
+    return gr.Error(WRONG_CALL.format(why=told), print_exception=False)
+
+
+def _replace_queue(page: gr.Blocks, jobs: Jobs, max_waiting: int) -> None:
+    """Limit who waits, and start only events with a listener."""
+    from app.page.visitors.turns import Turns
+
+    # `Blocks.queue` would build the whole app again.
+    page._queue = Turns(
+        jobs,
+        max_waiting,
+        live_updates=True,
+        concurrency_count=page.max_threads,
+        update_intervals=1,
+        blocks=page,
+        default_concurrency_limit=1,
+    )
+
+
+def _poll_less(page: gr.Blocks) -> None:
+    """Check the queue less often than Gradio's thousand times a second, a tenth of an idle core."""
+    page._queue.sleep_when_free, page._queue.progress_update_sleep_when_free = POLL_S, 1.0
