@@ -105,7 +105,9 @@ def do_clips(
         jobs.append(Job(clip, done, partial(_do_clip, request, stamp), has_news=True))
     with held_folder(out):
         kept, failed = do_jobs(
-            *(jobs, pool, lambda clip, share: on_done(requests[clip].output.out, share)),
+            jobs,
+            pool,
+            lambda clip, share: on_done(requests[clip].output.out, share),
             on_news=_mean_progress(ear, len(jobs)),
             should_cancel=ear.should_cancel,
         )
