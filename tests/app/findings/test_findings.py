@@ -363,7 +363,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     first, last = record.findings[0], record.findings[-1]
     assert first.name == "B"
     assert first.sentence.startswith("It shakes, most at 0:")
-    assert "the mean jerk of all ten fingertips is 687 m/s³; 43 to 202" in first.sentence
+    assert "the mean jerk of all ten fingertips is 655 m/s³; 43 to 202" in first.sentence
     assert (last.name, last.sentence) == ("", "Nothing stands out in A.")
     more = record.model_copy(update={"findings": [*[first] * 5, last]})
     assert more.gravest == [*[first] * 3, last]
