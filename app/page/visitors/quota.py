@@ -13,12 +13,13 @@ import threading
 from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
-
-import gradio as gr
-from starlette.requests import HTTPConnection
+from typing import TYPE_CHECKING
 
 from app.errors import RunError
-from app.page.visitors.visitors import address_of, cookie_of
+
+if TYPE_CHECKING:
+    import gradio as gr
+    from starlette.requests import HTTPConnection
 
 QUOTA_FULL = (
     "Uploads and runs from your address would take {used:.1f} GB here, and {limit:g} GB are "
@@ -49,6 +50,9 @@ class Quota:
 
     def owner_of(self, request: gr.Request | HTTPConnection) -> str:
         """Return the address of a request; if that is a trusted proxy's, the browser's cookie."""
+        # Imports Gradio, which must not happen before the page has set its environment.
+        from app.page.visitors.visitors import address_of, cookie_of
+
         address = address_of(request)
         with suppress(ValueError):
             host = ipaddress.ip_address(address)
