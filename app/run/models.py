@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 WORTH_S = 60.0
 """Seconds of motion that take about as long to generate as further processes take to start."""
+MAX_PROCESSES = 4
+"""Most processes of one run; each loads the models and may take the memory that a run may."""
 _LOADING = threading.Lock()  # warm-up and first visitor must not load the same file twice
 
 
@@ -60,7 +63,7 @@ def _load_body(path: Path | None, look: str, versions: FileVersions) -> Body:
 
 def pool_for(motion_s: float) -> JobPool:
     """Return a pool of this process, or of several for long motion, as each loads the models."""
-    return JobPool(None if motion_s > WORTH_S else 1)
+    return JobPool(min(MAX_PROCESSES, os.cpu_count() or 1) if motion_s > WORTH_S else 1)
 
 
 def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
