@@ -40,7 +40,7 @@ _MAX_START_BYTES = 1 << 22
 """Number of uncompressed bytes at the start of a tar in which names are searched."""
 _UNREADABLE = (
     *(OSError, EOFError, ValueError, NotImplementedError, BadZipFile, zlib.error),
-    tarfile.TarError,
+    *(tarfile.TarError, OverflowError, RecursionError),
 )
 
 

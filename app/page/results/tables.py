@@ -40,7 +40,7 @@ class Column:
     kind: Literal["", "reference", "difference"] = ""
 
     def read(self, measure: Measure, version: Version) -> float | None:
-        return self.numbers[version].get(measure.key)
+        return self.numbers.get(version, {}).get(measure.key)
 
     @property
     def of_kind(self) -> str:
@@ -50,9 +50,9 @@ class Column:
         """Return the difference to another motion as a column."""
         differences: dict[Version, dict[str, float]] = {
             version: {
-                key: value - other.numbers[version][key]
-                for key, value in self.numbers[version].items()
-                if key in other.numbers[version]
+                key: value - theirs[key]
+                for key, value in self.numbers.get(version, {}).items()
+                if key in (theirs := other.numbers.get(version, {}))
             }
             for version in VERSIONS
         }

@@ -51,10 +51,16 @@ Name = Annotated[str, Field(min_length=1, max_length=520), AfterValidator(printa
 Text = Annotated[str, Field(max_length=MAX_TEXT), AfterValidator(printable)]
 
 
+_MAX_NAME_BYTES = 255
+"""Longest file name of common file systems (bytes)."""
+
+
 def _stays_inside(name: str) -> str:
     own = name.removeprefix(f"{SHOWN}/")
     if own in ("", ".", "..") or "/" in own or "\0" in own:
         raise ValueError("it leads elsewhere")
+    if len(own.encode()) > _MAX_NAME_BYTES:
+        raise ValueError(f"its name is longer than {_MAX_NAME_BYTES} bytes")
     return name
 
 
@@ -297,10 +303,11 @@ def read_run(folder: Path) -> RunRecord:
 
 def runs_in(folder: Path) -> dict[str, Path]:
     """Return the folders of runs by clip: the folder itself under "", or its subfolders."""
-    if (folder / RUN).is_file():
+    if file_of(folder, RUN) is not None:
         return {"": folder}
     found = (path.parent for path in sorted(folder.glob(f"*/{RUN}")))
-    return {path.name: path for path in found if not path.name.startswith(".")}
+    own = (path for path in found if not path.is_symlink() and file_of(path, RUN) is not None)
+    return {path.name: path for path in own if not path.name.startswith(".")}
 
 
 def file_of(folder: Path, name: str | None) -> Path | None:

@@ -170,3 +170,14 @@ def test_an_archive_is_what_is_in_it_however_it_is_called(tmp_path, ending):
     damaged = tmp_path / f"damaged{ending}"
     damaged.write_bytes(b"\x1f\x8bno archive")
     assert kind_of(damaged) == "motions"
+
+
+def test_headers_of_a_tar_that_cannot_be_read_are_no_fault_of_the_program(tmp_path):
+    endless = tarfile.TarInfo("././@LongLink")
+    endless.type = tarfile.GNUTYPE_LONGNAME
+    wild = bytearray(tarfile.TarInfo("a.wav").tobuf(tarfile.GNU_FORMAT))
+    wild[124:136] = b"\x80" + b"\xff" * 11
+    for name, content in (("deep", endless.tobuf(tarfile.GNU_FORMAT) * 3_000), ("size", wild)):
+        path = tmp_path / f"{name}.tar"
+        path.write_bytes(content)
+        assert kind_of(path) == "motions"

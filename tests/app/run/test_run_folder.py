@@ -24,6 +24,7 @@ from app.run.output.run_folder import (
     noise_of,
     read_run,
     rows_of,
+    runs_in,
     zip_run,
 )
 from app.run.pieces import HEADER
@@ -117,6 +118,20 @@ def test_names_are_harmless_and_no_link_leads_out(tmp_path):
     (folder / "a.npz").symlink_to(tmp_path / "secret")
     assert file_of(folder, "a.npz") is None
     assert file_of(folder, RUN) == folder / RUN
+
+
+def test_no_run_is_a_link_that_leads_out_and_no_name_is_too_long_for_a_file(tmp_path):
+    given, private = tmp_path / "given", tmp_path / "private"
+    for folder in (given, private):
+        folder.mkdir()
+    (private / RUN).write_text(json.dumps(RECORD))
+    (given / "b").symlink_to(private)
+    assert runs_in(given) == {}
+    (given / RUN).symlink_to(private / RUN)
+    assert runs_in(given) == {} and runs_in(private) == {"": private}
+    (private / RUN).write_text(json.dumps(row(files={"motion": "€" * 90 + ".npz"})))
+    with pytest.raises(RunError, match="longer than 255 bytes"):
+        read_run(private)
 
 
 def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_path):
