@@ -18,8 +18,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from pydantic import GetCoreSchemaHandler
-from pydantic_core import core_schema
 from tyro.conf import arg
 from tyro.constructors import PrimitiveConstructorSpec
 
@@ -28,36 +26,19 @@ from conventions.names import printable
 from model.systems.registry import families
 
 
-class TextType(PrimitiveConstructorSpec[Any]):
-    """Type that tyro and pydantic parse from text in the same way."""
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        def read(value: Any) -> Any:
-            if not isinstance(value, str):
-                return value
-            try:
-                return self.instance_from_str([value.strip()])
-            except RunError as error:
-                raise ValueError(str(error)) from error
-
-        return core_schema.no_info_before_validator_function(read, handler(source))
-
-
 def text_type(
     parse: Callable[[str], Any],
     metavar: str,
     default: str = "",
     show: Callable[[Any], str] = str,
 ) -> PrimitiveConstructorSpec[Any]:
-    """Make the annotation of a type that is parsed from one word, in flags, forms and files.
+    """Make the annotation of a type that is parsed from one word, in flags and forms.
 
     Args:
         parse: parser of a word, which may raise `RunError` with the reason.
         default: text in help for a default that is None or empty.
     """
-    return TextType(
+    return PrimitiveConstructorSpec(
         nargs=1,
         metavar=metavar,
         instance_from_str=lambda words: parse(words[0]),
@@ -72,14 +53,6 @@ class Switch:
 
     on: str
     off: str
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> core_schema.CoreSchema:
-        def read(value: Any) -> Any:
-            return (self.on if value else self.off) if isinstance(value, bool) else value
-
-        return core_schema.no_info_before_validator_function(read, handler(source))
 
 
 def parse_names(told: str) -> tuple[str, ...]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+from tyro.constructors import PrimitiveConstructorSpec
+
 from app.errors import RunError
-from app.flags import Switch, TextType
+from app.flags import Switch
 from app.run.requests.parts import LiveRecording
 from conventions.names import listed, printable
 
@@ -126,18 +128,19 @@ def flat_json(request: object) -> dict[str, Any]:
 def _made(kind: Any, values: Mapping[str, Any]) -> Any:
     hints, made = get_type_hints(kind), dict(values)
     for of in fields(kind):
-        if not _is_part(hints[of.name]) or (of.name not in made and _has_default(of)):
+        default = _own_default(of)
+        if not _is_part(hints[of.name]) or (of.name not in made and default is not MISSING):
             continue
         inner = made.get(of.name, {})
-        default = of.default if of.default_factory is MISSING else of.default_factory()
         made[of.name] = (
             _made(hints[of.name], inner) if default is MISSING else replace(default, **inner)
         )
     return kind(**made)
 
 
-def _has_default(of: Any) -> bool:
-    return of.default is not MISSING or of.default_factory is not MISSING
+def _own_default(of: Field[Any]) -> Any:
+    """Return the default of a dataclass field, MISSING if it has none."""
+    return of.default if of.default_factory is MISSING else of.default_factory()
 
 
 def default_of(kind: type, name: str) -> Any:
@@ -154,10 +157,9 @@ def _default(of: Any, name: str) -> Any:
     if not isinstance(of, type):
         return getattr(of, name)
     field = next(each for each in fields(of) if each.name == name)
-    if field.default is not MISSING:
-        return field.default
-    if field.default_factory is not MISSING:
-        return field.default_factory()
+    default = _own_default(field)
+    if default is not MISSING:
+        return default
     hint = get_type_hints(of)[name]
     return hint if _is_part(hint) else None
 
@@ -182,7 +184,7 @@ def parse_field(kind: type, name: str, value: object) -> Any:
     """
     hint = field_type(kind, name)
     for mark in getattr(hint, "__metadata__", ()):
-        if isinstance(value, str) and isinstance(mark, TextType):
+        if isinstance(value, str) and isinstance(mark, PrimitiveConstructorSpec):
             return mark.instance_from_str([value.strip()])
         if isinstance(value, bool) and isinstance(mark, Switch):
             return mark.on if value else mark.off
