@@ -21,7 +21,7 @@ COPY examples examples
 
 RUN useradd --create-home visitor
 USER visitor
-RUN .venv/bin/python -m model.speech.prepared_librosa
+RUN .venv/bin/python -m model.speech.librosa_cache
 EXPOSE 7860
 HEALTHCHECK --start-period=60s --interval=30s --timeout=5s \
     CMD [".venv/bin/python", "-c", "import urllib.request as web; web.urlopen('http://127.0.0.1:7860/config', timeout=4)"]

@@ -38,12 +38,12 @@ from conventions.names import REFERENCE_NAME, Version
 from model.diagnostics import Diagnostics
 from model.formats.read import read_any_motion
 from model.formats.reading import read_told
-from model.measures.differences import degrees_by_part
-from model.measures.lag import heard_of
+from model.metrics.lag import heard_of
+from model.metrics.reference_error import degrees_by_part
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
+from model.plan.detection import found_plan
 from model.plan.files import read_plan_file, write_plan_file
-from model.plan.found import found_plan
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, Transcript

@@ -2,7 +2,7 @@
 
 Its keys are a public format, documented in ``docs/formats.md``. Jitter is always measured without a
 filter, and once more after the filter of the official GlobalDiff inference
-(`model.motion.altered`), here applied to the stitched sequence.
+(`model.motion.transforms`), here applied to the stitched sequence.
 """
 
 import math
@@ -16,10 +16,10 @@ from jaxtyping import Float
 from conventions.joints import FINGERTIP_NAMES, JOINT_DEPTH, JOINT_NAMES
 from conventions.names import REFERENCE_NAME, VERSIONS, Version
 from conventions.rates import FPS
-from model.faults.evidence import Evidence, Finding
+from model.faults.analysis import Evidence, Finding
 from model.faults.table import find_faults
 from model.generation.base import Windowing
-from model.measures.beats import (
+from model.metrics.beats import (
     BEAT_JOINTS,
     audio_to_motion,
     beats_of,
@@ -27,22 +27,22 @@ from model.measures.beats import (
     joint_speeds,
     with_chance,
 )
-from model.measures.differences import diversity, error_to_reference
-from model.measures.joints import (
+from model.metrics.joints import (
     fingertip_measures,
     position_measures,
     range_measures,
     rotation_measures,
 )
-from model.measures.lag import find_lag
-from model.measures.point import point_measures
-from model.measures.posture import posture_measures
-from model.measures.results import BeatMeasures, BeatSpeeds, Measures
-from model.measures.seams import find_period, seam_measures
-from model.motion.altered import smooth_motion
+from model.metrics.lag import find_lag
+from model.metrics.posture import posture_measures
+from model.metrics.reference_error import diversity, error_to_reference
+from model.metrics.results import BeatMeasures, BeatSpeeds, Measures
+from model.metrics.seams import find_period, seam_measures
+from model.metrics.tracked_point import point_measures
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, moving_chain, track_points
+from model.motion.transforms import smooth_motion
 
 OWN_WINDOWS = Windowing(frames=60, overlap=8)
 """Windows of GlobalDiff's systems: 60 frames, of which two windows share 8."""

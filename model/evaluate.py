@@ -28,6 +28,13 @@ from conventions.names import printable
 from model.data.recordings import DataError, fingerprint, read_split, speaker_of
 from model.evaluation import frechet, tables
 from model.evaluation.adherence import adherence
+from model.evaluation.classifiers import (
+    NO_HEARING_JUDGE,
+    NO_SPEAKER_JUDGE,
+    UNKNOWN_SPEAKERS,
+    FewClips,
+    judge_of,
+)
 from model.evaluation.clips import (
     ROWS_FORMAT,
     Cast,
@@ -37,16 +44,9 @@ from model.evaluation.clips import (
     read_recording,
     rooted_positions,
 )
-from model.evaluation.finding import finding
-from model.evaluation.judges import (
-    NO_HEARING_JUDGE,
-    NO_SPEAKER_JUDGE,
-    UNKNOWN_SPEAKERS,
-    FewClips,
-    judge_of,
-)
+from model.evaluation.plan_detection import finding
 from model.generation.base import System
-from model.measures import beats
+from model.metrics import beats
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
 from model.sampling.samplers import USUAL, Sampling, UnknownNameError

@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from processes.ended import ChildLog, Ended, memory_kills
+from processes.exit_report import ChildLog, Ended, memory_kills
 
 _ENDS_WITHIN_S = 5.0
 """Longest time for a process with a closed channel to exit (s)."""

@@ -10,7 +10,7 @@ from renderer.body.body import BodyMotion, load_body
 from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import OffscreenRenderer
 from renderer.draw.probe import choose_backend
-from renderer.scene.stage import frames_of
+from renderer.scene.camera_setup import frames_of
 from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter

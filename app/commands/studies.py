@@ -84,7 +84,7 @@ def links(study: Study, address: str, participants: Count = None) -> None:
     from dataclasses import replace
 
     from app.study.design.key import MAX_LINKS, read_key, write_key
-    from model.storage.harmless import csv_text
+    from model.storage.escaping import csv_text
 
     path = study / "researcher_only" / "key.json"
     key = read_key(path)

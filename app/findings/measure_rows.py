@@ -12,7 +12,7 @@ from conventions.names import Version
 if TYPE_CHECKING:
     import numpy as np
 
-    from model.measures.results import Measures
+    from model.metrics.results import Measures
 
 
 def mean(values: np.ndarray) -> float:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from model.diagnostics import Diagnostics, Versions
 
 SMOOTHED = "After Savitzky-Golay smoothing"
-"""Start of a sentence about motion that was filtered by `model.motion.altered` as in the official
-code."""
+"""Start of a sentence about motion that was filtered by `model.motion.transforms` as in the
+official code."""
 SMALL_SHARE = 0.05
 
 

@@ -24,7 +24,7 @@ from app.page.theme import PLAYER_CSS, make_theme
 from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowKind, file_of, runs_in
 from app.run.pieces import MAX_FRAMES
-from model.storage.checked import FieldError, read_checked
+from model.storage.json_validation import FieldError, read_checked
 
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"

@@ -23,7 +23,7 @@ from pydantic import ValidationError
 
 from app.errors import visitor_sentence, without_folders
 from conventions.names import printable
-from model.storage.checked import why
+from model.storage.json_validation import why
 
 if TYPE_CHECKING:
     import gradio as gr

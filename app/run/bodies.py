@@ -16,7 +16,7 @@ from app.run.models import get_body
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from conventions.joints import JOINT_INDEX, TIP_VERTICES
 from conventions.rates import FPS
-from model.measures.posture import FEET
+from model.metrics.posture import FEET
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import Tracks, track_points

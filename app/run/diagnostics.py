@@ -19,14 +19,14 @@ from app.run.videos.videos import Snapshots
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
 from model.diagnostics import Diagnostics, Versions, diagnose
 from model.generation.base import Windowing
-from model.measures.beats import speech_onsets
-from model.measures.results import Measures
+from model.metrics.beats import speech_onsets
+from model.metrics.results import Measures
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import Tracks
 from model.speech.audio import Speech
 from model.speech.transcript import NOTHING_SAID, Transcript
-from model.storage.harmless import csv_text
+from model.storage.escaping import csv_text
 from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6, fits_column
 from renderer.figures.jitter import Jitter, JitterSheet
 

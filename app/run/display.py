@@ -20,7 +20,7 @@ from app.errors import RunError
 from app.flags import choice_type
 from conventions.names import printable
 from conventions.views import Build, Tone
-from model.storage.checked import FieldError, checked
+from model.storage.json_validation import FieldError, checked
 from renderer.scene.camera import Orbit
 
 Coloring = Literal["natural", "jerk"]

@@ -37,17 +37,17 @@ from app.run.run_writer import RunWriter, writing_run
 from app.run.videos.videos import jobs_of
 from conventions.names import file_stem, short_names
 from conventions.rates import SAMPLE_RATE
-from model.evaluation.judges import manner_of, wrist_speeds
+from model.evaluation.classifiers import manner_of, wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
-from model.measures.error_growth import ErrorGrowth, growth_sentence, measure_error_growth
-from model.measures.hearing import Decided, Grid, arm_rotations_same_noise, arm_speed, decided
-from model.measures.smoothness import derivative_magnitudes, mean_over_time
-from model.motion.altered import noisy_motions
+from model.metrics.error_growth import ErrorGrowth, growth_sentence, measure_error_growth
+from model.metrics.smoothness import derivative_magnitudes, mean_over_time
+from model.metrics.speech_effect import Decided, Grid, arm_rotations_same_noise, arm_speed, decided
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
 from model.motion.tracks import moving_chain, track_points
+from model.motion.transforms import noisy_motions
 from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import NOTHING_SAID

@@ -21,14 +21,14 @@ from app.run.run_writer import Rows, RunWriter
 from app.run.timeline import SpokenWords
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
-from model.faults.evidence import Finding
+from model.faults.analysis import Finding
 from model.faults.table import without
 from model.formats.read import read_any_motion
 from model.formats.reading import MOTIONS, Assumption, Reading, apart, lengths_apart
 from model.generation.base import Windowing
-from model.measures.beats import read_mean_speeds
-from model.measures.lag import heard_of
-from model.measures.posture import FEET
+from model.metrics.beats import read_mean_speeds
+from model.metrics.lag import heard_of
+from model.metrics.posture import FEET
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points

@@ -30,11 +30,11 @@ from model.generation.windows import (
     motion_pieces,
     one_thread,
 )
-from model.motion.altered import filtered
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames, load_motion, put_together
+from model.motion.transforms import filtered
+from model.plan.detection import found_plan
 from model.plan.files import check_ending, read_plan_file, write_plan_file
-from model.plan.found import found_plan
 from model.plan.plan import GesturePlan, Noted
 from model.plan.style import StyleWish, read_wish
 from model.sampling.samplers import Sampling, clip_seed

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from conventions.views import LOOKS
-from model.speech.prepared_librosa import begin_import
+from model.speech.librosa_cache import begin_import
 from model.storage.files import FileVersions, file_versions
 from model.systems.registry import list_systems, load_system, system_files
 from processes.pool import JobPool

@@ -43,17 +43,17 @@ from app.run.timeline import (
 )
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, listed, short_names
 from model.diagnostics import Diagnostics
-from model.faults.evidence import Finding, ranked
+from model.faults.analysis import Finding, ranked
 from model.formats.reading import Reading
 from model.generation.base import Windowing
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, put_together, save_motion
+from model.plan.detection import found_plan
 from model.plan.files import read_plan_file, write_plan_file
-from model.plan.found import found_plan
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, write_wav
 from model.speech.transcript import Transcript
-from model.storage.harmless import csv_text
+from model.storage.escaping import csv_text
 from renderer.body.body import Body
 from renderer.figures import kept
 from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, written

@@ -15,16 +15,15 @@ from app.run.output.run_folder import Text, file_of, read_run
 from app.run.requests.parts import NUM_WORST_SECONDS, WordSource
 from conventions.names import REFERENCE_NAME, Version
 from conventions.rates import FPS, SAMPLE_RATE
-from model.faults.evidence import Finding
+from model.faults.analysis import Finding
 from model.faults.table import SNAP
-from model.measures.smoothness import derivative_magnitudes
-from model.motion.altered import smooth_motion
+from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import Motion
 from model.motion.tracks import point_words
+from model.motion.transforms import smooth_motion
 from model.networks.speech_codes import heard_accents
-from model.plan.tier_files import Interval
+from model.plan.annotation_files import Interval
 from model.speech.audio import Speech
-from model.speech.recognised import Hearing
 from model.speech.transcript import (
     NOTHING_SAID,
     Accent,
@@ -34,7 +33,8 @@ from model.speech.transcript import (
     Word,
     read_words,
 )
-from model.storage.checked import read_checked
+from model.speech.word_recognition import Hearing
+from model.storage.json_validation import read_checked
 
 
 def worst_seconds(

@@ -43,7 +43,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     from app.study.statistics.results import analyse_participants, balance_reached, read_jitter
     from app.study.statistics.screening import Screened, screen
     from app.study.statistics.votes import battles_of, read_battles
-    from model.storage.harmless import csv_text
+    from model.storage.escaping import csv_text
 
     if request.key is not None:
         key = read_key(request.key)

@@ -28,7 +28,7 @@ from app.study.make.workspace import ExportRequest, Workspace
 from conventions.views import View
 from model.storage.files import file_sha256
 from renderer.body.body import BodyMotion
-from renderer.scene.stage import set_stage
+from renderer.scene.camera_setup import set_stage
 from renderer.video.workers import RenderJob, draw_jobs
 
 Draw = Callable[..., object]

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from model.motion.altered import motion_at_speed
 from model.motion.motion import Motion, first_frames, load_motion
+from model.motion.transforms import motion_at_speed
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.augment import at_speed, draw_recording, recorded_elsewhere
 from model.speech.encoder import SpeechEncoder

@@ -24,10 +24,10 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import read_files, read_split, speaker_of
 from model.evaluation.frechet import Features, frechet_distance, motion_features
-from model.generation.again import KeptPerformance, perform
 from model.generation.base import System
+from model.generation.regenerate import KeptPerformance, perform
 from model.generation.windows import GenerateOptions, draw_conditions
-from model.measures.posture import foot_slide
+from model.metrics.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import Tracks, track_points, wrist_places
@@ -46,7 +46,7 @@ from model.plan.editing import (
 from model.plan.files import annotated_plan
 from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan, HandPhase, Noted, PlanError, Side
-from model.plan.tracks import hand_tracks, tracks_of
+from model.plan.plan_features import hand_tracks, tracks_of
 from model.speech.audio import Speech
 from model.systems.helpers.config import FGD_ENCODER
 from model.systems.registry import load_system, usual_planner

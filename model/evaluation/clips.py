@@ -14,8 +14,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import read_files, speaker_of
 from model.diagnostics import OWN_WINDOWS, raw_evidence
 from model.evaluation import frechet
-from model.evaluation.frechet import window_diversity
-from model.evaluation.judges import (
+from model.evaluation.classifiers import (
     FewClips,
     SpeakerJudge,
     frame_loudness,
@@ -23,6 +22,7 @@ from model.evaluation.judges import (
     mean_of,
     voiced,
 )
+from model.evaluation.frechet import window_diversity
 from model.evaluation.tables import (
     Estimate,
     bootstrap,
@@ -31,15 +31,15 @@ from model.evaluation.tables import (
 )
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
-from model.measures import beats, differences, face, hearing
-from model.measures.differences import l1_to_mean
-from model.measures.face import (
+from model.metrics import beats, face, reference_error, speech_effect
+from model.metrics.face import (
     face_and_hands,
     face_measures,
     lagged_correlation,
     wrist_speed,
 )
-from model.measures.hearing import SILENCE_S, speed_in_silence
+from model.metrics.reference_error import l1_to_mean
+from model.metrics.speech_effect import SILENCE_S, speed_in_silence
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -81,13 +81,13 @@ def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> 
     grid = {("own", seed): motion for seed, motion in enumerate(motions)}
     grid |= {("foreign", seed): motion for seed, motion in enumerate(elsewhere)}
     shortest = min(motion.num_frames for motion in grid.values())
-    if len(motions) < 2 or len(elsewhere) < 2 or shortest < hearing.LEAST_FRAMES:
+    if len(motions) < 2 or len(elsewhere) < 2 or shortest < speech_effect.LEAST_FRAMES:
         return {}
     found: dict[str, float] = {}
-    for part, told in hearing.decided(grid).items():
+    for part, told in speech_effect.decided(grid).items():
         found[f"{part}_by_speech"] = told.by_speech
         found[f"{part}_same_noise"] = told.same_noise
-    return found | {"arm_rotations_same_noise": hearing.arm_rotations_same_noise(grid)}
+    return found | {"arm_rotations_same_noise": speech_effect.arm_rotations_same_noise(grid)}
 
 
 def rooted_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:
@@ -213,7 +213,7 @@ class ClipContext:
         ]
         arrays = {
             "positions": np.stack([joints[:PAIRWISE_FRAMES] for joints in positions]),
-            "windows": differences.windows_of(motions[0]),
+            "windows": reference_error.windows_of(motions[0]),
         }
         for name, judge in self.cast.judges.items():
             judged = [frechet.motion_features(judge, motion) for motion in motions]
@@ -372,9 +372,9 @@ def settings() -> dict[str, float]:
         "wrong_speech_shift_s": face.SHIFT_S,
         "silence_s": SILENCE_S,
         "coupling_max_lag_s": face.MAX_LAG_S,
-        "div_batch_windows": differences.BATCH_WINDOWS,
-        "div_window_frames": differences.WINDOW_FRAMES,
-        "div_every_frames": differences.EVERY_FRAMES,
+        "div_batch_windows": reference_error.BATCH_WINDOWS,
+        "div_window_frames": reference_error.WINDOW_FRAMES,
+        "div_every_frames": reference_error.EVERY_FRAMES,
     }
 
 

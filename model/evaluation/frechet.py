@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from model.evaluation.tables import Estimate, bootstrap_of, interval_of
-from model.measures.differences import GESTURE_DIM, batches, pair_distances
+from model.metrics.reference_error import GESTURE_DIM, batches, pair_distances
 from model.motion.motion import Motion, face_units
 from model.networks.autoencoder import FrozenEncoder, input_vectors
 from model.systems.helpers.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
-from model.storage import harmless
+from model.storage import escaping
 
 DRAWS = 2000
 PERCENTILES = (2.5, 97.5)
@@ -134,7 +134,7 @@ def _cell(columns: dict[str, dict], measure: str) -> str:
 def as_markdown(table: dict) -> str:
     """Format the table as Markdown, with systems in columns so that they stay narrow."""
     rows = table["motion"]
-    heads = [f"{len(table['clips'])} test clips", *map(harmless.markdown, rows)]
+    heads = [f"{len(table['clips'])} test clips", *map(escaping.markdown, rows)]
     cells = [
         [heading, *(_cell(columns, measure) for columns in rows.values())]
         for measure, heading in COLUMNS.items()
@@ -158,7 +158,7 @@ def as_csv(table: dict) -> str:
         for row, columns in [*table["motion"].items(), ("recorded", floors)]
         for measure, value in columns.items()
     ]
-    return harmless.csv_text([["row", "measure", "mean", "low", "high"], *lines], line_end="\n")
+    return escaping.csv_text([["row", "measure", "mean", "low", "high"], *lines], line_end="\n")
 
 
 def as_latex(table: dict) -> str:
@@ -167,11 +167,11 @@ def as_latex(table: dict) -> str:
     lines = [
         r"\begin{tabular}{l" + "r" * len(rows) + "}",
         r"\hline",
-        " & ".join(["", *map(harmless.tex, rows)]) + r" \\",
+        " & ".join(["", *map(escaping.tex, rows)]) + r" \\",
         r"\hline",
     ]
     for measure, heading in COLUMNS.items():
         if any(measure in columns for columns in rows.values()):
             cells = [_cell(columns, measure) for columns in rows.values()]
-            lines.append(" & ".join([harmless.tex(heading), *cells]) + r" \\")
+            lines.append(" & ".join([escaping.tex(heading), *cells]) + r" \\")
     return "\n".join([*lines, r"\hline", r"\end{tabular}", ""])

@@ -1,1 +1,1 @@
-"""Detectors of faults in motion, listed in ``table.py``; may import `model.measures`."""
+"""Detectors of faults in motion, listed in ``table.py``; may import `model.metrics`."""

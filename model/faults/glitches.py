@@ -12,7 +12,7 @@ from jaxtyping import Float
 from conventions.joints import JOINT_NAMES, UPPER_BODY
 from conventions.names import listed
 from conventions.rates import FPS
-from model.faults.evidence import (
+from model.faults.analysis import (
     BODY,
     UPPER_AND_HANDS,
     Evidence,
@@ -20,7 +20,7 @@ from model.faults.evidence import (
     clock,
     stretches_of,
 )
-from model.measures.face import correlation
+from model.metrics.face import correlation
 from model.motion.tracks import point_words
 
 NOISE_DEG = 0.4

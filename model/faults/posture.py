@@ -8,7 +8,7 @@ import numpy as np
 from conventions.joints import JOINT_INDEX
 from conventions.names import listed
 from conventions.rates import FPS
-from model.faults.evidence import (
+from model.faults.analysis import (
     BODY,
     UPPER_AND_HANDS,
     Evidence,
@@ -17,10 +17,10 @@ from model.faults.evidence import (
     most_in_a_second,
     stretches_of,
 )
-from model.measures.face import unit_columns
-from model.measures.joints import FINGER_JOINT_NAMES
-from model.measures.posture import FEET, FLOATING_M, GROUND_PERCENTILE, SINKING_M, WRISTS
-from model.measures.smoothness import derivative_magnitudes
+from model.metrics.face import unit_columns
+from model.metrics.joints import FINGER_JOINT_NAMES
+from model.metrics.posture import FEET, FLOATING_M, GROUND_PERCENTILE, SINKING_M, WRISTS
+from model.metrics.smoothness import derivative_magnitudes
 from model.motion.tracks import point_words
 
 LYING_DEG = 45.0

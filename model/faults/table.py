@@ -3,8 +3,8 @@
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
-from model.faults import glitches, levels, posture
-from model.faults.evidence import MEASURED, SEEN, WRONG, Evidence, Finding, by_gravity
+from model.faults import glitches, posture, range_checks
+from model.faults.analysis import MEASURED, SEEN, WRONG, Evidence, Finding, by_gravity
 
 
 @dataclass(frozen=True)
@@ -60,10 +60,10 @@ FAULTS: tuple[Fault, ...] = (
     Fault("hand_in_body", SEEN, posture.hand_in_body),
     Fault("still_face", SEEN, posture.still_face, of=("face",)),
     Fault("copied_face", SEEN, posture.copied_face, "reference", of=("face",)),
-    Fault("jerk", SEEN, levels.JERK.search, explains=("high_frequency",), of=("detail",)),
-    Fault("high_frequency", SEEN, levels.HIGH_FREQUENCY.search, of=("detail",)),
-    Fault("amplitude", MEASURED, levels.AMPLITUDE.search),
-    Fault("speed", MEASURED, levels.SPEED.search),
+    Fault("jerk", SEEN, range_checks.JERK.search, explains=("high_frequency",), of=("detail",)),
+    Fault("high_frequency", SEEN, range_checks.HIGH_FREQUENCY.search, of=("detail",)),
+    Fault("amplitude", MEASURED, range_checks.AMPLITUDE.search),
+    Fault("speed", MEASURED, range_checks.SPEED.search),
 )
 STILL = Fault("still", WRONG, posture.nothing_moves)
 """Detector that runs first: if nothing moves, no other finding is reported."""

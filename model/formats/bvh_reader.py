@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.names import listed
 from model.formats.bvh_text import Joint, read_text
-from model.formats.numbers import Draft
+from model.formats.motion_draft import Draft
 from model.formats.reading import AXES, METRES, Kind, Sure, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import point_words

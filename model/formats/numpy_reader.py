@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from conventions.joints import FACE, HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS
 from conventions.names import listed, printable
 from conventions.rates import FPS
-from model.formats.numbers import (
+from model.formats.motion_draft import (
     BODY,
     JOINT_SETS,
     SET_NAMES,

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from model.formats.bvh_reader import read_bvh
-from model.formats.judged import finished
+from model.formats.convention_detection import finished
 from model.formats.numpy_reader import CONVERT, read_npy, read_npz
 from model.formats.reading import Assumptions, Reading
 from model.storage.npz import MotionError, opened_archive, read_array, read_headers

@@ -19,7 +19,7 @@ from model.motion.motion import ExpressionBasis, Motion
 from model.motion.packing import Normaliser
 from model.motion.rotations import interpolate_rotations
 from model.motion.spaces import RootMotion, RotationSpace
-from model.plan.tier_files import Interval
+from model.plan.annotation_files import Interval
 from model.sampling.flow import SpeechGuide, seeded_noise
 from model.sampling.samplers import Sampler, Sampling, UnknownNameError
 from model.speech.encoder import SpeechEncoder

@@ -19,7 +19,7 @@ from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion, put_together
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
-from model.plan.tier_files import Interval
+from model.plan.annotation_files import Interval
 from model.sampling.samplers import Sampling
 from model.speech.audio import Speech
 from processes.job import Cancelled

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from model.plan.annotation_files import Interval
 from model.plan.kinds import (
     BY_BOTH,
     HOLD_S,
@@ -47,7 +48,6 @@ from model.plan.plan import (
     Stand,
     without_gaps,
 )
-from model.plan.tier_files import Interval
 
 LEAST_S: dict[Phase, float] = {
     "rest": LEAST_REST_S, "preparation": 0.2, "stroke": 0.2, "hold": 0.1, "beat": 0.1,

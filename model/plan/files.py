@@ -19,6 +19,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from conventions.rates import FPS
+from model.plan.annotation_files import (
+    Interval,
+    NamedTier,
+    decode_text,
+    elan_of,
+    elan_tiers,
+    textgrid_of,
+    textgrid_tiers,
+)
 from model.plan.kinds import REST_PLACE, Place, usual_goal
 from model.plan.plan import (
     FORMAT,
@@ -40,18 +49,9 @@ from model.plan.plan import (
     Span,
     Stand,
 )
-from model.plan.tier_files import (
-    Interval,
-    NamedTier,
-    decode_text,
-    elan_of,
-    elan_tiers,
-    textgrid_of,
-    textgrid_tiers,
-)
-from model.storage.checked import FieldError, checked
+from model.storage.escaping import csv_text
 from model.storage.files import bytes_within, write_atomically
-from model.storage.harmless import csv_text
+from model.storage.json_validation import FieldError, checked
 
 PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
 _SAME_MOMENT_S = 0.5 / FPS

@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from conventions.rates import FPS
+from model.plan.annotation_files import Interval
 from model.plan.plan import SIDES, STILL, GesturePlan, HandPhase, Side, without_gaps
-from model.plan.tier_files import Interval
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from model.plan.annotation_files import Interval
 from model.plan.editing import (
     Gesture,
     added,
@@ -34,7 +35,6 @@ from model.plan.editing import (
 )
 from model.plan.kinds import REST_PLACE, TOGETHER_S, strokes_of
 from model.plan.plan import SIDES, GesturePlan, HandPhase, Noted, PlanError, Smile
-from model.plan.tier_files import Interval
 from model.storage.files import bytes_within
 
 _CLOSE = 0.02

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.speech.prepared_librosa import librosa
+from model.speech.librosa_cache import librosa
 
 HOP = 160  # 10 ms
 WINDOW = 400  # 25 ms of speech under each spectrum

@@ -12,7 +12,13 @@ from math import inf, isnan
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from model.plan.tier_files import Interval, NamedTier, decode_text, is_textgrid, textgrid_tiers
+from model.plan.annotation_files import (
+    Interval,
+    NamedTier,
+    decode_text,
+    is_textgrid,
+    textgrid_tiers,
+)
 from model.speech.word_files import parse_captions, parse_ctm, parse_json, parse_table
 from model.storage.files import bytes_within
 

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from model.plan.tier_files import Interval
+from model.plan.annotation_files import Interval
 
 SHORTEST_S = 0.01
 """Duration (s) of a word that a recogniser wrote with equal start and end."""

@@ -21,8 +21,8 @@ from model.data.prepared import Batch, PreparedClip, PreparedData, prepare
 from model.speech.encoders import make_encoder
 from model.storage.cards import load_card, to_json
 from model.storage.checkpoint import save_weights
+from model.storage.escaping import csv_text
 from model.storage.files import write_atomically, written_atomically
-from model.storage.harmless import csv_text
 from model.storage.revision import revision
 from model.training.config import TrainConfig
 from model.training.parallel import WHOLE, Shard

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from processes.ended import Ended
+from processes.exit_report import Ended
 from renderer.draw.offscreen import BACKENDS, Backend, GLError, OffscreenRenderer
 
 DEBIAN_PACKAGES: dict[Backend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
@@ -83,7 +83,7 @@ def driver_that_draws(name: Backend) -> str:
     """
     from renderer.body.body import load_body
     from renderer.scene.camera import frame_points
-    from renderer.scene.stage import Shot, Stage
+    from renderer.scene.camera_setup import Shot, Stage
     from renderer.scene.studio import FramePreparer, Subject
 
     body = load_body()

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
 from conventions.rates import FPS
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.stage import frames_of
+from renderer.scene.camera_setup import frames_of
 
 
 def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:

@@ -27,7 +27,7 @@ from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.skinning import VertexNormals
 from renderer.scene.camera import Z_NEAR_M
-from renderer.scene.stage import Stage, set_stage
+from renderer.scene.camera_setup import Stage, set_stage
 
 INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3

@@ -8,7 +8,7 @@ from jaxtyping import Float, Float32, Int, UInt8
 from scipy import ndimage
 
 from renderer.body.skinning import VertexNormals
-from renderer.scene.stage import Stage
+from renderer.scene.camera_setup import Stage
 
 RESOLUTION = 160
 """Texels along each side of the floor; the shadow is soft, so few are enough."""

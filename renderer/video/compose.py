@@ -14,7 +14,7 @@ from jaxtyping import UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from conventions.rates import FPS
-from renderer.scene.stage import Panel
+from renderer.scene.camera_setup import Panel
 from renderer.video.encoder import Encoder, VideoError, VideoFacts, read_facts
 
 MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080

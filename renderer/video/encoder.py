@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from conventions.rates import FPS
-from processes.ended import Ended
+from processes.exit_report import Ended
 from processes.job import Cancelled
 
 DEFAULT_CRF = 20

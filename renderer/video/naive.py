@@ -8,7 +8,7 @@ from renderer.body.body import Body
 from renderer.draw.offscreen import open_gl
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Z_NEAR_M, Camera
-from renderer.scene.stage import Stage
+from renderer.scene.camera_setup import Stage
 from renderer.scene.studio import STUDIO
 
 

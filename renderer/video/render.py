@@ -13,7 +13,7 @@ from renderer.body.levels import body_at
 from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
-from renderer.scene.stage import (
+from renderer.scene.camera_setup import (
     Panel,
     Shot,
     Stage,
@@ -23,7 +23,7 @@ from renderer.scene.stage import (
 )
 from renderer.scene.studio import FramePreparer, PosedFrame, Subject
 from renderer.video.encoder import DEFAULT_CRF, check_size
-from renderer.video.marks import MarkPainter, Marks, heat_colors
+from renderer.video.overlays import MarkPainter, Marks, heat_colors
 
 MIN_SIZE_PX, MAX_SIZE_PX = 64, 2160
 _LINE_PX, _LINE = 2, 255

@@ -19,15 +19,15 @@ from jaxtyping import UInt8
 
 from conventions.views import LOOKS
 from processes.child import Child, Gone, parent_channel
-from processes.ended import Ended
+from processes.exit_report import Ended
 from processes.job import Cancelled
 from renderer.body.body import BodyMotion, load_body
 from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
-from renderer.scene.stage import Stage
+from renderer.scene.camera_setup import Stage
 from renderer.video.encoder import VideoError, VideoWriter, partial_path
-from renderer.video.marks import Marks
+from renderer.video.overlays import Marks
 from renderer.video.render import RenderSettings, check_frames, draw_frames, stacked
 
 PARALLEL_JOBS = 2

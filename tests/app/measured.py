@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from model.diagnostics import OWN_WINDOWS, Diagnostics, Versions, diagnose
-from model.measures.results import Measures
+from model.metrics.results import Measures
 from model.motion.kinematics import open_body_skeleton
 from tests.helpers import smooth_motion_example
 

@@ -36,7 +36,7 @@ from app.study.export import export_study, zipped
 from app.study.make.workspace import ExportRequest
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
-from model.speech.prepared_librosa import librosa
+from model.speech.librosa_cache import librosa
 from tests.app import fakes
 from tests.app.study.made_study import draw_noise
 from tests.conftest import MadeOnce

@@ -19,9 +19,9 @@ from app.page.tabs.own_motion import CLIP_LABEL, TAB
 from app.run.bodies import in_register
 from app.run.examples import CLEAN, slide
 from conventions.joints import HANDS
-from model.formats.judged import RELAXED_HANDS
+from model.formats.convention_detection import RELAXED_HANDS
 from model.motion.motion import load_motion, save_motion
-from model.plan.tier_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import write_wav
 from renderer.video.compose import band_height
 from tests.browser.conftest import (

@@ -15,10 +15,10 @@ from app import text
 from app.page.tabs import live as live_tab
 from app.page.tabs.study import PREVIEW
 from app.study.leaks import check_study
+from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.plan.editing import added, gestures
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan
-from model.plan.tier_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import write_wav
 from tests.browser.conftest import (
     AT_REST,

@@ -17,8 +17,8 @@ from app.run import display
 from app.run.bodies import body_motion
 from app.run.display import Seen
 from app.run.pieces import frames_message
-from model.motion.altered import exaggerate, smooth_motion
 from model.motion.motion import Motion
+from model.motion.transforms import exaggerate, smooth_motion
 from renderer.body.body import load_body
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import (
@@ -30,7 +30,7 @@ from renderer.scene.camera import (
     frame_points,
     view_axes,
 )
-from renderer.scene.stage import set_stage
+from renderer.scene.camera_setup import set_stage
 from renderer.video.render import RenderSettings
 from tests.browser.conftest import (
     AT_REST,

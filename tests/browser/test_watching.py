@@ -14,7 +14,7 @@ from app.config import AppConfig
 from app.page.tabs import own_motion
 from app.run.experiments import NAMES
 from model.motion.motion import save_motion
-from model.plan.tier_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import write_wav
 from model.systems.globaldiff.config import BEST
 from tests.app import fakes

@@ -15,14 +15,14 @@ import torch
 
 from model.data.recordings import DataError, read_files
 from model.evaluate import evaluate, main
-from model.evaluation.clips import Cast, ClipRow, as_table
-from model.evaluation.frechet import ENCODERS
-from model.evaluation.judges import (
+from model.evaluation.classifiers import (
     NO_HEARING_JUDGE,
     NO_SPEAKER_JUDGE,
     UNKNOWN_SPEAKERS,
     wrist_speeds,
 )
+from model.evaluation.clips import Cast, ClipRow, as_table
+from model.evaluation.frechet import ENCODERS
 from model.evaluation.tables import (
     as_csv,
     as_markdown,

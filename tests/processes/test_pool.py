@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from processes.ended import NUM_LINES, Ended, last_lines
+from processes.exit_report import NUM_LINES, Ended, last_lines
 from processes.job import Cancelled, JobsError
 from processes.pool import MAX_BREAKS, JobPool
 from tests.helpers import ROOT

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.stage import Stage
-from renderer.video.marks import Marks
+from renderer.scene.camera_setup import Stage
+from renderer.video.overlays import Marks
 from renderer.video.render import RenderSettings, draw_frames, stacked
 
 

@@ -21,7 +21,7 @@ from renderer.body.body_file import OPEN_BODY_FORMAT
 from renderer.body.decimation import coarser, surface_of
 from renderer.body.look import REGION_INDEX
 from tools.bake import clothes, face, geometry
-from tools.bake.builds import FIGURES, in_zero_pose, joint_weights, on_skeleton
+from tools.bake.body_shapes import FIGURES, in_zero_pose, joint_weights, on_skeleton
 from tools.bake.geometry import Mesh
 from tools.bake.makehuman import MakeHuman
 from tools.bake.skinning import pose_correctives

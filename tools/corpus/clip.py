@@ -16,7 +16,7 @@ from jaxtyping import Float32
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from conventions.rates import FPS
-from model.plan.tier_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import wav_bytes
 from model.storage.files import write_atomically, write_error
 from tools.corpus.body.arms import follow_plan, move_arms

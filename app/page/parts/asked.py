@@ -15,7 +15,7 @@ from pydantic import ConfigDict, ValidationError, create_model
 
 from app.errors import RunError
 from app.run.requests.convert import all_names, default_of, field_type, parse_field
-from model.storage.checked import why
+from model.storage.json_validation import why
 
 LONGEST_TEXT = 5000
 _KINDS = {

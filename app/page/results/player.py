@@ -29,7 +29,7 @@ from app.run.output.run_folder import (
     runs_in,
 )
 from conventions.names import REFERENCE_NAME, file_stem
-from model.storage.checked import FieldError, read_checked
+from model.storage.json_validation import FieldError, read_checked
 
 if TYPE_CHECKING:
     from app.run.takes.edits import Offer

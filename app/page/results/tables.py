@@ -27,7 +27,7 @@ from app.page.parts import markup
 from app.run.many.table import DISTANCE, cells_of, interval, star_told
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
-from model.storage.harmless import csv_text
+from model.storage.escaping import csv_text
 
 
 @dataclass(frozen=True)

@@ -272,7 +272,7 @@ def stage_facts() -> bytes:
     from conventions.views import BUILDS, CUTOFF_HZ, MAX_TURN_RAD
     from renderer.body.look import COLORS
     from renderer.files.glb import STEP_M
-    from renderer.video.facts import drawing_facts
+    from renderer.video.render_constants import drawing_facts
 
     told = {
         **drawing_facts(),

@@ -172,7 +172,7 @@ export interface Light {
 
 export type Vector = [number, number, number];
 
-/** By which numbers videos are drawn: renderer/video/facts.py and app/page/routes/media.py. */
+/** By which numbers videos are drawn: renderer/video/render_constants.py and app/page/routes/media.py. */
 export interface Facts {
   lighting: string;
   studio: { key: Light; fill: Light; rim: Light; ambient: number; background: Vector; shadow_from: Vector };

@@ -21,8 +21,8 @@ from app.errors import RunError
 from app.findings.comparison import kinds_told
 from app.findings.measure_rows import MEASURES, with_partners, written
 from conventions.names import REFERENCE_NAME, printable
-from model.storage.checked import FieldError, read_checked
 from model.storage.files import bytes_within, write_atomically
+from model.storage.json_validation import FieldError, read_checked
 
 FORMAT = 1
 MAX_BYTES = 32 * 2**20

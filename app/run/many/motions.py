@@ -37,8 +37,8 @@ from model.faults.table import find_faults, without
 from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import LACKS, MOTIONS, REFERENCE, Reading
-from model.measures.beats import read_mean_speeds
-from model.measures.lag import heard_of
+from model.metrics.beats import read_mean_speeds
+from model.metrics.lag import heard_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.speech.audio import SpeechLimits, load_speech

@@ -20,7 +20,7 @@ from app.findings.measure_rows import JERK, MEASURES, Measure, ranged, written
 from app.findings.verdict import ENOUGH_CLIPS
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
-from model.storage.harmless import csv_text, markdown, tex
+from model.storage.escaping import csv_text, markdown, tex
 
 DISTANCE = "Distribution: FGD to the recorded set, our encoder"
 NUM_WORST = 10

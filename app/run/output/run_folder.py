@@ -28,8 +28,8 @@ from conventions.names import (
     printable,
     short_names,
 )
-from model.storage.checked import FieldError, read_checked
 from model.storage.files import opened_zip, write_atomically
+from model.storage.json_validation import FieldError, read_checked
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"

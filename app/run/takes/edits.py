@@ -29,7 +29,7 @@ from model.plan.plan import (
 )
 from model.plan.style import LIMITS, StyleWish
 from model.speech.transcript import Word
-from model.storage.checked import why
+from model.storage.json_validation import why
 
 MAX_EDITS = 60
 """Maximum number of edits in one request."""

@@ -32,17 +32,17 @@ from app.run.takes.edits import MadeTake, PlanEditRequest, edited, offers_for
 from app.run.timeline import said_in
 from conventions.names import SampleName, file_stem
 from conventions.rates import FPS
-from model.generation.again import (
+from model.generation.base import System
+from model.generation.regenerate import (
     ENDING,
     KeptPerformance,
     load_performance,
     perform,
     save_performance,
 )
-from model.generation.base import System
 from model.generation.windows import GenerateOptions
-from model.motion.altered import filtered
 from model.motion.motion import Motion, load_motion
+from model.motion.transforms import filtered
 from model.plan.editing import Gesture as Which
 from model.plan.editing import partner_of
 from model.plan.files import read_plan_file
@@ -51,7 +51,7 @@ from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import Word
-from model.storage.checked import adapter
+from model.storage.json_validation import adapter
 
 MAX_TAKES = 60
 """Maximum number of takes of a run."""

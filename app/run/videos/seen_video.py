@@ -20,11 +20,11 @@ from app.run.tasks import SeenVideo
 from app.run.videos.videos import jobs_of
 from conventions.rates import FPS
 from conventions.views import LOOKS
-from model.motion.altered import smooth_motion
 from model.motion.motion import Motion, load_motion
+from model.motion.transforms import smooth_motion
 from renderer.body.body import Body, BodyMotion
 from renderer.scene.camera import Orbit
-from renderer.scene.stage import Panel
+from renderer.scene.camera_setup import Panel
 from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, Pair, band_height, compose_videos
 from renderer.video.workers import RenderJob, draw_jobs
 

@@ -25,14 +25,14 @@ from app.run.requests.parts import MAX_COMPARED, VideoOptions
 from app.run.requests.requests import RunVideosRequest
 from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
-from model.measures.smoothness import derivative_magnitudes
-from model.motion.altered import exaggerate
+from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import Motion, load_motion
+from model.motion.transforms import exaggerate
 from renderer.body.body import Body, BodyMotion
 from renderer.figures.figure6 import JointMarks
-from renderer.scene.stage import Panel, Stage, frames_of, lay_out
+from renderer.scene.camera_setup import Panel, Stage, frames_of, lay_out
 from renderer.video.compose import compose_videos
-from renderer.video.marks import Heat, Marks, Trail
+from renderer.video.overlays import Heat, Marks, Trail
 from renderer.video.render import (
     RenderSettings,
     draw_frames,

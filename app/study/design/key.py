@@ -19,8 +19,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
-from model.storage.checked import STRICT, FieldError, Text, adapter, read_checked
 from model.storage.files import written_atomically
+from model.storage.json_validation import STRICT, FieldError, Text, adapter, read_checked
 
 Protocol = Literal["pairwise", "matched", "ranking", "rating"]
 TrialKind = Literal["pair", "match", "rank", "rate", "attention"]

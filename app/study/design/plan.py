@@ -20,7 +20,7 @@ from app.errors import RunError
 from app.study.design.key import MAX_PANEL_IDS, MAX_SYSTEMS, PanelName, Protocol, Question
 from conventions.names import PostFilter
 from conventions.views import VIEWS, View
-from model.storage.checked import FieldError, Text, checked
+from model.storage.json_validation import FieldError, Text, checked
 from model.systems.registry import families, planning_systems
 
 MAX_LENGTH_S = 120.0

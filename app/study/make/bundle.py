@@ -22,7 +22,7 @@ from app.study.design.trials import Design, measure_balance, size_of
 from app.study.make import media
 from app.study.make.motions import Source
 from app.study.make.workspace import Workspace
-from model.storage.harmless import csv_text, markdown
+from model.storage.escaping import csv_text, markdown
 
 SITE = Path(__file__).with_name("site")
 INDEX, DATA = "index.html", "study-data.js"

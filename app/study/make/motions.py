@@ -18,15 +18,15 @@ from app.study.design.plan import Clip, Condition, Plan
 from conventions.rates import FPS, SAMPLE_RATE
 from model.formats.read import read_any_motion
 from model.generation.windows import GenerateOptions, draw_conditions, generate_motion
-from model.motion.altered import filtered
 from model.motion.motion import Motion
+from model.motion.transforms import filtered
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan, PlanError
 from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, load_speech
 from model.storage.files import file_sha256
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.stage import set_stage
+from renderer.scene.camera_setup import set_stage
 
 FACE_JOINTS = slice(3 * 22, 3 * 25)
 """Columns of jaw and eyes in ``poses``."""

@@ -22,7 +22,7 @@ from app.study.statistics.results import BalanceReached, QuestionResult
 from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
 from app.study.statistics.shares import ALPHA, MIN_CLIPS, Number
 from conventions.names import counted, listed, printable
-from model.storage import harmless
+from model.storage import escaping
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 """Separator between a number and its unit."""
@@ -199,7 +199,7 @@ def csv_of(results: Sequence[QuestionResult]) -> str:
                 cells |= dict.fromkeys(_COUNTS)
             shown = (_digits(v) if isinstance(v, float) else v for v in cells.values())
             rows.append((result.question.id, *shown))
-    return harmless.csv_text(rows)
+    return escaping.csv_text(rows)
 
 
 def participants_csv(key: Key, screened: Screened) -> str:
@@ -215,7 +215,7 @@ def participants_csv(key: Key, screened: Screened) -> str:
         times = (one.started.isoformat(), one.finished.isoformat() if one.finished else "")
         about = (one.source, one.id, *ids, one.list_number, *times, counts, why)
         rows.append((*about, len(one.answers), len(skipped_by(one))))
-    return harmless.csv_text(rows)
+    return escaping.csv_text(rows)
 
 
 def _digits(value: float) -> str | None:
@@ -231,10 +231,10 @@ def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
         "share_of_all_votes": "Votes in all comparisons in per cent, 95 % intervals.",
         "mean_rating": "Mean ratings, 95 % intervals.",
     }
-    table = pd.DataFrame({"System": map(harmless.tex, key.systems)})
+    table = pd.DataFrame({"System": map(escaping.tex, key.systems)})
     for result in results:
         cells = [_latex_cell(result.one(result.ends, name)) for name in key.systems]
-        table[harmless.tex(result.question.id)] = cells
+        table[escaping.tex(result.question.id)] = cells
     tabular = table.to_latex(index=False, escape=False, column_format="l" + "c" * len(results))
     return f"% Needs \\usepackage{{booktabs}}. {captions[results[0].ends]}\n{tabular}"
 

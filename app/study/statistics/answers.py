@@ -24,7 +24,7 @@ from app.study.design.key import (
     PanelValue,
     Question,
 )
-from model.storage.checked import STRICT, FieldError, Text, checked, read_checked
+from model.storage.json_validation import STRICT, FieldError, Text, checked, read_checked
 
 TIE = "tie"
 TRUTH_NAME = "truth.json"

@@ -24,7 +24,7 @@ from model.motion.packing import Normaliser
 from model.networks.branch import AddedTokens, PriorNetwork
 from model.networks.config import BranchConfig
 from model.networks.trained import Trained
-from model.plan.tracks import NUM_FACE_TRACKS
+from model.plan.plan_features import NUM_FACE_TRACKS
 from model.sampling.flow import seeded_noise
 from model.sampling.prior import GaussianPrior
 from model.storage.cards import CheckpointError, load_card
@@ -51,8 +51,8 @@ class FaceNetwork(PriorNetwork):
     ) -> Float[Tensor, "B T E"]:
         """Predict the clean components x_1, with the inputs of `PriorNetwork` and a plan.
 
-        ``tracks`` are `model.plan.tracks.FACE_TRACKS` of the speech's frames; ``has_plan`` drops
-        them.
+        ``tracks`` are `model.plan.plan_features.FACE_TRACKS` of the speech's frames; ``has_plan``
+        drops them.
         """
         if tracks is None:
             return super().forward(x_t, t, **conditions)
@@ -91,7 +91,7 @@ class Face:
 
         Args:
             seed: normalised last frames of the windows before; None at the start of a clip.
-            plan: `model.plan.tracks.FACE_TRACKS` of the same frames as the speech.
+            plan: `model.plan.plan_features.FACE_TRACKS` of the same frames as the speech.
         """
         size = len(speech)
         known = torch.zeros_like(noise[:, : self.config.seed_frames]) if seed is None else seed

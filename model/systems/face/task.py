@@ -3,9 +3,9 @@
 import torch
 from torch import nn
 
-from model.data.annotated import prepare_plans
+from model.data.annotations import prepare_plans
 from model.data.prepared import Batch, PreparedData
-from model.plan.tracks import FACE_TRACKS
+from model.plan.plan_features import FACE_TRACKS
 from model.sampling.flow import interpolate, time_weight
 from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork

@@ -5,7 +5,7 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from model.data.annotated import annotated_speech, prepare_plans
+from model.data.annotations import annotated_speech, prepare_plans
 from model.data.prepared import Batch, PreparedData
 from model.data.recordings import DataError
 from model.motion.kinematics import open_body_skeleton

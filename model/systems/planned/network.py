@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from model.networks.branch import AddedTokens, PriorNetwork
-from model.plan.tracks import BY_NAME, NUM_TRACKS, TIERS, Tier
+from model.plan.plan_features import BY_NAME, NUM_TRACKS, TIERS, Tier
 from model.sampling.prior import GaussianPrior
 from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 

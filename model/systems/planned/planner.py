@@ -20,7 +20,7 @@ from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import Trained
 from model.plan.kinds import KindTable, drawn_by, kinds_of
 from model.plan.plan import GesturePlan
-from model.plan.tracks import BY_NAME, TIERS, Begun, plan_of, seen_of, tracks_of
+from model.plan.plan_features import BY_NAME, TIERS, Begun, plan_of, seen_of, tracks_of
 from model.speech.encoder import SPEECH_ENCODER
 from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead

@@ -13,16 +13,16 @@ from conventions.joints import JOINT_INDEX
 from model.generation.base import Draw
 from model.networks.trained import Trained
 from model.plan.plan import GesturePlan
-from model.plan.tracks import FACE_TRACKS, NUM_TRACKS, at_rest
+from model.plan.plan_features import FACE_TRACKS, NUM_TRACKS, at_rest
 from model.sampling.flow import SpeechGuide
 from model.storage.cards import CheckpointError
 from model.systems.face.face import faced
 from model.systems.globaldiff.system import GlobalDiffSystem
-from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import FAMILY, PLANNER, PlannedNetworkConfig
-from model.systems.planned.limbs import Limbs
+from model.systems.planned.limb_constraints import Limbs
 from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
+from model.systems.planned.streaming_planner import CausalPlanner
 
 STRENGTH = 1.4
 """Guidance scale of plan, speech and speaker together in the motion."""

@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from model.data.annotated import Plans, prepare_plans
+from model.data.annotations import Plans, prepare_plans
 from model.data.prepared import Batch, PreparedData
 from model.networks.speech_codes import load_codes
 from model.sampling.prior import GaussianPrior

@@ -20,7 +20,7 @@ from app.commands import doctor
 from app.commands.cli import main, parse
 from app.run.display import Display
 from model.motion.motion import save_motion
-from model.plan.tier_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from renderer.video.compose import band_height
 from tests.helpers import ROOT, smooth_motion_example
 

@@ -9,7 +9,7 @@ import pytest
 
 from app.commands.cli import main
 from conventions.joints import HANDS
-from model.formats.judged import RELAXED_HANDS
+from model.formats.convention_detection import RELAXED_HANDS
 from model.formats.read import read_any_motion
 from model.motion.motion import load_motion
 from tests.model.formats.made import FROM_Y, Person, joints_of, turned

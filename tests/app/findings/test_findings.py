@@ -28,10 +28,10 @@ from app.run.pipeline import run
 from app.run.run_writer import findings_told
 from conventions.names import SampleName, short_names
 from model.diagnostics import Versions
-from model.faults.evidence import Finding
-from model.measures.point import JerkAttribution
-from model.measures.results import BeatMeasures
-from model.measures.seams import Period
+from model.faults.analysis import Finding
+from model.metrics.results import BeatMeasures
+from model.metrics.seams import Period
+from model.metrics.tracked_point import JerkAttribution
 from tests.app.measured import both, diagnostics_of
 from tests.app.requests import diagnose_request
 

@@ -165,7 +165,7 @@ ELSEWHERE = {
 }
 """What a firewall and a notebook leave in the environment of a page that is started there."""
 HEAVY = {"torch", "scipy", "matplotlib", "librosa", "numba", "trimesh", "pyrender"}
-HEAVY |= {"pocketsphinx", "model.speech.recognised"}
+HEAVY |= {"pocketsphinx", "model.speech.word_recognition"}
 START = f"""
 import json, signal, sys
 from dataclasses import replace

@@ -12,7 +12,7 @@ from app import text
 from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.worker import Limits, Worker
 from app.run.callbacks import Ear, Event, Grown, Progress
-from processes import ended
+from processes import exit_report
 from tests.app.page import ends
 from tests.processes.made import kill, run_out_of_memory
 
@@ -165,7 +165,7 @@ def test_a_process_that_dies_says_how_and_the_next_task_goes_well(end, words, wo
 def test_memory_is_named_where_the_kernel_has_ended_it(worker, tmp_path, monkeypatch):
     """The counter of a control group rises while the run goes on."""
     (tmp_path / "memory.events").write_text("oom 0\noom_kill 4\n")
-    monkeypatch.setattr(ended, "_counters", lambda: iter([tmp_path / "memory.events"]))
+    monkeypatch.setattr(exit_report, "_counters", lambda: iter([tmp_path / "memory.events"]))
 
     def strike() -> bool:
         if worker._turn.locked():

@@ -15,7 +15,7 @@ from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.run_writer import writing_run
 from conventions.names import file_stem
 from conventions.rates import SAMPLE_RATE
-from model.measures.smoothness import derivative_magnitudes
+from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID

@@ -45,7 +45,7 @@ from tests.app.requests import rotation_noise_request
 from tests.conftest import MadeOnce
 from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.made import made_waveform
-from tests.model.measures.test_hearing import motion_of
+from tests.model.metrics.test_speech_effect import motion_of
 from tests.renderer.video.test_encoder import decoded_frames
 
 WORLD = "globaldiff/global"

@@ -23,14 +23,14 @@ from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
 from conventions.joints import JOINT_INDEX
 from model.diagnostics import diagnose
-from model.faults.evidence import Finding
+from model.faults.analysis import Finding
 from model.faults.table import FAULTS, without
 from model.formats.reading import read_told
-from model.measures.beats import speech_onsets
-from model.measures.smoothness import VelocitySpectrum
+from model.metrics.beats import speech_onsets
+from model.metrics.smoothness import VelocitySpectrum
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion, save_motion
-from model.plan.tier_files import Interval
+from model.plan.annotation_files import Interval
 from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import Transcript, Word
 from renderer.video.encoder import read_facts

@@ -21,7 +21,7 @@ from model.systems.planned.config import PLANNED
 from tests.app.requests import generate_request, plan_request
 from tests.model.made import made_waveform
 from tests.model.plan.made import grid, tier
-from tests.model.plan.test_found import made_motion
+from tests.model.plan.test_detection import made_motion
 
 STEM = "workbench-planned"
 WORLD = "globaldiff/global"

@@ -31,11 +31,11 @@ from app.run.pieces import HEADER
 from app.run.pipeline import record_of, run
 from app.run.run_writer import findings_told, writing_run
 from app.run.timeline import said_in
-from model.faults.evidence import WRONG, Finding
+from model.faults.analysis import WRONG, Finding
 from model.motion.motion import load_motion, save_motion
+from model.plan.annotation_files import Interval
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan, HandPhase, Nod
-from model.plan.tier_files import Interval
 from model.speech.audio import load_speech
 from model.speech.transcript import Accent, Transcript, Word
 from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES

@@ -18,8 +18,8 @@ from app.run.timeline import (
     worst_seconds,
 )
 from conventions.names import REFERENCE_NAME
-from model.faults.evidence import Finding
-from model.plan.tier_files import Interval
+from model.faults.analysis import Finding
+from model.plan.annotation_files import Interval
 from model.speech.audio import Speech, load_speech
 from model.speech.transcript import Accent, Transcript, Word
 from model.storage.cards import BUNDLED_WEIGHTS

@@ -28,7 +28,7 @@ from model.motion.motion import Motion, load_motion, save_motion
 from model.motion.tracks import track_points
 from model.speech.audio import write_wav
 from renderer.body.body import load_body
-from renderer.scene.stage import set_stage
+from renderer.scene.camera_setup import set_stage
 from renderer.video.compose import band_height
 from renderer.video.render import RenderSettings, draw_frames, stage_for
 from renderer.video.workers import RenderJob

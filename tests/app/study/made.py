@@ -20,7 +20,7 @@ from app.study.design.key import (
 )
 from app.study.simulate import RaterModel, made_answers
 from app.study.statistics.answers import Participant, fitting
-from model.storage.checked import checked
+from model.storage.json_validation import checked
 
 SYSTEMS = ("local", "global", "rival")
 STRENGTHS = {"local": 0.0, "global": 1.0, "rival": -0.8}

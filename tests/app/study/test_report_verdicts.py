@@ -17,7 +17,7 @@ from app.study.simulate import RaterModel, made_answers
 from app.study.statistics.answers import Participant, fitting
 from app.study.statistics.results import QuestionResult, analyse_participants
 from app.study.statistics.shares import Number
-from model.storage.checked import checked
+from model.storage.json_validation import checked
 from tests.app.study.made import SYSTEMS, made_key
 from tests.app.study.test_report import plain, say
 

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.evaluation.clips import read_recording
-from model.evaluation.judges import (
+from model.evaluation.classifiers import (
     MEASURES,
     frame_loudness,
     matched,
@@ -16,6 +15,7 @@ from model.evaluation.judges import (
     preferred,
     spoken,
 )
+from model.evaluation.clips import read_recording
 from model.motion.motion import first_frames, load_motion
 from model.speech.audio import load_speech
 from model.speech.features import MelEncoder

@@ -10,8 +10,8 @@ from scipy.linalg import sqrtm
 from model.evaluation import frechet
 from model.evaluation.clips import face_error, mean_pairwise_l1
 from model.evaluation.frechet import window_diversity
-from model.measures import beats, differences
-from model.measures.differences import l1_to_mean
+from model.metrics import beats, reference_error
+from model.metrics.reference_error import l1_to_mean
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
@@ -140,9 +140,9 @@ def test_div_is_the_mean_of_eq_17_over_batches():
     ]
     found = window_diversity(clips)
     order = np.random.default_rng(0).permutation(100)
-    sizes = [len(batch) for batch in differences.batches(120)]
+    sizes = [len(batch) for batch in reference_error.batches(120)]
     assert sizes == [50, 50, 20]
-    assert sorted(np.concatenate(list(differences.batches(120)))) == list(range(120))
+    assert sorted(np.concatenate(list(reference_error.batches(120)))) == list(range(120))
     halves = [np.concatenate(clips)[batch] for batch in (order[:50], order[50:])]
     for name, dim in (("div", 217), ("div_gesture", 165)):
         expected = np.mean([slow_diversity(half[..., :dim]) for half in halves])
@@ -166,7 +166,7 @@ def test_a_clip_drawn_twice_is_no_pair_with_itself():
 
 def test_windows_hold_every_second_frame_end_to_end():
     motion = smooth_motion_example(150)
-    windows = differences.windows_of(motion)
+    windows = reference_error.windows_of(motion)
     assert windows.shape == (2, 30, 217)
     np.testing.assert_allclose(windows[1, 3, :165], motion.poses[66], atol=1e-5)
     np.testing.assert_array_equal(windows[1, 3, 165:], motion.expressions[66, :52])
@@ -174,11 +174,11 @@ def test_windows_hold_every_second_frame_end_to_end():
     axis = turned[:, :3] / np.linalg.norm(turned[:, :3], axis=1, keepdims=True)
     turned[:, :3] += 2 * np.pi * axis  # the same rotation, told in another way
     np.testing.assert_allclose(
-        differences.windows_of(replace(motion, poses=turned)), windows, atol=1e-4
+        reference_error.windows_of(replace(motion, poses=turned)), windows, atol=1e-4
     )
-    assert differences.windows_of(first_frames(motion, 59)).shape == (0, 30, 217)
+    assert reference_error.windows_of(first_frames(motion, 59)).shape == (0, 30, 217)
     flame = replace(motion, expression_basis="flame100")
-    assert differences.windows_of(flame).shape == (2, 30, 165)
+    assert reference_error.windows_of(flame).shape == (2, 30, 165)
 
 
 def test_face_error_looks_at_the_columns_in_use():

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from model.evaluate import main
-from model.evaluation import finding
+from model.evaluation import plan_detection
 from model.evaluation.adherence import (
     distances,
     gesture_size,
@@ -17,19 +17,19 @@ from model.evaluation.adherence import (
     rest_speeds,
     stroke_lags,
 )
-from model.evaluation.finding import (
+from model.evaluation.plan_detection import (
     Counts,
     agreement,
     near,
     overlapping,
     with_long_holds,
 )
-from model.plan import found
+from model.plan import detection
+from model.plan.detection import PhaseNetwork
 from model.plan.editing import Gesture, added, gestures, sized
-from model.plan.found import PhaseNetwork
 from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan
-from model.plan.tracks import hand_tracks, tracks_of
+from model.plan.plan_features import hand_tracks, tracks_of
 from tests.model.plan.made import made_plan, phase
 
 FRAMES = 300
@@ -85,8 +85,8 @@ def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
     usual = math.dist(PLACES["stop"], REST_PLACE)
     for size in (0.6, 1.0, 1.4):
         larger = sized(plan, gesture, size).plan
-        found = gesture_size(planned_places(larger), gesture)
-        assert found == pytest.approx(size * usual, rel=0.05)
+        measured = gesture_size(planned_places(larger), gesture)
+        assert measured == pytest.approx(size * usual, rel=0.05)
 
 
 def test_rests_are_measured_inside(plan):
@@ -114,14 +114,14 @@ def test_distances_are_those_of_edited_and_unedited_motion():
     rng = np.random.default_rng(0)
     recorded, near, far = (rng.normal(at, 1, (200, 3)) for at in (0.0, 0.1, 2.0))
     assert distances([[recorded, near, far]]) == {}
-    found = {
+    scores = {
         name: each["mean"] for name, each in distances([[recorded, near, near, far]] * 2).items()
     }
     plain = {name: each["mean"] for name, each in distances([[recorded, near, far]] * 2).items()}
-    assert plain["FGD, edited"] > found["FGD, unedited"] == plain["FGD, unedited"] > 0
+    assert plain["FGD, edited"] > scores["FGD, unedited"] == plain["FGD, unedited"] > 0
     half = (plain["FGD, unedited"] + plain["FGD, edited"]) / 2
-    assert found["FGD, edited"] == pytest.approx(half)
-    assert found["FGD, edited / unedited"] == pytest.approx(half / plain["FGD, unedited"])
+    assert scores["FGD, edited"] == pytest.approx(half)
+    assert scores["FGD, edited / unedited"] == pytest.approx(half / plain["FGD, unedited"])
 
 
 def test_moments_are_met_once_each():
@@ -157,17 +157,19 @@ def test_a_plan_agrees_with_itself_in_everything():
 def test_what_is_fitted_is_what_is_read(tmp_path, monkeypatch):
     rng = np.random.default_rng(0)
     path = np.cumsum(rng.normal(0, 0.01, (400, 3)), axis=0)
-    monkeypatch.setattr(finding, "_recorded", lambda *_: (made_plan(), dict(left=path, right=path)))
-    monkeypatch.setattr(finding, "STEPS", 3)
+    monkeypatch.setattr(
+        plan_detection, "_recorded", lambda *_: (made_plan(), dict(left=path, right=path))
+    )
+    monkeypatch.setattr(plan_detection, "STEPS", 3)
     fitted = []
     monkeypatch.setattr(
-        finding, "PhaseNetwork", lambda n: fitted.append(PhaseNetwork(n)) or fitted[0]
+        plan_detection, "PhaseNetwork", lambda n: fitted.append(PhaseNetwork(n)) or fitted[0]
     )
-    finding.fit(tmp_path, ["a"], tmp_path / "w.npz")
-    monkeypatch.setattr(found, "WEIGHTS", tmp_path / "w.npz")
-    found._weights.cache_clear()
-    read, told = found._weights()
-    found._weights.cache_clear()
+    plan_detection.fit(tmp_path, ["a"], tmp_path / "w.npz")
+    monkeypatch.setattr(detection, "WEIGHTS", tmp_path / "w.npz")
+    detection._weights.cache_clear()
+    read, told = detection._weights()
+    detection._weights.cache_clear()
     assert told["next"].sum(axis=1) == pytest.approx(1) and (told["frames"] > 0).all()
     for name, tensor in fitted[0].state_dict().items():
         torch.testing.assert_close(read.state_dict()[name], tensor.half().float())

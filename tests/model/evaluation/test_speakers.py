@@ -8,7 +8,7 @@ import pytest
 
 from conventions.joints import JOINT_INDEX
 from model.data.recordings import read_files
-from model.evaluation.judges import (
+from model.evaluation.classifiers import (
     PIECE_FRAMES,
     FewClips,
     SpeakerJudge,
@@ -20,13 +20,13 @@ from model.evaluation.judges import (
     wrist_speeds,
 )
 from model.generation.windows import GenerateOptions, generate_motion
-from model.measures.hearing import arm_rotations_alike, arm_speed, speed_in_silence
+from model.metrics.speech_effect import arm_rotations_alike, arm_speed, speed_in_silence
 from model.motion.motion import Motion, first_frames, save_motion
 from model.sampling.samplers import USUAL, clip_seed
 from model.systems.registry import load_system
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_speech, make_data_folder
-from tests.model.measures.test_hearing import FRAMES, motion_of
+from tests.model.metrics.test_speech_effect import FRAMES, motion_of
 
 SPEAKERS = {"june": 1, "hana": 2, "gus": 3}
 

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, LEFT_HAND, MIRROR_PERMUTATION, RIGHT_HAND
 from model.generation.base import Windowing
-from model.measures.face import unit_columns
-from model.motion.altered import motion_at_speed
+from model.metrics.face import unit_columns
 from model.motion.motion import Motion
+from model.motion.transforms import motion_at_speed
 
 FPS = 30
 Fault = Callable[[Motion], Motion]

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from model.diagnostics import raw_evidence
-from model.faults.evidence import Evidence
+from model.faults.analysis import Evidence
 from model.faults.table import find_faults
-from model.measures.lag import heard_of
-from model.measures.posture import WRISTS
+from model.metrics.lag import heard_of
+from model.metrics.posture import WRISTS
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import load_speech

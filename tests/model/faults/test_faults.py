@@ -11,10 +11,10 @@ from app.findings.verdict import verdict_of
 from app.run.examples import CLEAN
 from conventions.joints import JOINT_INDEX
 from model.diagnostics import raw_evidence
-from model.faults.evidence import Evidence, Finding, by_gravity, clock, ranked, stretches_of
+from model.faults.analysis import Evidence, Finding, by_gravity, clock, ranked, stretches_of
 from model.faults.table import FAULTS, STILL, find_faults, without
 from model.formats.read import read_any_motion
-from model.measures.lag import heard_of
+from model.metrics.lag import heard_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import load_speech

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
-from model.formats.judged import RELAXED_HANDS
+from model.formats.convention_detection import RELAXED_HANDS
 from model.formats.read import read_any_motion
 from model.formats.reading import Assumptions, Reading
 from model.motion.kinematics import open_body_skeleton

@@ -9,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS
-from model.formats.judged import RELAXED_HANDS
-from model.formats.numbers import shape_of
+from model.formats.convention_detection import RELAXED_HANDS
+from model.formats.motion_draft import shape_of
 from model.formats.numpy_reader import CONVERT
 from model.formats.parameters import motion_files
 from model.formats.read import mean_hands, read_any_motion
 from model.formats.reading import Reading, read_told
-from model.measures.smoothness import derivative_magnitudes
+from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import load_motion, save_motion
 from model.storage.npz import MotionError
 from tests.helpers import smooth_motion_example

@@ -1,5 +1,6 @@
 """A plan with something of everything, and tiers as the corpus has them."""
 
+from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.plan.plan import (
     Blink,
     Brow,
@@ -12,7 +13,6 @@ from model.plan.plan import (
     Smile,
     Stand,
 )
-from model.plan.tier_files import Interval, NamedTier, textgrid_of
 
 REST = (0.2, -0.3, 0.1)
 HIGH = (0.2, 0.1, 0.3)

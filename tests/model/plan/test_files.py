@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from model.plan.annotation_files import Interval, NamedTier, textgrid_of, textgrid_tiers
 from model.plan.files import (
     ENDINGS,
     USUAL_NOD_DEG,
@@ -38,7 +39,6 @@ from model.plan.plan import (
     Smile,
     Stand,
 )
-from model.plan.tier_files import Interval, NamedTier, textgrid_of, textgrid_tiers
 from tests.helpers import reported_folder
 from tests.model.plan.made import HANDS, HIGH, grid, made_plan, phase, tier
 
@@ -516,7 +516,7 @@ def test_what_lies_beyond_a_time_is_left_out_of_a_plan() -> None:
 
 def test_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
-    monkeypatch.setattr("model.plan.tier_files.MAX_ELEMENTS", 3)
+    monkeypatch.setattr("model.plan.annotation_files.MAX_ELEMENTS", 3)
     with pytest.raises(PlanError, match="holds more than any ELAN file"):
         read_plan_file(tmp_path / "a.eaf")
     monkeypatch.setattr("model.plan.files.MAX_BYTES", 100)

@@ -8,7 +8,7 @@ import pytest
 
 from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, strokes_of
 from model.plan.plan import SIDES, GesturePlan, Side
-from model.plan.tracks import tracks_of
+from model.plan.plan_features import tracks_of
 from tests.model.plan.made import REST, made_plan, phase, resting, said
 
 HERE, THERE = (0.1, 0.0, 0.3), (0.4, 0.2, 0.3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.measures.beats import speech_onsets
+from model.metrics.beats import speech_onsets
 from model.speech import features
 from model.speech.audio import load_speech
 from model.speech.features import (

@@ -8,9 +8,8 @@ import pytest
 
 from app.run.examples import CLEAN
 from model.motion.motion import load_motion
-from model.plan.tier_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import load_speech
-from model.speech.listener import number_words, words_to_say
 from model.speech.transcript import (
     MAX_GESTURE_TIERS,
     MAX_TEXT,
@@ -19,6 +18,7 @@ from model.speech.transcript import (
     read_transcript,
     read_words,
 )
+from model.speech.word_alignment import number_words, words_to_say
 from tests.helpers import reported_folder
 
 SPOKEN = [(0.1, 0.4, "hello"), (0.5, 1.25, 'so-called "art"')]

@@ -12,7 +12,7 @@ from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, open_gl
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
-from renderer.scene.stage import Shot, Stage
+from renderer.scene.camera_setup import Shot, Stage
 from renderer.scene.studio import FramePreparer, PosedFrame, Subject
 from renderer.video.render import RenderSettings
 from tests.golden.regenerate import PICTURES, posed

@@ -31,7 +31,7 @@ from renderer.figures.style import (
     matplotlib_settings,
     written,
 )
-from renderer.scene.stage import set_stage
+from renderer.scene.camera_setup import set_stage
 from renderer.video.render import RenderSettings, projected_joints
 from tests.renderer.drawn import render_stills
 from tests.renderer.figures.figure_checks import NAMES, ODD_NAMES, check_apart, drawn_texts

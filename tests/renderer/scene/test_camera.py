@@ -23,7 +23,7 @@ from renderer.scene.camera import (
     outermost,
     view_axes,
 )
-from renderer.scene.stage import MIDDLE_M, Panel, cut_out, frames_of, lay_out, set_stage
+from renderer.scene.camera_setup import MIDDLE_M, Panel, cut_out, frames_of, lay_out, set_stage
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)

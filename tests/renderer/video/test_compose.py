@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from processes.job import Cancelled
-from renderer.scene.stage import Panel
+from renderer.scene.camera_setup import Panel
 from renderer.video.compose import (
     FLICKER_FRAMES,
     OVERLAYS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from renderer.body.body import BodyMotion, load_body
-from renderer.scene.stage import lay_out, set_stage
+from renderer.scene.camera_setup import lay_out, set_stage
 from renderer.video.render import RenderSettings
 from tests.renderer.drawn import render_stills
 from tests.renderer.scene.test_camera import waving_motion

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processes.ended import Ended
+from processes.exit_report import Ended
 from processes.job import Cancelled
 from renderer.body.body import load_body
 from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
-from renderer.scene.stage import set_stage
+from renderer.scene.camera_setup import set_stage
 from renderer.video.encoder import VideoError
 from renderer.video.render import RenderSettings
 from renderer.video.workers import RenderJob, draw_jobs, failure

@@ -16,7 +16,7 @@ from renderer.body.decimation import NUM_FACES, Surface, coarser, surface_of
 from renderer.body.levels import open_body_faces
 from tests.helpers import ROOT
 from tools.bake import face, geometry
-from tools.bake.builds import FIGURES, Posed, on_skeleton
+from tools.bake.body_shapes import FIGURES, Posed, on_skeleton
 from tools.bake.geometry import Mesh
 
 

@@ -6,7 +6,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from conventions.rates import FPS
-from model.motion.limb import HingedLimb
+from model.motion.two_bone_ik import HingedLimb
 from tools.corpus.body.arms import Swing, two_bone_ik
 from tools.corpus.body.contact import Hips, push_apart, push_off_trunk
 from tools.corpus.body.signals import bump, minimum_jerk, smooth_noise, sway_line

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from model.motion.motion import load_motion
-from model.plan.tier_files import textgrid_tiers
+from model.plan.annotation_files import textgrid_tiers
 from tests.tools.corpus.conftest import CLIP_S, TWO_CLIPS_H
 from tools.corpus import build
 from tools.corpus.build import CorpusError, build_corpus, plan_jobs

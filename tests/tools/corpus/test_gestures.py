@@ -20,8 +20,8 @@ from tools.corpus.gesture.gestures import (
     SHAPES,
     finger_rotations,
 )
-from tools.corpus.gesture.manner import BEAT_SHAPES, IDLE_SHAPES
 from tools.corpus.gesture.plan import HandPlan, make_plan
+from tools.corpus.gesture.speaker_style import BEAT_SHAPES, IDLE_SHAPES
 from tools.corpus.people.rig import SIDES
 from tools.corpus.people.speaker import SPEAKERS, words_of
 from tools.corpus.words.prosody import Phrase, SpokenWord, Utterance

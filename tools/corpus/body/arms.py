@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.motion.limb import about_axis, hinge_frame, unit
+from model.motion.two_bone_ik import about_axis, hinge_frame, unit
 from tools.corpus.body.contact import Hips, hand_balls, push_apart, push_off_trunk
 from tools.corpus.body.signals import (
     DEVIATION,

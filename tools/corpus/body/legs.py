@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.motion.limb import HingedLimb
+from model.motion.two_bone_ik import HingedLimb
 from model.plan.plan import Leg, Planted, Side, Stand
 from tools.corpus.body.signals import (
     bump,

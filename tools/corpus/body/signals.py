@@ -5,7 +5,7 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.rates import FPS
-from model.motion.limb import minimum_jerk
+from model.motion.two_bone_ik import minimum_jerk
 from tools.corpus.gesture.gestures import SHAPE_SIZE
 from tools.corpus.words.prosody import Utterance
 

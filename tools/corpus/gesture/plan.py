@@ -12,7 +12,7 @@ import numpy as np
 from model.plan.plan import Phase
 from tools.corpus.gesture.choice import Choice
 from tools.corpus.gesture.gestures import FLEX, GESTURES, HandPose
-from tools.corpus.gesture.manner import Habit, distance_from_neutral
+from tools.corpus.gesture.speaker_style import Habit, distance_from_neutral
 from tools.corpus.people.rig import SIDE_SIGN, SIDES
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Phrase, Utterance

@@ -22,7 +22,7 @@ from sklearn.preprocessing import StandardScaler
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.motion import load_motion
-from model.plan.tier_files import textgrid_tiers
+from model.plan.annotation_files import textgrid_tiers
 from tools.corpus.clip import ClipPaths
 from tools.corpus.people.rig import Rig, axis_angles, forward_kinematics, matrices
 

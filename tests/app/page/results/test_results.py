@@ -27,7 +27,7 @@ from app.run.output.run_folder import RunRecord
 from app.run.requests.requests import AnyRun
 from app.run.run_writer import writing_run
 from model.diagnostics import Diagnostics
-from model.faults.evidence import Finding
+from model.faults.analysis import Finding
 from model.speech.transcript import Transcript, Word
 from tests.app.measured import both
 from tests.app.page.results.made_run import keep, made_run, numbers

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from model.plan.tracks import NUM_FACE_TRACKS
+from model.plan.plan_features import NUM_FACE_TRACKS
 from model.systems.face.face import Face, FaceNetwork, load_face
 from tests.model.made import TINY_EXPRESSION, made_prior
 

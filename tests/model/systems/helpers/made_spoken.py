@@ -6,7 +6,7 @@ import torch
 
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork
-from model.plan.tier_files import NamedTier
+from model.plan.annotation_files import NamedTier
 from model.speech.encoder import SPEECH_ENCODER, CodesConfig
 from model.systems.helpers.config import SpeechEncoderConfig
 from tests.model.made import make_data_folder, save_made

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.annotated import annotated_speech, prepare_plans
+from model.data.annotations import annotated_speech, prepare_plans
 from model.data.prepared import prepare
 from model.data.recordings import DataError
 from model.networks.speech_codes import SpeechReading, load_codes

@@ -14,12 +14,19 @@ from model.motion.tracks import track_points, wrist_places
 from model.plan.editing import within_reach
 from model.plan.kinds import REST_PLACE
 from model.plan.plan import SIDES, STILL, HandPhase, PlanError
+from model.plan.plan_features import (
+    TIERS,
+    chains_of,
+    frames_of,
+    hand_tracks,
+    seen_together,
+    tracks_of,
+)
 from model.plan.style import Manner
-from model.plan.tracks import TIERS, chains_of, frames_of, hand_tracks, seen_together, tracks_of
-from model.systems.planned.causal import CausalPlanner
 from model.systems.planned.config import PLANNED
 from model.systems.planned.network import MarkMixture
 from model.systems.planned.planner import Drawer, Planner, _Events, load_planner
+from model.systems.planned.streaming_planner import CausalPlanner
 from model.systems.registry import load_system
 from tests.model.plan.made import made_plan
 

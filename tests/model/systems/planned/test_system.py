@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
-from model.data.annotated import prepare_plans
+from model.data.annotations import prepare_plans
 from model.data.prepared import prepare
 from model.data.recordings import DataError
 from model.generation.windows import (

@@ -1,0 +1,336 @@
+"""Classifiers and metrics of matched speech, speaker style and rest in silence.
+
+Matched speech is GENEA's question to its raters (Kucherenko et al. 2023), answered by a network
+trained on recorded motion alone (`model.systems.helpers.matching`): it compares 10 s of motion with
+two speeches of 10 s. Chance is .5. Pieces are cut from the start of the speech to its end, so that
+silence before and after it is no cue.
+
+The speaker classifier is Fisher's linear discriminant, fitted to recorded motion of the training
+split alone: it assigns each piece of 10 s to one of the speakers. Chance is one over their number.
+Its input is mean and spread of the rotations from pelvis to wrists and of the wrist positions, and
+the speed of both; no speech.
+
+The effect of the speaker is measured on one speech, generated for several speakers with several
+noise seeds, as `model.metrics.speech_effect` does for speech: the correlation of motions that
+share the speaker but not the noise, less that of motions that share neither. A calm and a lively
+speaker are compared by the speed of the wrists. Both need extra motions and use a few clips only:
+the first seconds of a clip's speech and then silence.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float, Float64
+from torch import Tensor
+
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS, SAMPLE_RATE
+from model.data.recordings import DataError, read_files, read_split, speaker_of
+from model.generation.base import System
+from model.generation.windows import GenerateOptions, generate_motion
+from model.metrics.face import wrist_speed
+from model.metrics.speech_effect import (
+    LEAST_FRAMES,
+    SILENCE_S,
+    Grid,
+    arm_rotations_same_noise,
+    decided,
+    speed_in_silence,
+)
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion, first_frames
+from model.motion.tracks import track_points
+from model.sampling.samplers import Sampling, clip_seed
+from model.speech.audio import Speech, SpeechError
+from model.speech.features import NUM_MELS
+from model.storage.npz import MotionError
+from model.systems.helpers.config import HEARING_JUDGE
+from model.systems.helpers.matching import MatchingJudge, agreement
+
+NO_HEARING_JUDGE = (
+    f"Matched speech is left out: its judge {HEARING_JUDGE} is not among the weights."
+)
+PIECE_FRAMES = 300
+MEASURES: Mapping[str, tuple[str, ...]] = {
+    "matched": ("arms", "trunk"),
+    "matched_arms": ("arms",),
+    "matched_face": ("face",),
+}
+"""Metrics, and the body parts in their agreements: lips, which would dominate, have a separate
+metric."""
+ALIKE = 1e-3
+"""Difference of two agreements below which they are a tie."""
+_VOICING = NUM_MELS + 3
+"""Column of `MelEncoder` for voicing."""
+
+_Heard = Float[np.ndarray, "_ 68"]
+
+
+def voiced(features: _Heard) -> Bool[np.ndarray, " _"]:
+    """Check whether each frame has a voice."""
+    return features[:, _VOICING] > 0.5
+
+
+def spoken(features: _Heard) -> slice:
+    """Return the range from the first to the last voiced frame; empty without any."""
+    heard = np.flatnonzero(voiced(features))
+    return slice(int(heard[0]), int(heard[-1]) + 1) if len(heard) else slice(0, 0)
+
+
+def pieces(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:
+    """Cut `rows` as `cut` does, into float32 tensors for the classifier."""
+    return torch.from_numpy(cut(rows).astype(np.float32))
+
+
+def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
+    """Cut consecutive pieces of 10 s; the rest is left out."""
+    count = len(rows) // PIECE_FRAMES
+    return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
+
+
+def matched(judge: MatchingJudge, motion: Motion, own: _Heard, foreign: _Heard) -> dict[str, float]:
+    """Compute for each of `MEASURES` how often the classifier prefers the motion's own speech.
+
+    Every piece of the motion is compared with its speech and every piece of the foreign one; a tie
+    counts half. ``arm_speed_heard`` is the mean correlation of the arms' log speed with its
+    prediction from speech alone. Empty for less than 10 s.
+    """
+    shared = min(motion.num_frames, len(own))
+    spoke = spoken(own[:shared])
+    poses, right, wrong = (
+        pieces(rows) for rows in (motion.poses[spoke], own[spoke], foreign[spoken(foreign)])
+    )
+    if len(right) == 0 or len(wrong) == 0:
+        return {}
+    found = {}
+    for measure, parts in MEASURES.items():
+        agreed = judge.agreements(poses, torch.cat([right, wrong]), parts)
+        found[measure] = preferred(agreed[:, : len(right)].diagonal(), agreed[:, len(right) :])
+    moved, told = judge.arm_speeds(poses, right)
+    found["arm_speed_heard"] = float(agreement(told, moved).diagonal().mean())
+    return found
+
+
+def preferred(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
+    """Compute the share of ``others`` below a piece's own speech; a tie counts half."""
+    lead = own[:, None] - others
+    wins = (lead > ALIKE).double() + 0.5 * (lead.abs() <= ALIKE)
+    return float(wins.mean())
+
+
+def frame_loudness(
+    waveform: Float[np.ndarray, " N"], num_frames: int
+) -> Float[np.ndarray, " num_frames"]:
+    """Compute the level of each motion frame in dB, at least -60 dB of full scale."""
+    edges = (np.arange(num_frames + 1) * SAMPLE_RATE / FPS).astype(int)
+    energy = np.concatenate([[0.0], np.cumsum(waveform.astype(np.float64) ** 2)])
+    total = np.diff(energy[edges.clip(max=len(waveform))])
+    return 10 * np.log10(total / np.diff(edges) + 1e-6)
+
+
+RECORDINGS = 6
+"""Largest number of recordings of each speaker."""
+SHRINKAGE = 0.1
+"""Shrinkage of the covariance within speakers towards equal variances."""
+ARMS = [
+    f"{side}_{part}"
+    for side in ("left", "right")
+    for part in ("collar", "shoulder", "elbow", "wrist")
+]
+JOINTS = [JOINT_INDEX[name] for name in ("spine1", "spine2", "spine3", "neck", "head", *ARMS)]
+WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
+NO_SPEAKER_JUDGE = (
+    "Speakers are not told apart: fewer than two of those in the test clips have recordings of 10 s"
+    " in the training split."
+)
+NUM_CLIPS = 6
+SPEECH_S = 10.0
+"""Longest speech of each clip (s)."""
+NOISE_SEEDS = 2
+UNKNOWN_SPEAKERS = "Speakers are not compared: not every system knows those that were asked for."
+
+
+@dataclass(frozen=True)
+class SpeakerJudge:
+    """Linear discriminant over `manner_numbers`."""
+
+    speakers: tuple[str, ...]
+    weights: Float64[np.ndarray, "speakers numbers"]
+    bias: Float64[np.ndarray, " speakers"]
+
+    def share_right(self, motion: Motion, speaker: str) -> float | None:
+        """Compute the share of pieces assigned to the speaker; None if unknown or too short."""
+        numbers = manner_numbers(motion)
+        if speaker not in self.speakers or not len(numbers):
+            return None
+        told = (numbers @ self.weights.T + self.bias).argmax(1)
+        return float((told == self.speakers.index(speaker)).mean())
+
+    def measures(self, motions: Sequence[Motion], speaker: str) -> dict[str, float]:
+        """Compute ``speaker_told``, the mean accuracy over motions; empty if it is unknown."""
+        shares = [self.share_right(motion, speaker) for motion in motions]
+        known = [share for share in shares if share is not None]
+        return {"speaker_told": float(np.mean(known))} if known else {}
+
+
+def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerJudge | None:
+    """Fit the classifier to the speakers' first training recordings; None for fewer than two."""
+    own: dict[str, list[str]] = {speaker: [] for speaker in sorted(set(speakers))}
+    for name, kind in sorted(read_split(folder).items()):
+        if kind == "train" and (speaker := speaker_of(name)[1]) in own:
+            own[speaker].append(name)
+    found = {}
+    for speaker, names in own.items():
+        motions = (motion for name in names if (motion := _motion(folder, name)) is not None)
+        pieces = [*islice(filter(len, map(manner_numbers, motions)), RECORDINGS)]
+        if pieces:
+            found[speaker] = np.concatenate(pieces)
+    return discriminant(found) if len(found) > 1 else None
+
+
+def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> SpeakerJudge:
+    """Fit Fisher's linear discriminant to pieces of each speaker, with equal priors."""
+    means = np.stack([own.mean(0) for own in numbers.values()])
+    within = np.concatenate([own - own.mean(0) for own in numbers.values()])
+    scale = within.std(0) + 1e-6
+    correlation = (within / scale).T @ (within / scale) / len(within)
+    shrunk = (1 - SHRINKAGE) * correlation + SHRINKAGE * np.eye(len(scale))
+    weights = np.linalg.solve(shrunk, (means / scale).T).T / scale
+    return SpeakerJudge(tuple(numbers), weights, -0.5 * (weights * means).sum(1))
+
+
+def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
+    """Compute mean and log spread of rotations and wrists, and log speeds, for pieces of 10 s."""
+    if motion.num_frames < PIECE_FRAMES:
+        return np.zeros((0, 0))
+    points = track_points(motion, open_body_skeleton()).joints
+    wrists = points[:, WRISTS] - points[:, :1]
+    poses = motion.poses.reshape(len(motion.poses), -1, 3)[:, JOINTS]
+    told = np.concatenate([poses, wrists], axis=1)
+    speed = np.linalg.norm(np.diff(told, axis=0, prepend=told[:1]), axis=-1) * FPS
+    places, moved = cut(told.reshape(len(told), -1)).astype(float), cut(speed).astype(float)
+    spread = np.log(places.std(1) + 1e-3)
+    return np.concatenate([places.mean(1), spread, np.log(moved.mean(1) + 1e-3)], axis=1)
+
+
+def manner_of(motions: Grid) -> dict[str, float]:
+    """Compute the effect of the speaker on the arms for one speech, by speaker and noise seed.
+
+    ``arm_rotations_same_noise`` near 1: another speaker has the same gestures.
+    """
+    return {
+        "by_speaker": decided(motions)["arms"].by_speech,
+        "arm_rotations_same_noise": arm_rotations_same_noise(motions),
+    }
+
+
+def wrist_speeds(motions: Grid, speakers: tuple[str, str]) -> dict[str, float]:
+    """Compute the mean wrist speed (m/s), pelvis-aligned, of a calm and of a lively speaker."""
+    speeds: dict[str, list[float]] = {speaker: [] for speaker in speakers}
+    for (speaker, _), motion in motions.items():
+        joints = track_points(motion, open_body_skeleton()).joints
+        speeds[speaker].append(float(wrist_speed(joints - joints[:, :1]).mean()))
+    calm, lively = (float(np.mean(speeds[speaker])) for speaker in speakers)
+    return {"calm_wrist_m_s": calm, "lively_wrist_m_s": lively}
+
+
+@dataclass(frozen=True)
+class FewClips:
+    """Clips and speakers of the metrics that use a few clips only."""
+
+    names: tuple[str, ...]
+    speakers: tuple[str, str] | None
+    """A calm and a lively speaker; None if a system lacks one: then each clip's own is used."""
+    recorded: Mapping[str, tuple[str, str]]
+    """A recording of the calm speaker and one of the lively for each clip."""
+
+    @staticmethod
+    def choose(
+        folder: Path,
+        clips: Sequence[str],
+        systems: Sequence[System],
+        speakers: tuple[str, str],
+    ) -> "FewClips":
+        """Choose the first clips, and recordings of the speakers from any split."""
+        names = tuple(clips[:NUM_CLIPS])
+        if not all(speaker in system.speakers for system in systems for speaker in speakers):
+            return FewClips(names, None, {})
+        calm, lively = (_recordings(folder, speaker, len(names)) for speaker in speakers)
+        recorded = dict(zip(names, zip(calm, lively, strict=False), strict=False))
+        return FewClips(names, speakers, recorded)
+
+    def recorded_measures(self, folder: Path, name: str) -> dict[str, float]:
+        """Compute wrist speeds of the recordings that go with clip ``name``; empty without any."""
+        if name not in self.recorded or self.speakers is None:
+            return {}
+        pairs = zip(self.speakers, self.recorded[name], strict=True)
+        motions = {(speaker, 0): read_files(folder, clip)[0] for speaker, clip in pairs}
+        return wrist_speeds(motions, self.speakers)
+
+    def measures(
+        self, system: System, name: str, speech: Speech, asked: Sampling
+    ) -> dict[str, float]:
+        """Compute a system's metrics on clip ``name``; empty if it is not among the few."""
+        if name not in self.names:
+            return {}
+        heard = with_silence(speech)
+        spoken = heard.num_frames - round(SILENCE_S * FPS)
+        speakers = self.speakers or (speaker_of(name)[1],)
+        moved = {
+            speaker: generate_motion(
+                system,
+                heard,
+                GenerateOptions(
+                    speaker, seed=clip_seed(0, name), samples=NOISE_SEEDS, **vars(asked)
+                ),
+            )
+            for speaker in speakers
+        }
+        motions = [motion for own in moved.values() for motion in own]
+        voiced = np.arange(heard.num_frames) < spoken
+        silences = [speed_in_silence(motion, voiced) for motion in motions]
+        found = mean_of(silences)
+        if self.speakers is None or spoken < LEAST_FRAMES:
+            return found
+        speaking = {
+            (speaker, seed): first_frames(motion, spoken)
+            for speaker, own in moved.items()
+            for seed, motion in enumerate(own)
+        }
+        manner = manner_of(speaking)
+        return found | {
+            "arms_by_speaker": manner["by_speaker"],
+            "arm_rotations_other_speaker": manner["arm_rotations_same_noise"],
+            **wrist_speeds(speaking, self.speakers),
+        }
+
+
+def mean_of(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Average each metric, for example over noise seeds, without those that any of them lacks."""
+    names = [name for name in found[0] if all(name in one for one in found)]
+    return {name: float(np.mean([one[name] for one in found])) for name in names}
+
+
+def with_silence(speech: Speech) -> Speech:
+    """Return the first `SPEECH_S` of a speech, and `SILENCE_S` of digital silence after it."""
+    said = speech.waveform[: round(SPEECH_S * SAMPLE_RATE)]
+    silence = np.zeros(round(SILENCE_S * SAMPLE_RATE), np.float32)
+    return replace(speech, waveform=np.concatenate([said, silence]))
+
+
+def _recordings(folder: Path, speaker: str, count: int) -> list[str]:
+    """Return the names of a speaker's first readable recordings."""
+    own = (name for name in sorted(read_split(folder)) if speaker_of(name)[1] == speaker)
+    return list(islice((name for name in own if _motion(folder, name) is not None), count))
+
+
+def _motion(folder: Path, name: str) -> Motion | None:
+    """Read the motion of a recording; None if that fails."""
+    try:
+        return read_files(folder, name)[0]
+    except (DataError, MotionError, SpeechError):
+        return None

@@ -1,0 +1,246 @@
+"""Protocol ``finding``: accuracy of plans detected in motion.
+
+Plans detected in recordings of the corpus's test split are compared with their exact annotation.
+With ``--fit`` the network that classifies phases is trained first, on the train split.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float, Int
+from torch import nn
+from tqdm import tqdm
+
+from conventions.rates import FPS
+from model.data.recordings import read_split, speaker_of
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import load_motion
+from model.motion.tracks import track_points, wrist_places
+from model.plan.detection import WEIGHTS, PhaseNetwork, found_plan, hand_features
+from model.plan.files import annotated_plan
+from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
+from model.storage.files import written_atomically
+
+WITHIN_S = 0.1
+MOMENT_S = 0.15
+"""Largest distance (s) between a detected and an annotated nod or brow movement."""
+SHIFT_S = 0.5
+LEAST_OVERLAP = 0.3
+"""Smallest overlap of a detected and an annotated phase, as a share of their union."""
+FIT_EVERY = 6
+"""Step through the train split's clips: every sixth is used."""
+STEPS, BATCH, FRAMES, RATE = 1200, 16, 300, 6e-3
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Counts of detection: true positives, detected, annotated."""
+
+    met: int = 0
+    found: int = 0
+    told: int = 0
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(self.met + other.met, self.found + other.found, self.told + other.told)
+
+    @property
+    def f1(self) -> float:
+        """Harmonic mean of precision and recall."""
+        return 2 * self.met / max(1, self.found + self.told)
+
+    def as_json(self) -> dict[str, float]:
+        """Return rounded F1, precision and recall, and the number of annotations."""
+        return {
+            "f1": round(self.f1, 3),
+            "precision": round(self.met / max(1, self.found), 3),
+            "recall": round(self.met / max(1, self.told), 3),
+            "annotated": self.told,
+        }
+
+
+def near(found: Sequence[float], told: Sequence[float], within_s: float) -> Counts:
+    """Match points in time one to one within a tolerance, and count them."""
+    free = sorted(told)
+    met = 0
+    for at in sorted(found):
+        nearest = min(free, key=lambda other: abs(other - at), default=None)
+        if nearest is not None and abs(nearest - at) <= within_s:
+            free.remove(nearest)
+            met += 1
+    return Counts(met, len(found), len(told))
+
+
+def overlapping(found: Sequence[HandPhase], told: Sequence[HandPhase]) -> Counts:
+    """Match phases one to one that overlap by `LEAST_OVERLAP` or more, and count them."""
+    free, met = list(told), 0
+    for one in found:
+        shares = [_overlap(one, other) for other in free]
+        if shares and max(shares) >= LEAST_OVERLAP:
+            free.pop(int(np.argmax(shares)))
+            met += 1
+    return Counts(met, len(found), len(told))
+
+
+def _overlap(one: HandPhase, other: HandPhase) -> float:
+    shared = min(one.end_s, other.end_s) - max(one.start_s, other.start_s)
+    return shared / (max(one.end_s, other.end_s) - min(one.start_s, other.start_s))
+
+
+def with_long_holds(phases: Iterable[HandPhase]) -> list[HandPhase]:
+    """Merge adjacent holds, which are annotated separately but cannot be distinguished."""
+    joined: list[HandPhase] = []
+    for phase in phases:
+        if joined and joined[-1].phase == phase.phase == "hold":
+            joined[-1] = replace(joined[-1], end_s=phase.end_s)
+        else:
+            joined.append(phase)
+    return joined
+
+
+def agreement(found: GesturePlan, told: GesturePlan) -> dict[str, Counts]:
+    """Count matches of a detected plan with an annotated one, by metric."""
+    counts: defaultdict[str, Counts] = defaultdict(Counts)
+    for side in SIDES:
+        own, true = found.hand(side), with_long_holds(told.hand(side))
+        for phase in PHASES:
+            one, other = ([p for p in phases if p.phase == phase] for phases in (own, true))
+            counts[f"{phase}s"] += overlapping(one, other)
+            if phase == "stroke":
+                ends = [p.end_s for p in one]
+                counts["ends of strokes"] += near(ends, [p.end_s for p in other], WITHIN_S)
+        edges = [p.end_s for p in own[:-1]]
+        counts["boundaries of phases"] += near(edges, [p.end_s for p in true[:-1]], WITHIN_S)
+    counts["nods"] += near([n.time_s for n in found.nods], [n.time_s for n in told.nods], MOMENT_S)
+    for name, sign in (("brows up", 1), ("frowns", -1)):
+        ours = [b.time_s for b in found.brows if sign * b.height > 0]
+        theirs = [b.time_s for b in told.brows if sign * b.height > 0]
+        counts[name] += near(ours, theirs, MOMENT_S)
+    counts["blinks"] += near(
+        [b.time_s for b in found.blinks], [b.time_s for b in told.blinks], WITHIN_S
+    )
+    ours, theirs = ([s.start_s for s in p.stands if s.start_s > 0] for p in (found, told))
+    counts["shifts of weight"] += near(ours, theirs, SHIFT_S)
+    return dict(counts)
+
+
+def fit(folder: Path, names: Sequence[str], out: Path) -> None:
+    """Train the phase network on clips, and write it for `model.plan.detection`."""
+    torch.manual_seed(0)
+    rng = np.random.default_rng(0)
+    features, states, phases = [], [], []
+    for name in tqdm(names, desc="clips"):
+        plan, places = _recorded(folder, name)
+        for side, other in (SIDES, SIDES[::-1]):
+            features.append(hand_features(places[side], places[other]))
+            states.append(_states(plan.hand(side), len(features[-1])))
+            phases.append(_joined(plan.hand(side)))
+    mean, std = np.concatenate(features).mean(0), np.concatenate(features).std(0)
+    network = PhaseNetwork(len(mean))
+    optimizer = torch.optim.AdamW(network.parameters(), RATE / 2, weight_decay=1e-3)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, total_steps=STEPS)
+    long = [k for k, one in enumerate(features) if len(one) >= FRAMES]
+    for _ in tqdm(range(STEPS), desc="steps"):
+        x, y = zip(
+            *(_drawn(features[k], states[k], std, rng) for k in rng.choice(long, BATCH)),
+            strict=True,
+        )
+        scores = network(torch.from_numpy((np.stack(x) - mean) / std).float()).transpose(1, 2)
+        loss = nn.functional.cross_entropy(
+            scores, torch.from_numpy(np.stack(y)), label_smoothing=0.02
+        )
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        schedule.step()
+    told = {"mean": mean, "std": std, **_usual(phases)}
+    for name, tensor in network.state_dict().items():
+        array = tensor.numpy().astype(np.float16)
+        told[name.replace("inner.", "inner")] = array[..., 0] if name == "last.weight" else array
+    with written_atomically(out) as part, part.open("wb") as file:
+        np.savez_compressed(file, **told)
+
+
+def _recorded(folder: Path, name: str):
+    tracks = track_points(load_motion(folder / f"smplxflame_30/{name}.npz"), open_body_skeleton())
+    return annotated_plan(folder / f"textgrid/{name}.TextGrid"), wrist_places(tracks)
+
+
+def _states(phases: Sequence[HandPhase], num_frames: int) -> Int[np.ndarray, " T"]:
+    states, time_s = np.zeros(num_frames, int), (np.arange(num_frames) + 0.5) / FPS
+    for phase in phases:
+        states[(time_s >= phase.start_s) & (time_s < phase.end_s)] = PHASES.index(phase.phase)
+    return states
+
+
+def _drawn(
+    features: Float[np.ndarray, "T 10"],
+    states: Int[np.ndarray, " T"],
+    std: Float[np.ndarray, " 10"],
+    rng: np.random.Generator,
+) -> tuple[Float[np.ndarray, "n 10"], Int[np.ndarray, " n"]]:
+    """Draw a stretch of a clip, scaled and shifted at random, because people differ."""
+    first = int(rng.integers(0, len(features) - FRAMES + 1))
+    wide = rng.uniform(0.7, 1.5)
+    found = features[first : first + FRAMES].copy()
+    found[:, [*range(7), 8]] *= wide  # places, velocities, speed, its gain
+    found[:, 7] = np.log(found[:, 6] + 0.02)
+    return found + rng.normal(0, 0.15, (1, 10)) * std, states[first : first + FRAMES]
+
+
+def _joined(phases: Sequence[HandPhase]) -> list[tuple[int, float]]:
+    """Return index and length (frames) of each phase, with equal neighbours merged."""
+    found: list[tuple[int, float]] = []
+    for phase in phases:
+        state, lasts = PHASES.index(phase.phase), FPS * (phase.end_s - phase.start_s)
+        if found and found[-1][0] == state:
+            found[-1] = state, found[-1][1] + lasts
+        else:
+            found.append((state, lasts))
+    return found
+
+
+def _usual(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[str, np.ndarray]:
+    """Compute the mean lengths of phases (frames) and the frequencies of their successors."""
+    count = np.ones((len(PHASES), len(PHASES)))
+    lasts: list[list[float]] = [[FPS / 2] for _ in PHASES]
+    for phases in clips:
+        for state, frames in phases:
+            lasts[state].append(frames)
+        for (one, _), (other, _) in pairwise(phases):
+            count[one, other] += 1
+    return {
+        "next": (count / count.sum(axis=1, keepdims=True)).astype(np.float32),
+        "frames": np.array([np.mean(one) for one in lasts], np.float32),
+    }
+
+
+def finding(folder: Path, clips: int | None, fits: bool) -> Iterator[dict[str, dict[str, float]]]:
+    """Run the protocol; yields the results of all clips so far by metric after each clip.
+
+    Args:
+        folder: a corpus with annotated plans.
+        fits: True to train the network first.
+    """
+    total: defaultdict[str, Counts] = defaultdict(Counts)
+    speakers: defaultdict[str, Counts] = defaultdict(Counts)
+    split = read_split(folder)
+    if fits:
+        learned = [name for name, of in split.items() if of == "train"][::FIT_EVERY]
+        fit(folder, learned, WEIGHTS)
+    for name in [name for name, of in split.items() if of == "test"][:clips]:
+        motion = load_motion(folder / f"smplxflame_30/{name}.npz")
+        told = annotated_plan(folder / f"textgrid/{name}.TextGrid")
+        counts = agreement(found_plan(motion, open_body_skeleton()), told)
+        for question, one in counts.items():
+            total[question] += one
+        speakers[speaker_of(name)[1]] += counts["strokes"]
+        by_speaker = {name: round(one.f1, 3) for name, one in sorted(speakers.items())}
+        answers = {question: one.as_json() for question, one in total.items()}
+        yield {**answers, "f1 of strokes": by_speaker}

@@ -1,0 +1,166 @@
+"""Input of the fault detectors, and their findings with sentence, numbers, severity and place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from conventions.joints import FACE, HANDS, LOWER_BODY, UPPER_BODY
+from conventions.rates import FPS
+from model.metrics.posture import FEET
+from model.metrics.results import Measures, as_json
+from model.metrics.smoothness import angular_velocity
+from model.motion.motion import Motion
+from model.motion.tracks import Tracks
+
+BODY = (*LOWER_BODY, *UPPER_BODY, *HANDS)
+"""Indices of all joints but the face's."""
+UPPER_AND_HANDS = (*UPPER_BODY, *HANDS)
+assert not set(BODY) & set(FACE)
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Input of the detectors: one unfiltered motion with its metrics."""
+
+    motion: Motion
+    tracks: Tracks
+    raw: Measures
+    point: str
+    """Name of the tracked point, which the ``tip_`` metrics follow."""
+    reference: Evidence | None = None
+    """Recorded motion of the same speech, with as many frames; None without one."""
+
+    @property
+    def num_frames(self) -> int:
+        return self.motion.num_frames
+
+    @cached_property
+    def turning(self) -> Float[np.ndarray, "T1 55 3"]:
+        """Angular velocity (rad/s) of each joint against its parent, frame to frame."""
+        return angular_velocity(self.tracks.local_rot)
+
+    @cached_property
+    def turning_deg_s(self) -> Float[np.ndarray, "T1 55"]:
+        """Angular speed of each joint against its parent (degrees/s)."""
+        return np.degrees(np.linalg.norm(self.turning, axis=-1))
+
+    @cached_property
+    def lower_foot_m(self) -> Float[np.ndarray, " T"]:
+        """Height of the lower foot joint in world coordinates (m)."""
+        return self.tracks.joints[:, list(FEET), 1].min(axis=1)
+
+    @cached_property
+    def floor_m(self) -> float:
+        """Median height of the lower foot (m), robust to frames with an impossible foot."""
+        return float(np.median(self.lower_foot_m))
+
+
+MOST_STRETCHES = 20
+WRONG, SEEN, MEASURED = 3, 2, 1
+"""Gravities: no person moves so; visible in positions; visible in angles between neighbours or in
+numbers alone, which counts half."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault in one motion."""
+
+    said: str
+    """One or two sentences for the user."""
+    numbers: dict[str, Any]
+    """Values behind the sentence, by name."""
+    people: str = ""
+    """Clause on what people do instead; appended last, and once for several motions."""
+    excess: float = 1.0
+    """Ratio of the value to its limit; 1 if there is no metric."""
+    span: float = 4.0
+    """Largest ratio of this metric between two clips of people."""
+    worst_frame: int | None = None
+    """Frame at which the fault is worst; None if it is the same everywhere."""
+    stretches: tuple[tuple[int, int], ...] = ()
+    """First and last frame of up to `MOST_STRETCHES` places of the fault, the longest first; empty
+    if it is everywhere."""
+    gravity: int = SEEN
+    kind: str = ""
+    """Kind of fault, set by the table like the gravity (`table.FAULTS`)."""
+
+    @property
+    def sentence(self) -> str:
+        return f"{self.said.removesuffix('.')}; {self.people}." if self.people else self.said
+
+    @property
+    def worst_s(self) -> float | None:
+        """Time of the worst frame from the start of the clip (s)."""
+        return None if self.worst_frame is None else self.worst_frame / FPS
+
+    @property
+    def severity(self) -> float:
+        """Distance from what people do, in steps by which people differ."""
+        steps = np.log(max(self.excess, 1.0)) / np.log(self.span)
+        return float(steps) * (0.5 if self.gravity == MEASURED else 1.0)
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            **as_json(self.numbers),
+            "gravity": self.gravity,
+            "excess": as_json(float(self.excess)),
+            "worst_frame": self.worst_frame,
+            "worst_s": as_json(self.worst_s),
+            "frames": [list(stretch) for stretch in self.stretches],
+            "sentence": self.sentence,
+        }
+
+
+def by_gravity(findings: Iterable[Finding]) -> list[Finding]:
+    """Sort findings: first what no person does, then what is furthest from what people do."""
+    return sorted(findings, key=_order)
+
+
+def _order(finding: Finding) -> tuple[bool, float]:
+    return finding.gravity != WRONG, -finding.severity
+
+
+def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
+    """Rank findings with the names of their motions: the gravest of each motion first.
+
+    Motions with the worst findings in sum come first; then all other findings, by severity.
+    """
+
+    def badness(found: Sequence[Finding]) -> tuple[int, float]:
+        return sum(each.gravity == WRONG for each in found), sum(
+            (each.severity for each in found), 0.0
+        )
+
+    order = sorted(findings, key=lambda name: badness(findings[name]), reverse=True)
+    told = [(name, by_gravity(findings[name])) for name in order]
+    first = [(name, finding) for name, found in told for finding in found[:1]]
+    others = [(name, finding) for name, found in told for finding in found[1:]]
+    return first + sorted(others, key=lambda other: _order(other[1]))
+
+
+def clock(frame: int) -> str:
+    """Format a frame's time in the clip as a player does: 1:05.3."""
+    tenths = round(10 * frame / FPS)
+    return f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
+
+
+def stretches_of(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
+    """Return first and last frame of the longest `MOST_STRETCHES` runs of true, longest first."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]])))
+    runs = sorted(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda run: run[0] - run[1])
+    return tuple((int(first), int(last)) for first, last in runs[:MOST_STRETCHES])
+
+
+def most_in_a_second(values: Float[np.ndarray, " N"], is_least: bool = False) -> int | None:
+    """Return the middle frame of the second with the highest, or the lowest, mean."""
+    if len(values) < FPS:
+        return None
+    means = np.convolve(values, np.ones(FPS) / FPS, "valid")
+    return int(means.argmin() if is_least else means.argmax()) + FPS // 2

@@ -1,0 +1,186 @@
+"""Detectors of too much or too little jerk, high frequencies, amplitude and speed.
+
+With a reference, a level is compared with the reference's and reported if it differs more than
+clips of recorded people, or cuts of one clip, do. Without one it is compared with the range of the
+available recorded and procedural clips: two recorded clips of one speaker and 90 procedural ones,
+whole (`LONG_FRAMES` and more) or in stretches of 10 s; the jerk of shorter clips with the recorded
+ones in stretches of 2 s. That range is narrow, and the sentence names its source.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from conventions.joints import UPPER_BODY
+from conventions.rates import FPS
+from model.faults.analysis import Evidence, Finding, clock, most_in_a_second
+from model.metrics.posture import WRISTS
+from model.metrics.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
+
+BRIEF_FRAMES, LEAST_FRAMES = 2 * FPS, 5 * FPS
+"""Lengths between which only jerk is checked: a tremor shows in it at once."""
+LONG_FRAMES = 30 * FPS
+"""Length from which a clip is compared with whole clips."""
+LONG, SHORT, BRIEF = "of 30 s and more", "of 5 to 30 s", "of 2 to 5 s"
+
+
+@dataclass(frozen=True)
+class People:
+    """Range of a level in clips of people of one length."""
+
+    lowest: float
+    highest: float
+    differ: float
+    """Largest ratio of this level between two clips."""
+    low_limit: float
+    high_limit: float
+    """Limits of the level: the range with room around it."""
+    lasts: str
+
+
+@dataclass(frozen=True)
+class Level:
+    """A level of motion with its detector."""
+
+    kind: str
+    title: str
+    unit: str
+    read: Callable[[Evidence], float]
+    long: People
+    short: People
+    low_means: str
+    high_means: str
+    brief: People | None = None
+    """Range for clips shorter than `LEAST_FRAMES`; None if they are not checked."""
+    scale: float = 1.0
+    """Factor from the unit of the metric to the displayed one."""
+
+    def search(self, evidence: Evidence) -> Iterator[Finding]:
+        """Report the level if it is outside the range of people."""
+        frames, reference = evidence.num_frames, evidence.reference
+        people = self.long if frames >= LONG_FRAMES else self.short
+        if frames < LEAST_FRAMES:
+            people = self.brief if frames >= BRIEF_FRAMES else None
+        if people is None or not np.isfinite(value := self.read(evidence)):
+            return
+        if reference is None:
+            is_low, span = value < people.low_limit, people.highest / people.lowest
+            excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
+            lowest, highest = (self._told(each, False) for each in (people.lowest, people.highest))
+            usual = f"{lowest} to {highest} in recorded and procedural clips {people.lasts}"
+            beside = ""
+            numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
+        elif (recorded := self.read(reference)) > 0.0:
+            ratio = value / recorded
+            is_low, span = ratio < 1.0, people.differ
+            excess = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
+            beside = f", {_times(ratio)} the reference's {self._told(recorded, False)}"
+            usual = f"recordings of people differ by {people.differ:g} times at most"
+            numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
+        else:
+            return
+        if excess <= 1.0:
+            return
+        worst = _worst(self, evidence, is_low)
+        where = f", most at {clock(worst)}" if worst is not None and not is_low else ""
+        means = self.low_means if is_low else self.high_means
+        yield Finding(
+            f"{means}{where}: {self.title} is {self._told(value)}{beside}.",
+            {"unit": self.unit, "value": value, **numbers},
+            usual,
+            excess=excess,
+            span=span,
+            worst_frame=worst,
+            stretches=() if worst is None else ((max(0, worst - 15), worst + 15),),
+        )
+
+    def _told(self, value: float, has_unit: bool = True) -> str:
+        number = f"{self.scale * value:.0f}"
+        if self.scale * value < 100:
+            number = np.format_float_positional(float(f"{self.scale * value:.2g}"), trim="-")
+        return f"{number} {self.unit}".replace(" °", "°") if has_unit else number
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.{0 if ratio >= 10 else 1}f} times" if ratio >= 0.1 else f"{ratio:.2g} times"
+
+
+def _worst(level: Level, evidence: Evidence, is_low: bool) -> int | None:
+    """Return the middle of the second with most jerk of the hands, or least or most turning."""
+    if level.kind in ("jerk", "high_frequency"):
+        track = derivative_magnitudes(evidence.tracks.fingertips, 3).mean(axis=1)
+    else:
+        track = evidence.turning_deg_s[:, list(UPPER_BODY)].mean(axis=1)
+    return most_in_a_second(track, is_least=is_low)
+
+
+def fingertip_jerk(evidence: Evidence) -> float:
+    """Return the mean jerk of the ten rigid fingertips (m/s^3)."""
+    return float(evidence.raw.fingertips.fingertips_jerk_m_s3.mean())
+
+
+def high_frequency_share(evidence: Evidence) -> float:
+    """Compute the share of the power of pelvis-aligned wrist velocities above 5 Hz."""
+    wrists = evidence.tracks.joints[:, list(WRISTS)] - evidence.tracks.joints[:, :1]
+    spectrum = velocity_spectrum(np.diff(wrists, axis=0) * FPS)
+    if spectrum is None or not spectrum.velocity_power.any():
+        return float("nan")
+    return float(spectrum.above(HIGH_FREQUENCY_HZ).sum() / spectrum.velocity_power.sum())
+
+
+def amplitude_deg(evidence: Evidence) -> float:
+    """Compute the root mean square distance of upper body angles from their mean (degrees)."""
+    angles = evidence.motion.poses.reshape(-1, 55, 3)[:, list(UPPER_BODY)].astype(np.float64)
+    off = angles - angles.mean(axis=0)
+    return float(np.degrees(np.sqrt((off**2).sum(axis=-1).mean())))
+
+
+def turning_speed_deg_s(evidence: Evidence) -> float:
+    """Return the mean angular speed of the upper body's local rotations (degrees/s)."""
+    return float(evidence.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
+
+
+JERK = Level(
+    "jerk",
+    "the mean jerk of all ten fingertips",
+    "m/s³",
+    fingertip_jerk,
+    long=People(65.0, 135.0, 2.0, 55.0, 175.0, LONG),
+    short=People(43.0, 202.0, 2.4, 32.0, 235.0, SHORT),
+    low_means="Smoother than living hands, as behind a low-pass",
+    high_means="It shakes",
+    brief=People(49.0, 241.0, 5.0, 0.0, 310.0, BRIEF),
+)
+HIGH_FREQUENCY = Level(
+    "high_frequency",
+    "the share of the wrists' power above 5 Hz",
+    "%",
+    high_frequency_share,
+    long=People(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),
+    short=People(0.0005, 0.025, 14.0, 0.00025, 0.035, SHORT),
+    low_means="Smoother than living hands, as behind a low-pass",
+    high_means="Fine shaking on top of the movement",
+    scale=100.0,
+)
+AMPLITUDE = Level(
+    "amplitude",
+    "the swing of the upper body's joints",
+    "°",
+    amplitude_deg,
+    long=People(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
+    short=People(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
+    low_means="Gestures are small",
+    high_means="Gestures are large",
+)
+SPEED = Level(
+    "speed",
+    "the turning of the upper body's joints",
+    "°/s",
+    turning_speed_deg_s,
+    long=People(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
+    short=People(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
+    low_means="It moves slowly or seldom",
+    high_means="It moves fast all the time",
+)

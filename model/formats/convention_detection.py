@@ -1,0 +1,302 @@
+"""Estimates from a draft's motion: axes, units, hand reference, seams of samples, and rate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
+from conventions.rates import FPS
+from model.formats.motion_draft import Draft, at_30_fps
+from model.formats.reading import AXES, METRES, Kind, Reading, axis_of
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion, in_step
+from model.motion.tracks import Tracks, track_points
+from model.storage.npz import MotionError
+
+_LEFT_RELAXED = (
+    *((-0.005, 0.045, -0.209), (0, 0, -0.349), (0, 0, -0.157)),
+    *((-0.002, 0.011, -0.297), (0, 0, -0.401), (0, 0, -0.175)),
+    *((0.019, -0.11, -0.349), (0, 0, -0.384), (0, 0, -0.175)),
+    *((0.008, -0.044, -0.349), (0, 0, -0.419), (0, 0, -0.192)),
+    *((0.367, 0.248, -0.131), (0.026, 0.185, -0.073), (0, 0.23, -0.098)),
+)
+RELAXED_HANDS: Float[np.ndarray, "30 3"] = np.concatenate(
+    [np.array(_LEFT_RELAXED), np.array(_LEFT_RELAXED) * (1, -1, -1)]
+)
+"""Axis-angle (30, 3) of our own relaxed hands, a substitute for the licensed mean hand pose."""
+_UNIT = {axis: axis_of(axis) for axis in AXES}
+_UPRIGHT = {
+    "y": Rotation.identity(),
+    "-y": Rotation.from_euler("x", 180, degrees=True),
+    "z": Rotation.from_euler("x", -90, degrees=True),
+    "-z": Rotation.from_euler("x", 90, degrees=True),
+    "x": Rotation.from_euler("z", 90, degrees=True),
+    "-x": Rotation.from_euler("z", -90, degrees=True),
+}
+"""Rotations of each up axis to y."""
+_FORWARD_DEG = {"z": 0, "x": -90, "-z": 180, "-x": 90}
+"""Rotations about y of each forward axis to z (degrees)."""
+CURL_FLAT, CURL_OFFSET = 0.18, 0.08
+"""Mean bend of long fingers (rad) above which hands are relative to the flat hand (recordings .22
+and more), and below which they are relative to the mean hand pose."""
+SLIDES_M_S = 0.8
+"""Median speed of the slower foot that no motion in metres reaches (worst published one: .4)."""
+FAR = 20.0
+"""Distance from the origin (m) that no recording reaches, but coordinates in centimetres do."""
+_LOOKED_AT = 1800
+"""Number of first frames by which feet are judged."""
+LOWEST_FPS, HIGHEST_FPS = 12.0, 240.0
+_FILLED_IN = (
+    f"; frames between were filled in to {FPS} along a smooth curve, so it cannot hold movement"
+    " above %g Hz, and its jerk and high frequencies say nothing beside motion of 30"
+)
+_SAMPLES = range(2, 21)
+_JUMP = 2.5
+
+
+def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) -> Reading:
+    """Convert a draft to our conventions, with all that was assumed.
+
+    Args:
+        mean_hands: mean hand pose of the licensed body, if there is one.
+
+    Raises:
+        MotionError: for rates that cannot be resampled, and impossible values from the user.
+    """
+    _samples(draft)
+    _hands(draft, mean_hands)
+    _units(draft)
+    _up_and_facing(draft)
+    if not LOWEST_FPS <= draft.fps <= HIGHEST_FPS:
+        raise MotionError(
+            f"{draft.name} has {draft.fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g}"
+            f" can be resampled to {FPS} (if it lies, say --assume rate=N)."
+        )
+    motion = at_30_fps(draft.motion(), draft.fps)
+    if abs(draft.fps - FPS) >= 0.01:
+        what = f"; resampled to {FPS}" if draft.fps > FPS - 1.0 else _FILLED_IN % (draft.fps / 2)
+        draft.assumptions = [
+            replace(each, why=each.why + what) if each.kind == "rate" else each
+            for each in draft.assumptions
+        ]
+    if draft.fps <= FPS - 1.0:
+        draft.lacks.add("detail")
+    motion = _in_step(draft, motion)
+    known = {each.kind for each in draft.assumptions if each.sure == "told"} | {"frames"}
+    for kind in sorted(draft.told.keys() - known):
+        draft.assume(
+            cast(Kind, kind), draft.told[kind], "which does not apply to this file", "told"
+        )
+    return Reading(motion, tuple(draft.assumptions), draft.name, frozenset(draft.lacks))
+
+
+def _in_step(draft: Draft, motion: Motion) -> Motion:
+    """Shift the motion by the lag that the user states."""
+    told = draft.told.get("lag")
+    if told is None:
+        return motion
+    try:
+        moved = in_step(motion, float(told))
+    except (ValueError, OverflowError) as error:
+        raise MotionError(f"{draft.name}: --assume lag={told}: {error}") from error
+    draft.assume("lag", told, "as you say; moved by so many seconds", "told")
+    return moved
+
+
+def _samples(draft: Draft) -> None:
+    """Detect samples of one clip that were joined, by jumps of the body at equal distances."""
+    poses = draft.poses[:, :22].reshape(len(draft.poses), -1)
+    jumps = np.linalg.norm(np.diff(poses, axis=0), axis=1)
+    for count in reversed(_SAMPLES):
+        length = len(poses) // count
+        if length * count != len(poses) or length < 8:
+            continue
+        joins = np.arange(1, count) * length - 1
+        rest = np.delete(jumps, joins)
+        if jumps[joins].min() > _JUMP * np.percentile(rest, 99) and jumps[joins].min() > 0.1:
+            break
+    else:
+        return
+    choice = draft.told.get("motion", "all")
+    numbers = tuple(str(number) for number in range(1, count + 1))
+    why = f"the body jumps every {length} frames, as where {count} samples are joined end to end"
+    if choice in numbers:
+        draft.keep(slice(length * (int(choice) - 1), length * int(choice)))
+        draft.assume("motion", choice, f"as you say of {count}", "told", (*numbers, "all"))
+    else:
+        draft.assume("motion", "all", why, "unsure", numbers)
+
+
+def curl(poses: Float[np.ndarray, "T 55 3"]) -> float:
+    """Compute the mean bend of the long fingers (rad), of hands that are not all zero."""
+    hands = ((LEFT_HAND, -1.0), (RIGHT_HAND, 1.0))
+    bends = [sign * poses[:, list(hand[:12]), 2] for hand, sign in hands if poses[:, hand].any()]
+    return float(np.mean(bends)) if bends else 0.0
+
+
+def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
+    """Decide whether hands are relative to the flat hand or the mean hand pose."""
+    told = draft.told.get("hands")
+    hands = draft.poses[:, list(HANDS)]
+    if "hands" in draft.lacks or (draft.is_scaled and told is None):
+        return
+    bend, moves = curl(draft.poses), bool(np.abs(hands).max(initial=0.0) > 1e-5)
+    thumbs = float(draft.poses[:, [LEFT_HAND[12], RIGHT_HAND[12]], 0].mean())
+    if told is not None:
+        value, why, sure = told, "as you say", "told"
+    elif draft.is_offset:
+        is_flat = bend > CURL_FLAT and moves
+        value = "flat" if is_flat else "mean"
+        sure = "unsure" if bend > CURL_OFFSET and moves else "likely"
+        why = (
+            f"fingers bend by {bend:z.2f} rad, as from the flat hand, though files of"
+            " this layout are told from the mean one"
+            if is_flat
+            else "files of this layout are told from the mean hand, and so do the fingers bend"
+        )
+    elif draft.is_offset is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
+        value, sure = "mean", "unsure"
+        why = f"fingers bend by {bend:z.2f} rad, which no flat hand does"
+    elif not moves:
+        draft.lacks.add("hands")
+        draft.assume("hands", "flat", "they never move", "likely", ("mean",), is_usual=True)
+        return
+    else:
+        value, sure = "flat", "sure" if bend > CURL_FLAT else "likely"
+        why = f"fingers bend by {bend:z.2f} rad"
+    if value == "mean":
+        offset = RELAXED_HANDS if mean_hands is None else mean_hands
+        draft.poses = draft.poses.copy()
+        draft.poses[:, list(HANDS)] += offset
+        if mean_hands is None:
+            draft.lacks.add("finger_angles")
+            why += "; our relaxed hand stands in for it (--body brings the real one)"
+    draft.assume("hands", value, why, sure, ("flat", "mean"), is_usual=value == "flat" and not told)
+
+
+def _units(draft: Draft) -> None:
+    """Decide the units by the height of the pelvis and the scale at which feet do not slide."""
+    if draft.trans is None or draft.is_scaled:
+        return
+    told = draft.told.get("units")
+    if told is not None:
+        draft.trans = draft.trans * METRES[told]
+        draft.assume("units", told, "as you say", "told", tuple(METRES))
+        return
+    still = Draft(draft.name, {}, draft.poses[:_LOOKED_AT]).motion()
+    feet = _tracks(still).joints[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]]
+    trans = draft.trans[:_LOOKED_AT]
+
+    def slide(scale: float) -> float:
+        """Return the median speed of the slower foot (m/s)."""
+        if len(trans) < 2:
+            return 0.0
+        steps = np.linalg.norm(np.diff(feet + scale * trans[:, None], axis=0), axis=-1)
+        return float(np.median(steps.min(axis=1)) * draft.fps)
+
+    far = float(np.abs(np.median(trans, axis=0)).max())
+    is_still = np.ptp(trans, axis=0).max() < 1e-6
+    stands = slide(1.0) < max(SLIDES_M_S, 2 * slide(0.0))  # or its legs alone go as fast
+    if far < FAR and (is_still or stands):
+        unit, sure, why = "m", "sure", "feet stand at that scale"
+    elif not is_still and stands:
+        unit, sure = "m", "unsure"
+        why = f"though the body stands {far:.0f} away, at that scale its feet stand"
+    else:
+        steps = np.linalg.norm(np.diff(trans, axis=0), axis=-1)
+        speed = float(np.median(steps) * draft.fps) if len(steps) else 0.0
+        odd = {unit: _oddness(METRES[unit] * far, METRES[unit] * speed) for unit in ("cm", "mm")}
+        unit = min(odd, key=lambda each: odd[each])
+        sure = "likely" if abs(odd["cm"] - odd["mm"]) > 1.0 else "unsure"
+        why = f"in metres it would stand {far:.0f} away and its feet slide at {slide(1.0):.1f} m/s"
+    if unit != "m":
+        draft.trans = draft.trans * METRES[unit]
+    draft.assume("units", unit, why, sure, ("m", "cm", "mm"), unit == "m" and sure == "sure")
+
+
+def _oddness(far_m: float, speed_m_s: float) -> float:
+    """Return how implausible a pelvis's distance and speed are for a person."""
+    return abs(np.log(max(far_m, 0.3))) + abs(np.log(max(speed_m_s, 1e-4) / 0.08))
+
+
+def _tracks(motion: Motion) -> Tracks:
+    return track_points(motion, open_body_skeleton())
+
+
+def posture(motion: Motion) -> dict[str, float]:
+    """Compute how upright a body is along each axis, -1 to 1, by spine, head, shanks and soles."""
+    some = motion.part(np.arange(0, motion.num_frames, max(1, motion.num_frames // 100)))
+    tracks = _tracks(some)
+
+    def mean_bone(start: str, end: str) -> np.ndarray:
+        bone = tracks.joints[:, JOINT_INDEX[end]] - tracks.joints[:, JOINT_INDEX[start]]
+        return (bone / np.maximum(np.linalg.norm(bone, axis=-1, keepdims=True), 1e-9)).mean(axis=0)
+
+    spine = mean_bone("pelvis", "neck")
+    head = tracks.global_rot[:, JOINT_INDEX["head"], :, 1].mean(axis=0)
+    shanks = (mean_bone("left_ankle", "left_knee") + mean_bone("right_ankle", "right_knee")) / 2
+    feet = tracks.global_rot[:, [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]], :, 1]
+    up = (2 * spine + head + shanks + feet.mean(axis=(0, 1))) / 5
+    return {axis: float(up @ unit) for axis, unit in _UNIT.items()}
+
+
+def _up_and_facing(draft: Draft) -> None:
+    if "up" in draft.settled:
+        return
+    scores = posture(draft.motion())
+    ranked = sorted(scores, key=lambda axis: -scores[axis])
+    best, second = ranked[0], ranked[1]
+    up = draft.told.get("up", best)
+    margin = scores[best] - scores[second]
+    if "up" in draft.told:
+        why, sure = "as you say", "told"
+    elif draft.is_scaled and best == "y":
+        why, sure = "its rest pose stands along it", "sure"
+    else:
+        why = "spine, head, shanks and soles stand along it" + ("; turned" if up != "y" else "")
+        sure = "unsure" if margin < 0.2 else "likely" if margin < 0.5 else "sure"
+    if up != "y":
+        _turn(draft, _UPRIGHT[up])
+    is_usual = up == "y" and sure in ("sure", "likely")
+    if up != "y" or all(each.kind != "up" for each in draft.assumptions):
+        draft.assume("up", up, why, sure, tuple(ranked), is_usual)
+    _facing(draft)
+
+
+def _facing(draft: Draft) -> None:
+    tracks = _tracks(Draft(draft.name, {}, draft.poses[:: 1 + len(draft.poses) // 600]).motion())
+    hips = tracks.joints[:, JOINT_INDEX["left_hip"]] - tracks.joints[:, JOINT_INDEX["right_hip"]]
+    ahead = np.cross(hips, (0.0, 1.0, 0.0))[:, [0, 2]]
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    x, z = ahead.mean(axis=0)
+    degrees = float(np.degrees(np.arctan2(x, z)))
+    quarter = {0: "z", 90: "x", 180: "-z", -180: "-z", -90: "-x"}[round(degrees / 90) * 90]
+    told = draft.told.get("facing")
+    if told is not None:
+        if told in _FORWARD_DEG:
+            _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[told], degrees=True))
+        draft.assume("facing", told, "as you say", "told", (*_FORWARD_DEG, "as-is"))
+    elif abs(degrees) > 60 and np.hypot(x, z) > 0.9 and quarter != "z":
+        _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[quarter], degrees=True))
+        why = f"hips face {degrees:.0f}° from z throughout; turned"
+        draft.assume("facing", quarter, why, "likely", (*_FORWARD_DEG, "as-is"))
+    elif all(each.kind != "facing" for each in draft.assumptions):
+        is_z = quarter == "z" and np.hypot(x, z) > 0.9
+        value, why = (
+            ("z", f"hips face {degrees:.0f}° from it") if is_z else ("as-is", "not one way")
+        )
+        draft.assume("facing", value, why, "sure", (*_FORWARD_DEG, "as-is"), is_usual=True)
+
+
+def _turn(draft: Draft, turn: Rotation) -> None:
+    """Rotate the whole body, and its position (`trans` plus the pelvis's rest position)."""
+    draft.poses = draft.poses.copy()
+    draft.poses[:, 0] = (turn * Rotation.from_rotvec(draft.poses[:, 0])).as_rotvec()
+    rest = open_body_skeleton().rest_joints[0].double().numpy()
+    trans = np.zeros((len(draft.poses), 3)) if draft.trans is None else draft.trans
+    draft.trans = turn.apply(trans + rest) - rest

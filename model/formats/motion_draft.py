@@ -1,0 +1,322 @@
+"""Draft of a motion, conversion of rotations and joint sets to axis-angle, and resampling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from conventions.joints import HANDS, JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.rates import FPS
+from model.formats.reading import USUAL_RATES, Assumption, Kind, Part, Rotations, Sure
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, ExpressionBasis, Motion
+from model.motion.rotations import axis_angle_from_matrix, matrix_from_rot6d
+from model.motion.transforms import motion_at_speed
+from model.storage.npz import MotionError
+
+WIDTHS: dict[int, tuple[Rotations, ...]] = {
+    3: ("axis-angle",),
+    6: ("6d", "6d-columns", "6d-interleaved"),
+    4: ("quaternion-wxyz", "quaternion-xyzw"),
+    9: ("matrix",),
+}
+"""Rotation formats by the number of values per joint."""
+BODY = tuple(range(22))
+JOINT_SETS: dict[int, tuple[int, ...]] = {
+    55: tuple(range(55)),
+    52: (*BODY, *HANDS),
+    53: (*BODY, JOINT_INDEX["jaw"], *HANDS),
+    24: BODY,
+    22: BODY,
+}
+"""Our joints by the number of joints in files; SMPL's last two of 24 are hands without fingers, and
+are ignored."""
+SET_NAMES = {55: "SMPL-X", 52: "SMPL-H", 53: "SMPL-H and the jaw", 24: "SMPL", 22: "SMPL's body"}
+MOST_RADIANS = 4 * np.pi
+"""Largest plausible angle, two full turns; above it, angles are in degrees."""
+_MIXED = [0, 2, 4, 1, 3, 5]
+"""Column order that separates two interleaved axes."""
+
+
+@dataclass
+class Draft:
+    """A motion that is being read: the file's content, and the assumptions so far."""
+
+    name: str
+    told: dict[str, str]
+    """Properties of the file that the user states, by kind."""
+    poses: Float[np.ndarray, "T 55 3"]
+    fps: float = float(FPS)
+    trans: Float[np.ndarray, "T 3"] | None = None
+    expressions: np.ndarray | None = None
+    basis: ExpressionBasis = "flame100"
+    betas: np.ndarray = field(default_factory=lambda: np.zeros(NUM_BETAS, np.float32))
+    assumptions: list[Assumption] = field(default_factory=list)
+    lacks: set[Part] = field(default_factory=set)
+    is_offset: bool | None = None
+    """True if hands of this layout are usually offsets from the mean hand pose; None if they are
+    known not to be."""
+    chosen: int = 1
+    """Number of the motion in a batch, from 1."""
+    settled: set[Kind] = field(default_factory=set)
+    """Properties that the reader has set as the user states, not to be applied again."""
+    is_scaled: bool = False
+    """True if `trans` is in metres and y is up, unless the motion indicates otherwise."""
+
+    def assume(
+        self,
+        kind: Kind,
+        value: str,
+        why: str,
+        sure: Sure = "sure",
+        others: tuple[str, ...] = (),
+        is_usual: bool = False,
+    ) -> None:
+        """Record an assumption."""
+        self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
+
+    def goes_at(
+        self, fps: float, why: str, sure: Sure, others: tuple[str, ...] = USUAL_RATES
+    ) -> None:
+        """Set the frame rate, unless the user states another."""
+        is_ours = sure == "stated" and abs(fps - FPS) < 0.01
+        told = self.settled_as("rate", f"{fps:g}", why, sure, others, is_ours)
+        self.fps = float(told) if "rate" in self.told else fps
+
+    def turns(
+        self, rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...]
+    ) -> Float[np.ndarray, "T J 3"]:
+        """Convert rotations to axis-angle, and record the format assumed."""
+        form = _form_of(rows, joints, self.name, self.told.get("rotations"))
+        if form not in self.assumptions:
+            self.assumptions.append(form)
+        return _decoded(rows, form.value, self.name)
+
+    def settled_as(
+        self,
+        kind: Kind,
+        found: str,
+        why: str,
+        sure: Sure,
+        others: tuple[str, ...],
+        is_usual: bool = False,
+    ) -> str:
+        """Return the user's value of a property, or else the one detected, and record it."""
+        told = self.told.get(kind)
+        if told is None:
+            self.assume(kind, found, why, sure, others, is_usual)
+            return found
+        self.assume(kind, told, "as you say", "told", others)
+        return told
+
+    def keep(self, frames: slice) -> None:
+        """Keep only a range of frames."""
+        self.poses = self.poses[frames]
+        self.trans = None if self.trans is None else self.trans[frames]
+        self.expressions = None if self.expressions is None else self.expressions[frames]
+
+    def motion(self) -> Motion:
+        """Make the motion, with zeros for missing parts."""
+        frames = len(self.poses)
+        trans = np.zeros((frames, 3)) if self.trans is None else self.trans
+        if self.expressions is None:
+            faces = np.zeros((frames, NUM_EXPRESSIONS), np.float32)
+        else:
+            faces = self.expressions.astype(np.float32)
+        poses = self.poses.reshape(frames, -1).astype(np.float32)
+        return Motion(poses, trans.astype(np.float32), faces, self.basis, self.betas)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Layout of rotations in an array."""
+
+    batch: int
+    frames: int
+    joints: int
+    width: int
+    is_transposed: bool = False
+
+    def rows(self, array: np.ndarray) -> Float[np.ndarray, "B T J width"]:
+        """Reshape an array to this layout."""
+        array = array.T if self.is_transposed else array
+        return array.reshape(self.batch, self.frames, self.joints, self.width)
+
+
+def shape_of(shape: tuple[int, ...]) -> Shape | None:
+    """Return the layout of rotations in an array by its shape; None if it fits none."""
+    pairs = {(joints, width) for joints in JOINT_SETS for width in WIDTHS}
+    flat = {joints * width: (joints, width) for joints, width in pairs}
+    match shape:
+        case (frames, columns) if columns in flat:
+            return Shape(1, frames, *flat[columns])
+        case (joints, width) if (joints, width) in pairs:
+            return Shape(1, 1, joints, width)
+        case (columns, frames) if columns in flat and frames > 1:
+            return Shape(1, frames, *flat[columns], is_transposed=True)
+        case (frames, joints, width) if (joints, width) in pairs:
+            return Shape(1, frames, joints, width)
+        case (batch, frames, columns) if columns in flat:
+            batch, frames = (1, batch) if frames == 1 else (batch, frames)
+            return Shape(batch, frames, *flat[columns])
+        case (frames, joints, 3, 3) if joints in JOINT_SETS:
+            return Shape(1, frames, joints, 9)
+        case (batch, frames, joints, width) if (joints, width) in pairs:
+            return Shape(batch, frames, joints, width)
+        case (batch, frames, joints, 3, 3) if joints in JOINT_SETS:
+            return Shape(batch, frames, joints, 9)
+    return None
+
+
+def laid_out(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> np.ndarray:
+    """Return poses of 55 joints with these ones; the others stay at rest."""
+    whole = np.zeros((len(poses), NUM_JOINTS, 3))
+    whole[:, list(joints)] = poses[:, : len(joints)]
+    return whole
+
+
+def are_positions(rows: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> bool:
+    """Check whether rows are positions, by constant bones in the proportions of a body."""
+    places = laid_out(rows[:: max(1, len(rows) // 100)], joints)
+    bones = [joint for joint in joints[1:] if PARENTS[joint] in joints]
+    lengths = np.linalg.norm(
+        places[:, bones] - places[:, [PARENTS[joint] for joint in bones]], axis=-1
+    )
+    mean = lengths.mean(axis=0)
+    if not mean.std() > 1e-3:
+        return False
+    rest = open_body_skeleton().rest_joints.double().numpy()
+    ours = np.linalg.norm(rest[bones] - rest[[PARENTS[joint] for joint in bones]], axis=-1)
+    varies = np.median(lengths.std(axis=0) / np.maximum(mean, 1e-9))
+    return bool(np.corrcoef(mean, ours)[0, 1] > 0.85 and varies < 0.1)
+
+
+def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> float:
+    """Score how joints bend: positive as people's arms, knees and fingers do, or negative."""
+    curls = [f"{finger}{i}" for finger in ("index", "middle", "ring") for i in (1, 2, 3)]
+    signs = {"left_knee": (0, 0.7), "right_knee": (0, 0.7)}
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        signs |= {f"{side}_elbow": (1, sign), f"{side}_shoulder": (2, sign)}
+        signs |= {f"{side}_{curl}": (2, 0.3 * sign) for curl in curls}
+    mean = poses.mean(axis=0)
+    at = {joint: index for index, joint in enumerate(joints)}
+    return sum(
+        sign * float(np.clip(mean[at[JOINT_INDEX[name]], axis], -1, 1))
+        for name, (axis, sign) in signs.items()
+        if JOINT_INDEX[name] in at
+    )
+
+
+def _form_of(
+    rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], name: str, told: str | None
+) -> Assumption:
+    """Decide the format of rotations.
+
+    Raises:
+        MotionError: if they cannot have the format that the user states.
+    """
+    width = rows.shape[-1]
+    forms = WIDTHS[width]
+    if told is not None:
+        if told not in forms:
+            raise MotionError(
+                f"{name} has {width} numbers for a joint, which are none of {told}; say "
+                f"{' or '.join(forms)}."
+            )
+        return Assumption("rotations", told, "as you say", "told")
+    if width == 6:
+        return _form_of_6d(rows, joints, name)
+    if width == 4:
+        first, last = (float(np.abs(rows[..., at]).mean()) for at in (0, 3))
+        sure = "sure" if abs(first - last) > 0.1 else "unsure"
+        why = f"w is the {'first' if first >= last else 'last'} number, by which joints turn least"
+        return Assumption("rotations", forms[int(first < last)], why, sure, forms)
+    why = f"{width} numbers for a joint"
+    return Assumption("rotations", forms[0], why, is_usual=forms[0] == "axis-angle")
+
+
+def _form_of_6d(rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name: str) -> Assumption:
+    """Decide whether 6D rotations are sequential or interleaved, and rows or columns."""
+
+    def apart(six: np.ndarray) -> float:
+        a, b = six[..., :3], six[..., 3:]
+        unit = [np.abs(np.linalg.norm(each, axis=-1) - 1).mean() for each in (a, b)]
+        return float(sum(unit) + np.abs((a * b).sum(axis=-1)).mean())
+
+    forms = WIDTHS[6]
+    if apart(rows[..., _MIXED]) < 0.5 * apart(rows):
+        why = "only as two columns, number by number, are they of length 1"
+        return Assumption("rotations", "6d-interleaved", why, "sure", forms)
+    natural = as_people_bend(_decoded(rows, "6d", name), joints)
+    form, why = "6d", "the first two rows, by which joints bend as people's do"
+    if natural < -0.3:
+        form, why = "6d-columns", "as rows, elbows and hands bend backwards"
+    sure: Sure = "sure" if abs(natural) > 1.0 else "likely" if abs(natural) > 0.3 else "unsure"
+    return Assumption("rotations", form, why, sure, forms)
+
+
+def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.ndarray:
+    shape = (*rows.shape[:2], 3)
+    if form == "axis-angle":
+        largest = float(np.linalg.norm(rows, axis=-1).max(initial=0.0))
+        if largest > MOST_RADIANS:
+            raise MotionError(
+                f"{name} turns a joint by {largest:.0f}; its rotations must be in radians, not"
+                " degrees: multiply them by pi/180."
+            )
+        return rows.astype(np.float64)
+    if form.startswith("quaternion"):
+        if np.abs(np.linalg.norm(rows, axis=-1) - 1).max() > 0.1:
+            raise MotionError(
+                f"{name} has 4 numbers for a joint, which are no unit quaternions; save rotations."
+            )
+        xyzw = rows if form == "quaternion-xyzw" else np.roll(rows, -1, axis=-1)
+        return Rotation.from_quat(xyzw.reshape(-1, 4)).as_rotvec().reshape(shape)
+    if form.startswith("6d"):
+        six = rows[..., _MIXED] if form == "6d-interleaved" else rows
+        rotmat = matrix_from_rot6d(torch.from_numpy(np.ascontiguousarray(six)).double())
+        poses = axis_angle_from_matrix(rotmat).numpy()
+        return poses if form == "6d" else -poses
+    rotmat = torch.from_numpy(np.ascontiguousarray(rows)).double().unflatten(-1, (3, 3))
+    apart = rotmat @ rotmat.mT - torch.eye(3, dtype=rotmat.dtype)
+    if float(apart.abs().max()) > 0.05:
+        raise MotionError(
+            f"{name} has 9 numbers for a joint, which are no rotation matrices; save rotations."
+        )
+    return axis_angle_from_matrix(rotmat).numpy()
+
+
+def at_30_fps(motion: Motion, fps: float) -> Motion:
+    """Resample a motion to 30 frames per second.
+
+    Higher rates are resampled by slerp; lower ones along a cubic spline, which adds neither kinks
+    nor jitter that the file cannot have.
+    """
+    if abs(fps - FPS) < 0.01:
+        return motion
+    if fps > FPS - 1.0:
+        return motion_at_speed(motion, fps / FPS)
+    at = np.arange(int((motion.num_frames - 1) * FPS / fps + 1e-6) + 1) * fps / FPS
+    known = np.arange(motion.num_frames)
+    rotmat = motion.local_rotations().double().numpy()[..., :2, :]
+    rows = _along(rotmat.reshape(len(known), -1), known, at)
+    turned = matrix_from_rot6d(torch.from_numpy(rows).unflatten(-1, (NUM_JOINTS, 6)))
+    return replace(
+        motion,
+        poses=axis_angle_from_matrix(turned).flatten(1).float().numpy(),
+        trans=_along(motion.trans, known, at).astype(np.float32),
+        expressions=_along(motion.expressions, known, at).astype(np.float32),
+    )
+
+
+def _along(
+    rows: Float[np.ndarray, "T C"], known: np.ndarray, at: np.ndarray
+) -> Float[np.ndarray, "S C"]:
+    if len(known) < 2:
+        return np.repeat(rows, len(at), axis=0).astype(np.float64)
+    return CubicSpline(known, rows.astype(np.float64), axis=0)(at)

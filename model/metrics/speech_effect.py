@@ -1,0 +1,221 @@
+"""Effect of speech and of noise on a motion, and movement in silence.
+
+Two motions of one system that share the speech but not the noise are similar because of the speech;
+two that share the noise but not the speech, because of the noise; two that share neither show the
+similarity of any two motions. Similarity is the correlation over time of a track: angular speed of
+the arms and the head, raise of the brows, opening of the jaw. The share of speech is the first less
+the third, that of noise the second less the third.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from scipy import stats
+from scipy.ndimage import gaussian_filter1d
+
+from conventions.joints import JOINT_INDEX
+from conventions.rates import FPS
+from model.metrics.face import correlation, head_speed, unit_columns
+from model.motion.motion import Motion
+from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
+
+SMOOTH_FRAMES = 4.0
+"""Deviation of the Gaussian that smooths speeds (frames); shorter than a stroke."""
+LEAST_FRAMES = 3 * FPS
+"""Shortest motions that are compared (frames)."""
+ARMS = [JOINT_INDEX[f"{side}_{j}"] for side in ("left", "right") for j in ("shoulder", "elbow")]
+
+Grid = Mapping[tuple[str, int], Motion]
+"""Motions of one system by speech, or in `model.evaluation.classifiers` speaker, and noise seed."""
+
+
+@dataclass(frozen=True)
+class Decided:
+    """Mean correlations of one track over pairs of motions."""
+
+    same_speech: float
+    """Mean correlation of motions with the same speech and other noise."""
+    same_noise: float
+    """Mean correlation of motions with the same noise and other speech."""
+    neither: float
+    lead_low: float
+    """95 % confidence interval of `lead`: Welch's interval over the pairs."""
+    lead_high: float
+
+    @property
+    def lead(self) -> float:
+        """Share of speech less the share of noise."""
+        return self.same_speech - self.same_noise
+
+    @property
+    def by_speech(self) -> float:
+        """Share of the correlation that is due to the speech."""
+        return self.same_speech - self.neither
+
+    @property
+    def by_noise(self) -> float:
+        """Share of the correlation that is due to the noise."""
+        return self.same_noise - self.neither
+
+
+def arm_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
+    """Compute the smoothed sum of the angular speeds of both shoulders and elbows (degrees/s)."""
+    return _smooth(turning(motion, ARMS))
+
+
+def turning(motion: Motion, joints: Sequence[int]) -> Float[np.ndarray, " T1"]:
+    """Compute the sum of the angular speeds of joints against their parents (degrees/s)."""
+    poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))[:, list(joints)]
+    turned = matrix_from_axis_angle(poses)
+    steps = axis_angle_from_matrix(turned[:-1].mT @ turned[1:]).norm(dim=-1)
+    return np.rad2deg(steps.sum(-1).numpy()) * FPS
+
+
+def _brows(motion: Motion) -> Float[np.ndarray, " T"] | None:
+    if motion.expression_basis != "arkit52":
+        return None
+    return motion.expressions[:, unit_columns("browInnerUp")].mean(1)
+
+
+def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:
+    jaw = 3 * JOINT_INDEX["jaw"]
+    return np.linalg.norm(motion.poses[:, jaw : jaw + 3], axis=-1)
+
+
+TRACKS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
+    "arms": arm_speed,
+    "head": lambda motion: _smooth(head_speed(motion)),
+    "brows": _brows,
+    "jaw": _jaw,
+}
+"""Functions that compute the track of a body part; None if a motion has no such part."""
+
+
+def likeness(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " m"]) -> float:
+    """Compute the correlation over the frames that both tracks have; 0 if one is constant."""
+    frames = min(len(one), len(other))
+    return correlation(one[:frames], other[:frames])
+
+
+def arm_rotations_alike(one: Motion, other: Motion) -> float:
+    """Compute the mean correlation of the 12 axis-angle components of shoulders and elbows."""
+    columns = [3 * joint + k for joint in ARMS for k in range(3)]
+    pairs = zip(one.poses[:, columns].T, other.poses[:, columns].T, strict=True)
+    return float(np.mean([likeness(*pair) for pair in pairs]))
+
+
+def arm_rotations_same_noise(motions: Grid) -> float:
+    """Average `arm_rotations_alike` over all pairs with the same noise and other speech."""
+    alike = [
+        arm_rotations_alike(one, other)
+        for ((speech, seed), one), ((speech_, seed_), other) in combinations(motions.items(), 2)
+        if seed == seed_ and speech != speech_
+    ]
+    return float(np.mean(alike))
+
+
+def decided(motions: Grid) -> dict[str, Decided]:
+    """Compute for each body part how far speech and noise determine the motion.
+
+    Raises:
+        ValueError: unless there are two or more speeches, each with the same two or more seeds, and
+            each motion lasts `LEAST_FRAMES` or longer.
+    """
+    speeches, seeds = (sorted({key[k] for key in motions}) for k in (0, 1))
+    if len(speeches) < 2 or len(seeds) < 2 or len(motions) != len(speeches) * len(seeds):
+        raise ValueError(
+            f"Two speeches and two noise seeds or more are compared, each with each; there are "
+            f"{len(motions)} motions of {len(speeches)} speeches and {len(seeds)} seeds."
+        )
+    shortest = min(motion.num_frames for motion in motions.values())
+    if shortest < LEAST_FRAMES:
+        raise ValueError(
+            f"Each motion must last {LEAST_FRAMES / FPS:g} s to be compared; one has "
+            f"{shortest / FPS:.1f} s."
+        )
+    found = {}
+    for part, track_of in TRACKS.items():
+        tracks = [(key, track_of(motion)) for key, motion in motions.items()]
+        known = [(key, track) for key, track in tracks if track is not None]
+        if len(known) == len(tracks):
+            found[part] = _decided(known)
+    return found
+
+
+def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> Decided:
+    alike: dict[tuple[bool, bool], list[float]] = {}
+    for ((speech, seed), one), ((speech_, seed_), other) in combinations(tracks, 2):
+        alike.setdefault((speech == speech_, seed == seed_), []).append(likeness(one, other))
+    same_speech, same_noise = alike[True, False], alike[False, True]
+    low, high = _difference_limits(same_speech, same_noise)
+    neither = float(np.mean(alike[False, False]))
+    return Decided(float(np.mean(same_speech)), float(np.mean(same_noise)), neither, low, high)
+
+
+def _difference_limits(ones: Sequence[float], others: Sequence[float]) -> tuple[float, float]:
+    """Compute Welch's 95 % limits of a difference of means; the difference if neither varies."""
+    difference = float(np.mean(ones) - np.mean(others))
+    errors = [float(np.var(each, ddof=1) / len(each)) for each in (ones, others)]
+    if sum(errors) < 1e-12:
+        return difference, difference
+    freedom = sum(errors) ** 2 / sum(
+        error**2 / (len(each) - 1) for error, each in zip(errors, (ones, others), strict=True)
+    )
+    reach = float(stats.t.ppf(0.975, freedom)) * sum(errors) ** 0.5
+    return difference - reach, difference + reach
+
+
+def _smooth(speed: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    return gaussian_filter1d(np.asarray(speed, np.float64), SMOOTH_FRAMES)
+
+
+SILENCE_S = 5.0
+"""Part of a silence that is measured (s); a shorter pause counts as speech."""
+PARTS = {"arms": ARMS, "jaw": [JOINT_INDEX["jaw"]]}
+
+
+def spoken_and_silent(
+    voiced: Bool[np.ndarray, " T"],
+) -> tuple[Bool[np.ndarray, " T"], Bool[np.ndarray, " T"]]:
+    """Return the frames of speech, and the first `SILENCE_S` of each silence after it.
+
+    Neither are frames before the first voice, the rest of a silence, and too short an end.
+    """
+    spoken, silent = np.zeros(len(voiced), bool), np.zeros(len(voiced), bool)
+    wanted = round(SILENCE_S * FPS)
+    heard = np.flatnonzero(voiced)
+    spoken[heard] = True
+    for this, following in pairwise([*heard, len(voiced)]):
+        if following - this > wanted:
+            silent[this + 1 : this + 1 + wanted] = True
+        elif following < len(voiced):
+            spoken[this:following] = True
+    return spoken, silent
+
+
+def speed_in_silence(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[str, float]:
+    """Compute ``arms_in_silence`` and ``jaw_in_silence``, ratios of mean angular speeds.
+
+    A ratio is the speed in the silences after speech over that during speech; 0 if all rests.
+
+    Args:
+        voiced: whether there is a voice, from the motion's first frame on.
+
+    Returns:
+        Empty if there is no such silence; without a part that does not even move during speech.
+    """
+    frames = min(motion.num_frames, len(voiced))
+    spoken, silent = spoken_and_silent(voiced[:frames])
+    if not silent.any():
+        return {}
+    found = {}
+    for part, joints in PARTS.items():
+        speed = turning(motion, joints)[: frames - 1]
+        speaking = speed[spoken[1:]].mean()
+        if speaking > 0:
+            found[f"{part}_in_silence"] = float(speed[silent[1:]].mean() / speaking)
+    return found

@@ -1,0 +1,190 @@
+"""Metrics of the tracked point: its smoothness, and the joint that causes its jerk.
+
+Smoothing the local rotation of joint j from R to S changes neither what is above j nor the shape of
+the chain below it, so that forward kinematics of the changed chain comes down to a turn of the
+point about the joint: ``p' = p_j + G_parent(j) S G_j^T (p - p_j)``, exact for any point that moves
+rigidly with the last joint of the chain.
+
+Positions are in metres, at 30 fps. A metric is NaN for a clip that is too short, or where it would
+be 0 / 0.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from conventions.joints import JOINT_NAMES, PARENTS
+from conventions.rates import FPS
+from model.metrics.smoothness import (
+    HIGH_FREQUENCY_HZ,
+    STILL_M_S3,
+    VelocitySpectrum,
+    derivative_magnitudes,
+    mean_over_time,
+    velocity_spectrum,
+)
+from model.motion.tracks import Tracks
+from model.motion.transforms import smooth_over_time, smooth_rotations
+
+
+@dataclass(frozen=True)
+class JerkAttribution:
+    """Drop of a point's jerk when one rotation alone is smoothed, as a share: 1 is all of it.
+
+    Shares need not add up to 1: errors of two joints can hide each other, and then a share is
+    negative. NaN under 4 frames and where nothing moves.
+    """
+
+    joints: tuple[str, ...]
+    """Names of the joints from the pelvis to the last one that moves the point."""
+    share: Float[np.ndarray, " chain"]
+    translation_share: float
+    """Share of the body's translation."""
+
+
+def attribute_jerk(
+    point: Float[np.ndarray, "T 3"], tracks: Tracks, chain: tuple[int, ...]
+) -> JerkAttribution:
+    """Compute the relative drop of the mean jerk of ``point`` for each joint of its chain.
+
+    Args:
+        point: positions in metres.
+        chain: the joints with rotations that move the point, pelvis first (`tracks.moving_chain`).
+    """
+    whole = _mean_jerk(point)
+    share = np.full(len(chain), np.nan)
+    translation_share = np.nan
+    if whole > STILL_M_S3:  # false for NaN too
+        for index, joint in enumerate(chain):
+            local_rot = torch.from_numpy(tracks.local_rot[:, joint]).double()
+            turned = _turned_about(point, tracks, joint, smooth_rotations(local_rot).numpy())
+            share[index] = 1 - _mean_jerk(turned) / whole
+        pelvis = tracks.joints[:, 0]
+        moved = point + smooth_over_time(pelvis) - pelvis
+        translation_share = 1 - _mean_jerk(moved) / whole
+    return JerkAttribution(
+        tuple(JOINT_NAMES[joint] for joint in chain), share, float(translation_share)
+    )
+
+
+def _turned_about(
+    point: Float[np.ndarray, "T 3"],
+    tracks: Tracks,
+    joint: int,
+    local_rot: Float[np.ndarray, "T 3 3"],
+) -> Float[np.ndarray, "T 3"]:
+    """Compute the point's positions for other local rotations of one joint."""
+    pivot = tracks.joints[:, joint]
+    in_joint = np.einsum("tji,tj->ti", tracks.global_rot[:, joint], point - pivot)
+    in_parent = np.einsum("tij,tj->ti", local_rot, in_joint)
+    if PARENTS[joint] >= 0:
+        in_parent = np.einsum("tij,tj->ti", tracks.global_rot[:, PARENTS[joint]], in_parent)
+    return pivot + in_parent
+
+
+def _mean_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
+    return float(mean_over_time(derivative_magnitudes(positions, 3)))
+
+
+STILL_M_S = 1e-4
+"""Peak speed (m/s) below which a point counts as still: 0.1 mm/s."""
+MOVEMENT_FRAMES = 60
+"""Length (frames) of the stretches for SPARC and the dimensionless jerk. Both depend on how long a
+movement lasts, so that whole clips of different lengths could not be compared; 2 s hold a gesture.
+"""
+SPARC_CUTOFF_HZ = 10.0
+SPARC_THRESHOLD = 0.05
+SPARC_PADDING = 4
+"""Cutoff frequency, amplitude threshold and zero padding of Balasubramanian et al. 2015."""
+
+
+@dataclass(frozen=True)
+class PointMeasures:
+    """Metrics of the tracked point."""
+
+    tip_jerk_m_s3: float
+    tip_acceleration_m_s2: float
+    tip_path_m_s: float
+    tip_velocity_power_above_5hz: float
+    tip_spectrum: VelocitySpectrum | None
+    """Velocity spectrum as shares of its total power."""
+    tip_sparc: float
+    tip_log_dimensionless_jerk: float
+    tip_jerk_attribution: JerkAttribution
+
+
+def point_measures(
+    point: Float[np.ndarray, "T 3"], tracks: Tracks, chain: tuple[int, ...]
+) -> PointMeasures:
+    """Compute the metrics of a point that moves with the last joint of ``chain``."""
+
+    def mean(order: int) -> float:
+        return float(mean_over_time(derivative_magnitudes(point, order)))
+
+    arc_length, log_jerk = mean_over_movements(point)
+    above_5hz, shares = math.nan, None
+    spectrum = velocity_spectrum(np.diff(point, axis=0) * FPS)
+    if spectrum is not None and spectrum.velocity_power.any():
+        shares = spectrum.shares()
+        above_5hz = float(shares.above(HIGH_FREQUENCY_HZ))
+    return PointMeasures(
+        tip_jerk_m_s3=mean(3),
+        tip_acceleration_m_s2=mean(2),
+        tip_path_m_s=mean(1),
+        tip_velocity_power_above_5hz=above_5hz,
+        tip_spectrum=shares,
+        tip_sparc=arc_length,
+        tip_log_dimensionless_jerk=log_jerk,
+        tip_jerk_attribution=attribute_jerk(point, tracks, chain),
+    )
+
+
+def sparc(speed: Float[np.ndarray, " T"]) -> float:
+    """Compute the spectral arc length of a speed profile (Balasubramanian et al. 2015).
+
+    Nearer 0 is smoother. It is minus the length of the curve of the magnitude spectrum, divided by
+    its value at 0 Hz, over frequencies from 0 to the last one below 10 Hz where it reaches 0.05,
+    scaled to 0 to 1. NaN for a profile that is zero.
+    """
+    if not len(speed) or speed.max() < STILL_M_S:
+        return float("nan")
+    padded = 2 ** (int(np.ceil(np.log2(len(speed)))) + SPARC_PADDING)
+    magnitude = np.abs(np.fft.rfft(speed, padded))
+    frequency = np.fft.rfftfreq(padded, 1 / FPS)
+    magnitude = magnitude[frequency <= SPARC_CUTOFF_HZ] / magnitude.max()
+    end = int(np.flatnonzero(magnitude >= SPARC_THRESHOLD)[-1]) + 1
+    steps = np.diff(magnitude[:end])
+    return float(-np.hypot(1 / max(end - 1, 1), steps).sum())
+
+
+def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
+    """Compute ``-ln(T^3 / v_peak^2 * integral of |jerk|^2 dt)``; higher is smoother (same source).
+
+    NaN under 4 frames and where nothing moves.
+    """
+    jerk = derivative_magnitudes(positions, 3)
+    peak = derivative_magnitudes(positions, 1).max(initial=0.0)
+    if not len(jerk) or peak < STILL_M_S or not jerk.any():
+        return float("nan")
+    duration_s = (len(positions) - 1) / FPS
+    return float(-np.log(duration_s**4 / peak**2 * np.mean(jerk**2)))
+
+
+def mean_over_movements(positions: Float[np.ndarray, "T 3"]) -> tuple[float, float]:
+    """Compute SPARC and log dimensionless jerk as means over stretches of 2 s from the first frame.
+
+    The rest at the end is not used. NaN under 61 frames; stretches in which the point does not move
+    do not count.
+    """
+    values = []
+    for start in range(0, len(positions) - MOVEMENT_FRAMES, MOVEMENT_FRAMES):
+        stretch = positions[start : start + MOVEMENT_FRAMES + 1]
+        values.append((sparc(derivative_magnitudes(stretch, 1)), log_dimensionless_jerk(stretch)))
+    moving = np.array([pair for pair in values if np.isfinite(pair).all()])
+    if not len(moving):
+        return float("nan"), float("nan")
+    arc, jerk = moving.mean(axis=0)
+    return float(arc), float(jerk)

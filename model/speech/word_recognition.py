@@ -1,0 +1,148 @@
+"""Recognition or alignment of English words and their phones in a child process (`listener`)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32
+
+from conventions.rates import SAMPLE_RATE
+from model.plan.annotation_files import Interval
+from model.speech.transcript import NOTHING_SAID, Origin, Transcript, Word
+from processes.child import Child, Gone
+from processes.exit_report import Ended
+
+SURE = 0.5
+"""Confidence below which a word is left out. Of words recognised in clear speech about nine in ten
+above it are right, and six in ten below it (docs/words.md)."""
+LONGEST_WORD_S = 2.5
+"""Longest plausible word (s). From a faint hum alone the recogniser reports with certainty an
+eight-second "dog"."""
+MOST_UNSURE = 0.4
+"""Share of sure words below which none is used: English has 0.5 to 0.9 in eleven clips, French 0.2,
+and speech played backwards 0.1 to 0.4."""
+FEW_WORDS = 8
+"""Number of words below which the language of the speech cannot be judged."""
+MAX_WORDS_A_SECOND = 8
+"""Fastest plausible speech; a text with more words belongs to another recording."""
+PATIENCE = (60.0, 6.0)
+"""Time limit (s): a constant, and an amount per second of speech. Recognition takes 0.3 s per
+second on one free core."""
+
+UNSURE_NOTE = (
+    "{unsure} of {count} recognised words are unsure: the speech is probably in another language "
+    "than English, or hard to hear. No words are used; motion and measures need none."
+)
+FEW_NOTE = "{unsure} of {count} recognised words were unsure and are left out."
+SILENT_NOTE = "No words were recognised in the speech."
+MISMATCH_NOTE = (
+    "The text could not be followed in the speech: {found}. Its words are not used; give what is "
+    "said, in English, in the order in which it is said."
+)
+PART_NOTE = "{unsure} of the {count} words of the text were not found where they should be said."
+FAILED_NOTE = "Words could not be found in the speech, and are missing from the results: {why}."
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Transcript from recognition or alignment, with notes for the user."""
+
+    transcript: Transcript = NOTHING_SAID
+    notes: tuple[str, ...] = ()
+
+
+class Hearing:
+    """A running recognition or alignment in a child process, ended by leaving the context.
+
+    Any failure becomes a note in the result.
+    """
+
+    def __init__(self, waveform: Float32[np.ndarray, " N"], text: str | None = None) -> None:
+        """Start the recognition or alignment.
+
+        Args:
+            waveform: speech (N,) at 16 kHz, mono, full scale 1.
+            text: the text to align; None to recognise the words.
+        """
+        self._is_aligned = text is not None
+        self._heard: Heard | None = None
+        self._child: Child | None = None
+        duration_s = len(waveform) / SAMPLE_RATE
+        self._ends = time.monotonic() + PATIENCE[0] + PATIENCE[1] * duration_s
+        count = len((text or "").split())
+        if count > MAX_WORDS_A_SECOND * (duration_s + 1.0):
+            found = f"it has {count} words, more than are said in {duration_s:.1f} s"
+            self._heard = Heard(notes=(MISMATCH_NOTE.format(found=found),))
+            return
+        try:
+            self._child = Child("model.speech.word_alignment")
+        except OSError as error:
+            why = (error.strerror or str(error)).lower()
+            self._heard = _failed(f"no process could be started ({why})")
+            return
+        self._child.send((text, (np.clip(waveform, -1.0, 1.0) * 32767).astype("<i2")))
+
+    def __enter__(self) -> Hearing:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._child is not None:
+            self._child.end()
+
+    def is_over(self, wait_s: float = 0.0) -> bool:
+        """Check whether the result is ready, waiting at most ``wait_s`` seconds."""
+        if self._heard is None and self._child is not None:
+            try:
+                if self._child.has_message(wait_s):
+                    self._heard = _judged(self._child.receive(), self._is_aligned)
+                elif time.monotonic() > self._ends:
+                    self._heard = _failed("it took too long")
+            except Gone:
+                self._heard = _failed(_reason(self._child.ended()))
+        return self._heard is not None
+
+    def heard(self) -> Heard:
+        """Wait for the result and return it. It never raises."""
+        while not self.is_over(0.5):
+            pass
+        assert self._heard is not None
+        return self._heard
+
+
+def _failed(why: str) -> Heard:
+    return Heard(notes=(FAILED_NOTE.format(why=why),))
+
+
+def _reason(ended: Ended) -> str:
+    last = "".join(ended.said[-1:])
+    if "No module named 'pocketsphinx'" in last:
+        return "the package pocketsphinx is not installed; python -m pip install pocketsphinx"
+    return f"the recogniser ended {ended.how}{last and f' ({last})'}"
+
+
+def _is_sure(word: Word) -> bool:
+    return word.confidence >= SURE and word.end_s - word.start_s <= LONGEST_WORD_S
+
+
+def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) -> Heard:
+    """Return the words that are sure, or none if too many are unsure."""
+    sure = [(word, phones) for word, phones in words if _is_sure(word)]
+    count, unsure = len(words), len(words) - len(sure)
+    share = len(sure) / max(1, count)
+    if is_aligned and share < MOST_UNSURE:
+        found = f"{unsure} of its {count} words are not where they should be"
+        return Heard(notes=(MISMATCH_NOTE.format(found=found if words else "it is not said"),))
+    if count >= FEW_WORDS and share < MOST_UNSURE:
+        return Heard(notes=(UNSURE_NOTE.format(unsure=unsure, count=count),))
+    if not sure:
+        return Heard(notes=(SILENT_NOTE,))
+    notes: tuple[str, ...] = ()
+    if unsure:
+        note = PART_NOTE if is_aligned else FEW_NOTE
+        notes = (note.format(unsure=unsure, count=count),)
+    origin: Origin = "aligned" if is_aligned else "recognised"
+    phones = tuple(phone for _, phones in sure for phone in phones)
+    words_sure = tuple(word for word, _ in sure)
+    return Heard(Transcript(words_sure, origin=origin, phones=phones), notes)

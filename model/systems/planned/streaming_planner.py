@@ -1,0 +1,206 @@
+"""Streaming planner: draws a plan a little ahead of the motion; past parts are final.
+
+The planner needs a second of speech on either side, so the caller extrapolates the speech that has
+not arrived yet. Its draw for future frames conditions the motion network; with more speech these
+are drawn anew, with the same random numbers. A movement that has begun is completed as drawn: its
+goal cannot change half way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from conventions.rates import FPS
+from model.generation.base import Draw
+from model.plan.kinds import FOLLOWING, KindTable, Place, Stroke, strokes_of
+from model.plan.plan import (
+    PHASES,
+    SIDES,
+    STILL,
+    GesturePlan,
+    HandPhase,
+    PlannedAhead,
+    Side,
+)
+from model.plan.plan_features import BY_NAME, Begun, plan_of
+from model.plan.style import Manner
+from model.systems.planned.planner import KINDS, Planner
+
+BEFORE_FRAMES = 90
+"""Frames of the plan before the first requested one."""
+KEPT_EVENTS = 3
+"""Number of events of each tier that are stored from before that."""
+_TOGETHER_FRAMES = 5
+"""Frames after a hand's preparation in which the other may start its own as well."""
+_MOVING = tuple(name for name in PHASES if name not in STILL)
+_PREPARATION, _STROKE = (1 + PHASES.index(name) for name in ("preparation", "stroke"))
+_NUM_EVENTS = 1 + len(PHASES)
+_SMILE = 1 + BY_NAME["smile"].states.index("smile")
+
+
+class CausalPlanner:
+    """Streaming planner of one speaker with constant memory."""
+
+    def __init__(self, planner: Planner, draw: Draw) -> None:
+        self.manner = Manner()
+        """Style; may be changed at any time, without effect on final events."""
+        self._planner, self._asked = planner, draw
+        nothing = torch.zeros(1, planner.config.speech_dim)
+        with torch.inference_mode():
+            self._drawers = planner.drawers(nothing, draw)
+        self._final = 1
+        """First frame that may still be drawn anew; at frame 0 nothing begins."""
+        self._kinds: dict[tuple[str, int], str] = {}
+        self._goals: dict[tuple[str, int], Place] = {}
+        """Goals of final phases, by hand and first frame."""
+
+    @torch.inference_mode()
+    def go_on(
+        self,
+        speech: Callable[[int, int], Float[Tensor, "T speech_dim"]],
+        first: int,
+        final: int,
+        stop: int,
+    ) -> PlannedAhead:
+        """Plan further (`ConditionStream.go_on`)."""
+        final = max(final, self._final)
+        self._draw(speech, final, stop)
+        origin = first - BEFORE_FRAMES
+        for drawer in self._drawers.values():
+            drawer.forget_before(origin, KEPT_EVENTS)
+        chains = {name: drawer.chain for name, drawer in self._drawers.items()}
+        shifted = {
+            name: [replace(one, frame=one.frame - origin) for one in chain]
+            for name, chain in chains.items()
+        }
+        plan = self._told(plan_of(shifted, stop - origin), origin, final)
+        planted = tuple(
+            replace(one, start_s=one.start_s + origin / FPS, end_s=one.end_s + origin / FPS)
+            for one in plan.planted
+        )
+        self._go_back(final, origin)
+        return PlannedAhead(plan, origin, planted)
+
+    def heard(
+        self, features: Float[Tensor, "n speech_dim"], ahead: PlannedAhead, first: int
+    ) -> Float[Tensor, "n heard_dim"]:
+        """Return the motion network's input for frames from ``first`` on."""
+        return self._planner.with_plan(features, ahead.condition, first - ahead.origin)
+
+    def _draw(
+        self, speech: Callable[[int, int], Float[Tensor, "T speech_dim"]], final: int, stop: int
+    ) -> None:
+        """Draw all frames that are not final."""
+        begin, context = self._final, self._planner.config.context
+        heard = self._planner.hear(speech(begin - 2 * context, stop + context), self._asked)
+        leans = partial(_leans, self.manner)
+        for name, drawer in self._drawers.items():
+            drawer.hear(heard[name][:, context:], begin)
+        for frame in range(begin, stop):
+            if frame == final:
+                self._keep_place()
+            for drawer in self._drawers.values():
+                drawer.draw(frame, self._drawers, leans)
+        if final >= stop:
+            self._keep_place()
+
+    def _keep_place(self) -> None:
+        for drawer in self._drawers.values():
+            drawer.keep_place()
+
+    def _go_back(self, final: int, origin: int) -> None:
+        for name, drawer in self._drawers.items():
+            state = drawer.chain_at(final).state
+            drawer.go_back(final, finishes=_finishes(name, state))
+        self._final = final
+        for known in (self._kinds, self._goals):
+            for key in [key for key in known if key[1] < origin - 10 * BEFORE_FRAMES]:
+                del known[key]
+
+    def _told(self, plan: GesturePlan, origin: int, final: int) -> GesturePlan:
+        """Return the plan with gesture types and style, with holds and rests at their place."""
+        table, kinds = self._planner.kinds, {}
+        hands = {side: list(plan.hand(side)) for side in SIDES}
+        landed: dict[float, str] = {}
+        for stroke in sorted(strokes_of(plan), key=lambda one: one.lands.end_s):
+            begins = round(plan.hand(stroke.side)[stroke.first].start_s * FPS) + origin
+            kind = self._kind(table, stroke, begins, landed)
+            landed[stroke.lands.end_s] = kind
+            kinds[stroke.side, begins] = kind
+            for k in range(stroke.first, stroke.last + 1):
+                hands[stroke.side][k] = replace(hands[stroke.side][k], kind=kind)
+        self._kinds |= {key: kind for key, kind in kinds.items() if key[1] < final}
+        left, right = (self._shaped(side, hands[side], origin, final) for side in SIDES)
+        smiles = tuple(
+            replace(one, size=min(1.0, one.size * self.manner.smile))
+            for one in plan.smiles
+            if self.manner.smile > 0
+        )
+        return replace(plan, left=left, right=right, smiles=smiles)
+
+    def _kind(
+        self, table: KindTable, stroke: Stroke, begins: int, landed: Mapping[float, str]
+    ) -> str:
+        known = self._kinds.get((stroke.side, begins))
+        if known is not None:
+            return known
+        if stroke.both:
+            partner = table.partner(landed, stroke.lands.end_s)
+            if partner:
+                return partner
+        side = SIDES.index(stroke.side)
+        rng = np.random.default_rng([*self._asked.key, KINDS, side, max(0, begins)])
+        return table.likely(stroke, self._asked.speaker, rng)
+
+    def _shaped(
+        self, side: Side, phases: Sequence[HandPhase], origin: int, final: int
+    ) -> tuple[HandPhase, ...]:
+        found: list[HandPhase] = []
+        for phase in phases:
+            begins = round(phase.start_s * FPS) + origin
+            shaped = self.manner.done(phase)
+            if phase.phase in STILL and found:  # its end is not known yet, so it leads nowhere
+                shaped = replace(shaped, goal=found[-1].goal)
+            if begins < final:
+                goal = self._goals.setdefault((side, begins), shaped.goal)
+                shaped = replace(shaped, goal=goal)
+            if phase.phase == "beat" and not phase.kind:
+                shaped = replace(shaped, kind=FOLLOWING)
+            found.append(shaped)
+        return tuple(found)
+
+
+def _leans(
+    manner: Manner, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
+) -> Float[np.ndarray, " events"] | None:
+    """Compute the style's changes of log odds; see `Leaning`."""
+    if tier == "smile" and manner.smile > 0:
+        odds = np.zeros(1 + len(BY_NAME["smile"].states))
+        odds[_SMILE] = math.log(manner.smile)
+        return odds
+    if tier not in SIDES:
+        return None
+    odds = np.zeros(_NUM_EVENTS)
+    if PHASES[now.state] in _MOVING:
+        odds[1:] = math.log(manner.fast)
+    else:
+        odds[[_PREPARATION, _STROKE]] = math.log(manner.often)
+        other = others[SIDES[1 - SIDES.index(tier)]]
+        if 1 + other.state == _PREPARATION and frame - other.frame <= _TOGETHER_FRAMES:
+            odds[_PREPARATION] += math.log(manner.both)
+    return odds
+
+
+def _finishes(tier: str, state: int) -> bool:
+    """Check whether a state is completed as drawn once it has begun."""
+    if tier in SIDES:
+        return PHASES[state] in _MOVING
+    return tier.endswith(" foot") and BY_NAME[tier].states[state] == "step"
