@@ -46,7 +46,7 @@ def draw_distributions(
     """
     if values.empty:
         raise FigureError("There is no value to draw.")
-    most = len(style.SYSTEM_STYLES)
+    most = style.MAX_SYSTEMS
     if len([name for name in systems if name != reference]) > most:
         raise FigureError(f"There are {len(systems)} systems; at most {most} can be told apart.")
     if not np.isfinite(values["value"]).all():
@@ -152,7 +152,7 @@ def draw_error_growth(spreads: "DataFrame") -> "Figure":
     """
     figure = style.new_figure(style.COLUMN_MM, 70.0)
     axes = figure.subplots()
-    for form, series in (("local", style.SYSTEM_STYLES[0]), ("global", style.SYSTEM_STYLES[2])):
+    for form, series in style.styles_of(("local", "global"), None).items():
         looks = series.line_properties
         line: dict[str, Any] = looks | {"marker": ""}
         marks: dict[str, Any] = looks | {"linestyle": "none"}

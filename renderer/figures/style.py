@@ -1,7 +1,7 @@
 """Style and output of all figures: sizes, fonts, colours, legends, and PNG, SVG and PDF files.
 
-Colours are Okabe and Ito's palette without its yellow, which vanishes on white; each comes with a
-marker. Lines are never dashed: a curve with holes hides how jagged it is.
+Colours are those of `conventions.colors`; each comes with a marker. Lines are never dashed: a curve
+with holes hides how jagged it is.
 
 matplotlib is imported at the first figure, and without pyplot: no windows, no global list of
 figures. Figures are made one at a time, because matplotlib's settings belong to the process. The
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from conventions.colors import REFERENCE_COLOR, SYSTEM_COLORS, colors_of
 from conventions.names import printable
 
 if TYPE_CHECKING:
@@ -122,22 +123,18 @@ class SeriesStyle:
         }
 
 
-REFERENCE_STYLE = SeriesStyle("#000000", "o", 1.1)
-SYSTEM_STYLES = (  # the first few differ most in lightness
-    SeriesStyle("#D55E00", "s", 0.8),
-    SeriesStyle("#56B4E9", "^", 0.8),
-    SeriesStyle("#0072B2", "D", 0.8),
-    SeriesStyle("#E69F00", "v", 0.8),
-    SeriesStyle("#009E73", "P", 0.8),
-    SeriesStyle("#CC79A7", "X", 0.8),
-)
-MAX_SYSTEMS = len(SYSTEM_STYLES)
+MARKERS = dict(zip((REFERENCE_COLOR, *SYSTEM_COLORS.values()), "os^DvPX<>ph*d8", strict=True))
+"""Marker of each colour."""
+MAX_SYSTEMS = 6
+"""Maximum number of systems in one figure."""
 
 
 def styles_of(names: Iterable[str], reference: str | None) -> dict[str, SeriesStyle]:
-    """Return a style per name: the reference black, the systems in the order of `SYSTEM_STYLES`."""
-    systems = iter(SYSTEM_STYLES)
-    return {name: REFERENCE_STYLE if name == reference else next(systems) for name in names}
+    """Return a style per name: the reference black and thicker, each system in its own colour."""
+    return {
+        name: SeriesStyle(color, MARKERS[color], 1.1 if name == reference else 0.8)
+        for name, color in colors_of(names, reference).items()
+    }
 
 
 def new_figure(width_mm: float, height_mm: float) -> "Figure":

@@ -19,8 +19,9 @@ from app.page.results.result_parts import ResultParts
 from app.page.results.tables import Column, table_of
 from app.page.routes.media import Media
 from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing
-from app.run.output.run_folder import RunRecord, colors_of
+from app.run.output.run_folder import RunRecord
 from app.run.requests.parts import NUM_WORST_SECONDS
+from conventions.colors import colors_of
 from conventions.names import REFERENCE_NAME, short_names
 
 MAX_VIDEOS = 12
@@ -148,7 +149,7 @@ class RunPair:
                     for row in value["rows"]
                     if row["name"] == name
                 ]
-        colors = colors_of(row["name"] for row in rows)
+        colors = colors_of([row["name"] for row in rows], REFERENCE_NAME)
         return [row | {"color": colors[row["name"]]} for row in rows][:MAX_VIDEOS]
 
     def _timeline(

@@ -300,11 +300,11 @@ def draw_spread(
     from pandas import DataFrame
 
     from renderer.figures.curves import SPREAD, draw_distributions
-    from renderer.figures.style import SYSTEM_STYLES
+    from renderer.figures.style import MAX_SYSTEMS
     from renderer.figures.style import written as figure_files
 
     generated = [name for name in systems if name != REFERENCE_NAME]
-    left_out = generated[len(SYSTEM_STYLES) :]
+    left_out = generated[MAX_SYSTEMS:]
     shown = [name for name in systems if name not in left_out]
     values = DataFrame(
         [

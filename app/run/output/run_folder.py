@@ -19,6 +19,7 @@ from app.run.output.result_folder import zip_files
 from app.run.requests.convert import nested_fields
 from app.run.requests.parts import MAX_CLIPS
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
+from conventions.colors import colors_of
 from conventions.names import (
     COMPARISON,
     REFERENCE_NAME,
@@ -274,19 +275,9 @@ def rows_of(names: Sequence[str]) -> list[Row]:
     check_file_stems(names)
     labels = short_names(names)
     return [
-        Row(name=name, label=labels[name], color=color) for name, color in colors_of(names).items()
+        Row(name=name, label=labels[name], color=color)
+        for name, color in colors_of(names, REFERENCE_NAME).items()
     ]
-
-
-def colors_of(names: Iterable[str]) -> dict[str, str]:
-    """Return the colours of motions as in figures: the reference black, the others in order."""
-    from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
-
-    names = list(names)
-    systems = [name for name in names if name != REFERENCE_NAME]
-    styles = {name: SYSTEM_STYLES[i % len(SYSTEM_STYLES)] for i, name in enumerate(systems)}
-    styles[REFERENCE_NAME] = REFERENCE_STYLE
-    return {name: styles[name].color for name in names}
 
 
 def read_run(folder: Path) -> RunRecord:

@@ -17,7 +17,6 @@ from app.run.many.opened import LIMITS, copied_run, opened, run_folder
 from app.run.output.run_folder import (
     RUN,
     RunRecord,
-    colors_of,
     ending_of,
     file_of,
     is_run_zip,
@@ -38,7 +37,6 @@ from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import load_speech
 from model.speech.transcript import Accent, Transcript, Word
-from renderer.figures.style import REFERENCE_STYLE, SYSTEM_STYLES
 from tests.app.fakes import made_motion
 from tests.app.requests import diagnose_request
 from tests.conftest import MadeOnce
@@ -220,11 +218,7 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
     ]
 
 
-def test_rows_look_as_in_the_figures():
-    assert list(colors_of(("x", "y", "reference")).values()) == [
-        *(style.color for style in SYSTEM_STYLES[:2]),
-        REFERENCE_STYLE.color,
-    ]
+def test_rows_of_one_noise():
     assert noise_of("a/b") == noise_of("a/c") != noise_of("a/b.s2") and noise_of("b") is None
 
 
