@@ -21,13 +21,13 @@ from pandas import DataFrame
 from app.config import BUNDLED_WEIGHTS, drop_missing_backend, without_proxies
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
+from app.run.batch.table import titled
 from app.run.bodies import TipSource
 from app.run.callbacks import Ear
 from app.run.diagnostics import measure_motions, onsets_of
-from app.run.made import make_plan
-from app.run.many.table import titled
+from app.run.generated_motions import make_plan
+from app.run.output.console import Bars
 from app.run.output.run_folder import RunRecord, row_files
-from app.run.output.telling import Bars
 from app.run.pipeline import generate as _generate
 from app.run.requests.convert import request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT

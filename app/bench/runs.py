@@ -20,7 +20,7 @@ import torch
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
 from app.run.callbacks import Ear, Event, Grown, Progress
-from app.run.experiments import measure_hearing
+from app.run.experiments.speech_effect import measure_hearing
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import generate

@@ -19,7 +19,7 @@ from app.commands.doctor import doctor
 from app.config import use_file_backend
 from app.errors import Cancelled, sentence_of
 from app.flags import read_flags
-from app.run.output.telling import LogLines, say
+from app.run.output.console import LogLines, say
 from model.systems.registry import left_out
 
 PROGRAM = "python -m app"

@@ -15,9 +15,9 @@ from tyro.conf import Positional, arg
 from app.config import default_body
 from app.errors import RunError, sentence_of
 from app.flags import File
-from app.run.many.pairing import ends_in
+from app.run.batch.pairing import ends_in
 from app.run.models import get_body
-from app.run.output.telling import name_file, say
+from app.run.output.console import name_file, say
 from app.run.requests.convert import refuse_ignored
 from app.run.requests.parts import ImportOverrides
 from conventions.names import file_stem, printable
@@ -73,7 +73,7 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
     Raises:
         RunError, BodyError, WriteError: each with one sentence.
     """
-    from app.run.many.unpacked import unpack_sets
+    from app.run.batch.archives import unpack_sets
     from model.formats.read import ENDINGS
 
     is_file = request.out.suffix.lower() in FORMS

@@ -13,10 +13,10 @@ from tyro.conf import Positional, arg
 
 from app.errors import RunError
 from app.flags import Count, Names, family_files, text_type, use_family_files
+from app.run.batch.leaderboard import board_page, entries_of, merged, read_board, write_board
 from app.run.callbacks import Ear
-from app.run.many.board import board_page, entries_of, merged, read_board, write_board
+from app.run.output.console import Bars, name_file, say
 from app.run.output.run_folder import read_run
-from app.run.output.telling import Bars, name_file, say
 from app.run.requests.convert import refuse_ignored
 from app.run.requests.requests import (
     DiagnoseRequest,
@@ -71,7 +71,7 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
     mp4, comparison.mp4, figure6, diagnostics, provenance. For many speeches, each gets its own
     folder; run the same command again to continue after an interruption.
     """
-    from app.run.many.speeches import is_many
+    from app.run.batch.speech_batch import is_many
 
     use_family_files(vars(files))
     if is_many(request.speech.path):
@@ -99,7 +99,7 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
     Raises:
         RunError: at the end, if any clip failed.
     """
-    from app.run.many.speeches import clip_requests, do_clips
+    from app.run.batch.speech_batch import clip_requests, do_clips
 
     with Bars() as shown, _told_if_stopped():
 
@@ -134,7 +134,7 @@ def diagnose(
         check: check sets against the rules of the GENEA leaderboard and compute no metrics; needs
             --reference, the recorded test clips (docs/many-clips.md).
     """
-    from app.run.many.unpacked import is_packed
+    from app.run.batch.archives import is_packed
 
     if check not in (None, "genea"):
         raise RunError("--check takes genea.")
@@ -153,7 +153,7 @@ def diagnose(
 
 
 def _check_sets(request: DiagnoseRequest) -> None:
-    from app.run.many.check import check_sets
+    from app.run.batch.submission_check import check_sets
 
     ignored = (*_OF_ONE, "speech", "import_overrides", "channel", "mean_speeds", "emage_weights")
     refuse_ignored(request, ignored, "--check genea measures nothing")
@@ -169,7 +169,7 @@ def _check_sets(request: DiagnoseRequest) -> None:
 
 
 def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
-    from app.run.many.motions import diagnose_folders
+    from app.run.batch.motion_sets import diagnose_folders
 
     refuse_ignored(request, _OF_ONE, "Of folders only numbers over clips are made")
     with Bars() as shown, _told_if_stopped():
@@ -225,7 +225,7 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
     ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. For a motion (.npz, .npy, .bvh),
     the plan is detected, as annotators do.
     """
-    from app.run.made import find_plan, is_motion, make_plan
+    from app.run.generated_motions import find_plan, is_motion, make_plan
 
     source = request.speech.path
     if is_motion(source):

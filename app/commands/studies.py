@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 from app.flags import Count, File, text_type
-from app.run.output.telling import Bars, name_file, say
+from app.run.output.console import Bars, name_file, say
 
 Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the export made.")]
 

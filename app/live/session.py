@@ -1,4 +1,4 @@
-"""Live session of one visitor with its last minute; its messages are in `app.run.pieces`."""
+"""Live session of one visitor with its last minute; its messages are in `app.run.frame_packets`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from app.errors import RunError
-from app.run.pieces import frames_message
+from app.run.frame_packets import frames_message
 from app.run.requests.parts import LiveRecording, OutputOptions, SamplingOptions, SpeechToMove
 from app.run.requests.requests import GenerateRequest
 from conventions.rates import FPS, SAMPLE_RATE

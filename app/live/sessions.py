@@ -1,4 +1,4 @@
-"""Connections of browsers, with checks of their sound, to the live process (`app.live.child`)."""
+"""Connections of browsers to the live process (`app.live.session_process`), with audio checks."""
 
 from __future__ import annotations
 
@@ -116,7 +116,9 @@ class LiveSessions:
         """Start the process in advance, so that the first session need not wait for it."""
         with self._lock:
             if self._child is None:
-                self._child = Child("app.live.child", str(self._weights), is_log_handed_on=True)
+                self._child = Child(
+                    "app.live.session_process", str(self._weights), is_log_handed_on=True
+                )
                 threading.Thread(target=self._listen, args=(self._child,), daemon=True).start()
 
     def open(self, told: object, cookie: str, tell: Tell, address: str = "") -> int:

@@ -21,9 +21,9 @@ from app.page.results.player import Showing
 from app.page.results.tables import clips_html, title_of
 from app.page.routes.media import OF_STAGES
 from app.page.theme import PLAYER_CSS, make_theme
+from app.run.frame_packets import MAX_FRAMES
 from app.run.output.provenance import ARE, PROVENANCE
 from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowKind, file_of, runs_in
-from app.run.pieces import MAX_FRAMES
 from model.storage.json_validation import FieldError, read_checked
 
 WEB = Path(__file__).resolve().parent / "web"

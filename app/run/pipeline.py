@@ -27,8 +27,8 @@ from app.run.diagnostics import (
     measure_motions,
     write_diagnostics,
 )
-from app.run.given import NO_SPEECH, as_read, given_rows
-from app.run.made import made_rows
+from app.run.generated_motions import made_rows
+from app.run.imported_motions import NO_SPEECH, as_read, given_rows
 from app.run.models import nothing_draws
 from app.run.output.provenance import PROVENANCE, settings_of, title_of
 from app.run.output.run_folder import RunRecord, cut, read_run

@@ -17,6 +17,7 @@ from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
 from app.run.bodies import Register, TipSource, register_of
 from app.run.callbacks import DEAF, Ear, Grown
+from app.run.frame_packets import MAX_FRAMES, frames_message
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
     MAX_ROWS,
@@ -35,7 +36,6 @@ from app.run.output.run_folder import (
     rows_of,
     shown_file,
 )
-from app.run.pieces import MAX_FRAMES, frames_message
 from app.run.timeline import (
     make_timeline,
     tiers_of,

@@ -33,14 +33,14 @@ class Task:
 DIAGNOSE = Task("app.run.pipeline", "diagnose")
 DRAW_BEHIND = Task("app.run.videos.videos", "draw_behind")
 DRAW_FIGURE = Task("app.run.run_writer", "draw_figure")
-DRAW_SEEN = Task("app.run.videos.seen_video", "draw_seen")
+DRAW_SEEN = Task("app.run.videos.viewer_recording", "draw_seen")
 GENERATE = Task("app.run.pipeline", "generate")
-MAKE_TAKE = Task("app.run.takes.take", "make_take")
-MEASURE_HEARING = Task("app.run.experiments", "measure_hearing")
-MEASURE_SETS = Task("app.run.many.motions", "measure_sets")
-MEASURE_STEPS = Task("app.run.experiments", "measure_step_curve")
+MAKE_TAKE = Task("app.run.plan_edits.edited_motion", "make_take")
+MEASURE_HEARING = Task("app.run.experiments.speech_effect", "measure_hearing")
+MEASURE_SETS = Task("app.run.batch.motion_sets", "measure_sets")
+MEASURE_STEPS = Task("app.run.experiments.step_sweep", "measure_step_curve")
 RENDER = Task("app.run.videos.export", "render_motion")
-SHOW_MECHANISM = Task("app.run.experiments", "show_mechanism")
+SHOW_MECHANISM = Task("app.run.experiments.rotation_noise", "show_mechanism")
 WRITE_PLAN = Task("app.run.videos.export", "write_plan")
 
 
@@ -74,7 +74,7 @@ class Sets:
     files: tuple[Path, ...]
     notes: tuple[str, ...]
     told: dict[str, Any]
-    """Content of ``many.json`` as written by `app.run.many.table.write_tables`."""
+    """Content of ``many.json`` as written by `app.run.batch.table.write_tables`."""
     clips: dict[str, dict[str, Path]]
     """Motion file of each clip in the tables, by system, including the reference."""
     sounds: dict[str, Path]

@@ -24,7 +24,7 @@ from app.page.visitors.files import Jobs
 from app.page.worker import Task, Worker
 from app.run.bodies import TipSource
 from app.run.callbacks import DEAF, Ear, Grown, Progress
-from app.run.made import row_names
+from app.run.generated_motions import row_names
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, read_run
 from app.run.pipeline import MEASURED, record_of

@@ -27,8 +27,8 @@ from playwright.sync_api import TimeoutError as TimedOut
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
+from app.run.batch.saved_run import do_in_folder
 from app.run.callbacks import Ear
-from app.run.many.opened import do_in_folder
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, DiagnoseRequest
 from app.study.design.plan import read_plan

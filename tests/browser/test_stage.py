@@ -16,7 +16,7 @@ from app.page.tabs import live, own_motion
 from app.run import display
 from app.run.bodies import body_motion
 from app.run.display import Seen
-from app.run.pieces import frames_message
+from app.run.frame_packets import frames_message
 from model.motion.motion import Motion
 from model.motion.transforms import exaggerate, smooth_motion
 from renderer.body.body import load_body

@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
 from app.notebook import show
-from app.run.many.board import Entry, Value, board_page
+from app.run.batch.leaderboard import Entry, Value, board_page
 from app.study.design.key import Key, read_key
 from app.study.design.plan import wording
 from app.study.leaks import check_study

@@ -12,7 +12,7 @@ from playwright.sync_api import Page, Route, expect
 from app import text
 from app.config import AppConfig
 from app.page.tabs import own_motion
-from app.run.experiments import NAMES
+from app.run.experiments.rotation_noise import NAMES
 from model.motion.motion import save_motion
 from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import write_wav

@@ -30,7 +30,7 @@ from app.page.results.tables import clips_html, measures_table, title_of
 from app.page.routes.media import GONE, MadeFiles, Media
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept, is_same
-from app.run.many.opened import copied_run
+from app.run.batch.saved_run import copied_run
 from app.run.output.run_folder import TABLES, RunRecord, file_of
 
 PARAMETER = "run"

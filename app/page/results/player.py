@@ -32,7 +32,7 @@ from conventions.names import REFERENCE_NAME, file_stem
 from model.storage.json_validation import FieldError, read_checked
 
 if TYPE_CHECKING:
-    from app.run.takes.edits import Offer
+    from app.run.plan_edits.edits import Offer
 
 NOTHING: dict[str, Any] = {}
 _SHOWN: tuple[RowKind, ...] = ("motion", "frames", "plan", "video")

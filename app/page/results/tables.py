@@ -24,7 +24,7 @@ from app.findings.measure_rows import (
 )
 from app.findings.verdict import verdict_of
 from app.page.parts import markup
-from app.run.many.table import DISTANCE, cells_of, interval, star_told
+from app.run.batch.table import DISTANCE, cells_of, interval, star_told
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
 from model.storage.escaping import csv_text
@@ -231,7 +231,7 @@ MOST_SHOWN = 5
 
 
 def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, links: str) -> str:
-    """Format the results of sets, as in `app.run.many.motions.Sets.told`, with figure and links.
+    """Format the results of sets (`app.run.tasks.Sets.told`) with figure and links.
 
     Args:
         systems: names of the systems, the reference last.

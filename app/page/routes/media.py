@@ -33,7 +33,7 @@ from starlette.staticfiles import StaticFiles
 from app.errors import visitor_sentence
 from app.page.parts.catalogue import point_choices
 from app.page.visitors.visitors import Kept, cookie_of
-from app.run.pieces import body_glb, builds, face_names, reaches_message
+from app.run.frame_packets import body_glb, builds, face_names, reaches_message
 from app.run.requests.requests import MARKERS_SUFFIX, RenderRequest
 from app.run.tasks import DRAW_FIGURE, RENDER, WRITE_PLAN
 from renderer.figures.style import CONTENTS_ENDING

@@ -28,8 +28,8 @@ from app.page.parts.catalogue import (
 )
 from app.page.parts.markup import AT_ONCE, arrange_chips
 from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
-from app.run.many.opened import SPEECHES
-from app.run.many.speeches import ENDINGS
+from app.run.batch.saved_run import SPEECHES
+from app.run.batch.speech_batch import ENDINGS
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_CLIPS, MAX_SAMPLES
 from app.run.requests.requests import GenerateRequest
 from app.run.upload_check import TOO_MANY_CLIPS

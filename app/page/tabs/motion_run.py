@@ -27,8 +27,8 @@ from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import VideosBehind
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import cookie_of, is_same, visitor_of
+from app.run.batch.saved_run import OPENED, do_in_folder
 from app.run.callbacks import Ear, Event, Grown, Progress, Stage
-from app.run.many.opened import OPENED, do_in_folder
 from app.run.output.run_folder import end_run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest

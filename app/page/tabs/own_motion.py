@@ -24,10 +24,10 @@ from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept
+from app.run.batch.archives import UNPACKED, is_packed, stem_of
+from app.run.batch.saved_run import is_one_run
 from app.run.callbacks import Ear
 from app.run.examples import RECORDED, planted_files
-from app.run.many.opened import is_one_run
-from app.run.many.unpacked import UNPACKED, is_packed, stem_of
 from app.run.requests.convert import replace_fields, request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest

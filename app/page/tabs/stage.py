@@ -25,9 +25,9 @@ from app.page.visitors.visitors import visitor_of
 from app.run.callbacks import Event, Grown
 from app.run.display import Seen
 from app.run.output.run_folder import drop_unfinished, expect_videos
+from app.run.plan_edits.edits import MAX_PLAN_CHARACTERS, PlanEditRequest, edits_of
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import RunVideosRequest, ViewerVideoRequest
-from app.run.takes.edits import MAX_PLAN_CHARACTERS, PlanEditRequest, edits_of
 from app.run.tasks import DRAW_BEHIND, DRAW_SEEN, MAKE_TAKE
 from conventions.rates import FPS
 

@@ -53,7 +53,7 @@ export interface Editing {
   offers: { label: string; edits: object[] }[];
 }
 
-/** Of one plan: app/run/takes/take.py. */
+/** Of one plan: app/run/plan_edits/edited_motion.py. */
 export interface EditorTold {
   gestures: { side: "left" | "right"; start: number; end: number; lands: number; hold: number; kind: string; partner: number | null }[];
   style: Record<string, number>;

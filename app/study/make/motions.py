@@ -13,7 +13,7 @@ import numpy as np
 from app.errors import RunError
 from app.run.bodies import body_motion
 from app.run.models import get_body, get_system
-from app.run.takes.edits import as_long_as
+from app.run.plan_edits.edits import as_long_as
 from app.study.design.plan import Clip, Condition, Plan
 from conventions.rates import FPS, SAMPLE_RATE
 from model.formats.read import read_any_motion

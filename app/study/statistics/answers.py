@@ -14,7 +14,7 @@ from pydantic import AfterValidator, ConfigDict, Field, PlainValidator
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
-from app.run.many.pairing import is_hidden
+from app.run.batch.pairing import is_hidden
 from app.study.design.key import (
     MAX_PANEL_IDS,
     Ids,

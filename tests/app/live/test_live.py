@@ -15,10 +15,9 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from app.errors import RunError
-from app.live import child as module
 from app.live import session as limits
+from app.live import session_process as module
 from app.live import sessions as sounds
-from app.live.child import Performers, live_options
 from app.live.session import (
     KEPT_FRAMES,
     LastMinute,
@@ -28,9 +27,10 @@ from app.live.session import (
     told_plan,
     why_less,
 )
+from app.live.session_process import Performers, live_options
 from app.live.sessions import MAX_SOUND_BYTES, LiveSessions, Microphone, read_sound
+from app.run.frame_packets import HEADER, NUM_FACES, frames_message
 from app.run.models import get_system
-from app.run.pieces import HEADER, NUM_FACES, frames_message
 from app.run.requests.parts import SamplingOptions
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions

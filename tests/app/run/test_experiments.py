@@ -15,14 +15,9 @@ from app.commands.cli import main
 from app.errors import Cancelled, RunError
 from app.run import models
 from app.run.callbacks import Ear
-from app.run.experiments import (
-    MAX_S,
-    NAMES,
-    _heard_sentence,
-    measure_hearing,
-    measure_step_curve,
-    show_mechanism,
-)
+from app.run.experiments.rotation_noise import NAMES, show_mechanism
+from app.run.experiments.speech_effect import _heard_sentence, measure_hearing
+from app.run.experiments.step_sweep import MAX_S, measure_step_curve
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.requests.convert import replace_fields
@@ -318,7 +313,7 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
         lengths.append(speech.num_frames)
         raise Cancelled
 
-    monkeypatch.setattr("app.run.experiments.generate_motion", watched)
+    monkeypatch.setattr("app.run.experiments.step_sweep.generate_motion", watched)
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
     ask = StepSweepRequest(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
     with pytest.raises(Cancelled):

@@ -15,9 +15,9 @@ from PIL import Image
 from app.errors import Cancelled, RunError, sentence_of
 from app.run.bodies import register_of
 from app.run.callbacks import Ear, Event, Grown, Progress
+from app.run.frame_packets import HEADER, frames_message
 from app.run.models import get_system, warming_up
 from app.run.output.run_folder import RunRecord, read_run
-from app.run.pieces import HEADER, frames_message
 from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import FIGURE_PANELS, LiveRecording

@@ -8,7 +8,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.made import make_plan
+from app.run.generated_motions import make_plan
 from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, DiskFullError, RunError
+from app.run.batch.saved_run import LIMITS, copied_run, opened, run_folder
 from app.run.callbacks import Ear, Event, Grown
-from app.run.many.opened import LIMITS, copied_run, opened, run_folder
+from app.run.frame_packets import HEADER
 from app.run.output.run_folder import (
     RUN,
     RunRecord,
@@ -26,7 +27,6 @@ from app.run.output.run_folder import (
     runs_in,
     zip_run,
 )
-from app.run.pieces import HEADER
 from app.run.pipeline import record_of, run
 from app.run.run_writer import findings_told, writing_run
 from app.run.timeline import said_in

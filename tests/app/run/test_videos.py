@@ -18,9 +18,9 @@ from app.run.examples import CLEAN
 from app.run.output.result_folder import ResultFolder
 from app.run.pipeline import _draw_poses, _draw_videos
 from app.run.requests.requests import ViewerVideoRequest
-from app.run.videos import seen_video, videos
-from app.run.videos.seen_video import NAME, draw_seen
+from app.run.videos import videos, viewer_recording
 from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks, names_that_fit
+from app.run.videos.viewer_recording import NAME, draw_seen
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME
 from model.motion.kinematics import open_body_skeleton
@@ -254,7 +254,7 @@ def drawn(request: ViewerVideoRequest) -> np.ndarray:
     assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]
     frames = decoded_frames(video.path)
     assert len(frames) == video.num_frames
-    room = seen_video._Room.of(request.seen)
+    room = viewer_recording._Room.of(request.seen)
     high = room.height
     wide = room.width if request.seen.mode == "grid" else room.width // 2
     assert high - 2 <= frames.shape[1] - band_height(min(wide, high)) <= high + 2
@@ -303,7 +303,7 @@ def test_the_second_of_a_pair_stands_where_the_first_is_drawn() -> None:
     first, second = with_arms_down(6), with_arms_down(9)
     second.trans[:, 0] = np.arange(9)
     jobs = [RenderJob(body_motion(motion)) for motion in (first, second)]
-    laid = seen_video._laid_on(*jobs, jobs[1].motion)[0].motion.trans
+    laid = viewer_recording._laid_on(*jobs, jobs[1].motion)[0].motion.trans
     assert np.allclose(laid[:, [0, 2]], first.trans[0, [0, 2]]), "also where the first has ended"
     assert np.array_equal(laid[:, 1], second.trans[:, 1]), "but not in height"
 
@@ -318,22 +318,22 @@ def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_l
     ]:
         panels = ((SeenPanel(rect=(0, 0, *size)),),)
         shown = {"shown": tuple(range(count)), "columns": columns}
-        room = seen_video._Room.of(changed(GRID, size=size, panels=panels, **shown))
+        room = viewer_recording._Room.of(changed(GRID, size=size, panels=panels, **shown))
         assert room.width % 2 == room.height % 2 == 0
         assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)
         rows, band = -(-count // columns), band_height(min(room.width, room.height))
         wide, tall = columns * room.width, rows * (room.height + band)
         assert wide <= 1920 + 2 * columns and tall <= 1080 + 2 * rows
         assert wide > 1800 or tall > 980
-        small = seen_video._Room.of(GRID)
+        small = viewer_recording._Room.of(GRID)
         assert (small.width, small.height) == (120, 210)
 
 
 def test_a_long_video_is_cut_and_says_so() -> None:
     zeros = np.zeros((6000, 165), np.float32)
     long = Motion(zeros, zeros[:, :3], zeros[:, :100], "flame100", np.zeros(300, np.float32))
-    assert seen_video._longest([made_motion(2), made_motion(2)], GRID) == (2, ())
-    limit, (note,) = seen_video._longest([made_motion(1), long], GRID)
+    assert viewer_recording._longest([made_motion(2), made_motion(2)], GRID) == (2, ())
+    limit, (note,) = viewer_recording._longest([made_motion(1), long], GRID)
     assert limit == 5400 and "first 180 s" in note
 
 

@@ -14,7 +14,7 @@ from app.errors import RunError
 from app.page.routes import live_route
 from app.page.routes.live_route import FOREIGN, SPEAK_ROUTE, live_routes
 from app.page.visitors.visitors import COOKIE
-from app.run.pieces import HEADER
+from app.run.frame_packets import HEADER
 from tests.app.live.test_live import ByHand, sound
 from tests.waiting import wait_for
 
@@ -97,8 +97,8 @@ def test_what_is_no_sound_ends_the_session(client, sessions):
 
 
 def test_one_too_many_is_told(client, monkeypatch):
-    monkeypatch.setattr("app.live.child.MAX_SESSIONS", 2)
-    monkeypatch.setattr("app.live.child.MAX_SESSIONS_EACH", 1)
+    monkeypatch.setattr("app.live.session_process.MAX_SESSIONS", 2)
+    monkeypatch.setattr("app.live.session_process.MAX_SESSIONS_EACH", 1)
     answers = []
     visitors = [TestClient(client.app, client=(f"10.0.0.{k}", 1)) for k in (1, 1, 2, 3)]
     with (

@@ -20,7 +20,7 @@ from app.page.tabs.runner import Services
 from app.page.tabs.study import QUESTIONS, build_study_tab, collect_files, plan_text
 from app.run.callbacks import Progress
 from app.run.display import Display
-from app.run.made import row_names
+from app.run.generated_motions import row_names
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from app.study.design.plan import Plan, read_plan
 from model.plan.style import StyleWish

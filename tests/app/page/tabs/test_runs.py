@@ -29,9 +29,9 @@ from app.page.tabs.own_motion import ClipRunner, OwnMotionRunner, build_own_form
 from app.page.tabs.stage import Remaining, VideosBehind
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.files import Job
+from app.run.batch.archives import UNPACKED
+from app.run.batch.saved_run import OPENED
 from app.run.callbacks import Ear, Progress
-from app.run.many.opened import OPENED
-from app.run.many.unpacked import UNPACKED
 from app.run.output.run_folder import RUN, zip_run
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import DiagnoseRequest

@@ -15,9 +15,9 @@ from app.page.visitors.files import Job
 from app.run.callbacks import Ear, Grown, Progress
 from app.run.display import Display, Seen
 from app.run.output.run_folder import TakeOf, changed, read_run
+from app.run.plan_edits.edits import MadeTake, PlanEditRequest, edits_of
 from app.run.requests.requests import ViewerVideoRequest
 from app.run.run_writer import writing_run
-from app.run.takes.edits import MadeTake, PlanEditRequest, edits_of
 from app.run.tasks import SeenVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word

@@ -10,7 +10,7 @@ import pytest
 from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, StepCurveRunner, ladder
 from app.run.callbacks import Ear, Grown, Progress
 from app.run.examples import CLEAN
-from app.run.experiments import NAMES, show_mechanism
+from app.run.experiments.rotation_noise import NAMES, show_mechanism
 from app.run.output.run_folder import RunRecord, changed
 from app.run.requests.requests import RotationNoiseRequest
 from app.run.run_writer import writing_run

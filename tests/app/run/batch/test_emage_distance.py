@@ -9,8 +9,8 @@ import torch
 from scipy.linalg import sqrtm
 
 from app.errors import RunError
-from app.run.many.distances import EMAGE_TITLE, distance_rows, keep_codes, least_codes
-from app.run.many.motions import diagnose_folders
+from app.run.batch.frechet_distances import EMAGE_TITLE, distance_rows, keep_codes, least_codes
+from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
 from model.motion.motion import Motion, save_motion
@@ -36,7 +36,7 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def few_draws(monkeypatch: pytest.MonkeyPatch):
     """Which take the time."""
-    monkeypatch.setattr("app.run.many.distances.DRAWS", NUM_DRAWS)
+    monkeypatch.setattr("app.run.batch.frechet_distances.DRAWS", NUM_DRAWS)
 
 
 def _motions(frames: int, seed: int) -> dict[str, Motion]:
@@ -96,7 +96,7 @@ def _asked(top: Path, weights: Path) -> AnyRun:
 
 @pytest.mark.usefixtures("few_draws")
 def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.run.many.distances.least_codes", lambda numbers: 8)
+    monkeypatch.setattr("app.run.batch.frechet_distances.least_codes", lambda numbers: 8)
     _save_sets(tmp_path)
     request = _asked(tmp_path, weights)
     diagnose_folders(request)

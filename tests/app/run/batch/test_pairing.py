@@ -8,9 +8,9 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.many.check import check_sets
-from app.run.many.motions import diagnose_folders
-from app.run.many.pairing import paired_files
+from app.run.batch.motion_sets import diagnose_folders
+from app.run.batch.pairing import paired_files
+from app.run.batch.submission_check import check_sets
 from app.run.requests.requests import AnyRun
 from conventions.names import REFERENCE_NAME
 from model.motion.motion import save_motion

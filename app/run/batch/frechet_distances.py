@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import RunError
-from app.run.many.table import DISTANCE
+from app.run.batch.table import DISTANCE
 from conventions.names import REFERENCE_NAME
 from model.evaluation.frechet import Moments, distance_of, motion_features
 from model.evaluation.tables import drawn_clips, interval_of

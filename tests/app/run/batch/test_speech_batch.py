@@ -12,11 +12,11 @@ from app.errors import Cancelled, RunError
 from app.findings.comparison import by_measure
 from app.findings.measure_rows import JERK
 from app.run import pipeline
+from app.run.batch.saved_run import SPEECHES, copied_run, do_in_folder
+from app.run.batch.speech_batch import clip_requests, do_clips, find_speeches, is_many
 from app.run.callbacks import DEAF, Ear, Event, Grown, Progress
-from app.run.many.opened import SPEECHES, copied_run, do_in_folder
-from app.run.many.speeches import clip_requests, do_clips, find_speeches, is_many
+from app.run.output.console import Bars
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
-from app.run.output.telling import Bars
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
 from model.plan.editing import added, gestures

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from app import text
 from app.errors import RunError
 from app.run.callbacks import Ear, Grown
-from app.run.made import options_of
+from app.run.generated_motions import options_of
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.run_folder import (
@@ -26,9 +26,9 @@ from app.run.output.run_folder import (
     rows_of,
     shown_file,
 )
+from app.run.plan_edits.edits import MadeTake, PlanEditRequest, edited, offers_for
 from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
-from app.run.takes.edits import MadeTake, PlanEditRequest, edited, offers_for
 from app.run.timeline import said_in
 from conventions.names import SampleName, file_stem
 from conventions.rates import FPS

@@ -24,7 +24,7 @@ from pathlib import Path, PurePosixPath
 from typing import IO, cast
 
 from app.errors import DiskFullError, RunError, disk_full_sentence, is_disk_full
-from app.run.many.pairing import is_hidden
+from app.run.batch.pairing import is_hidden
 from app.run.output.result_folder import require_free_space
 from app.run.upload_check import PACKED
 from conventions.names import file_stem, printable

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.many.unpacked import UnpackLimits, unpacked
+from app.run.batch.archives import UnpackLimits, unpacked
 
 NPZ = (".npz",)
 

@@ -11,9 +11,17 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.findings.measure_rows import written
-from app.run.many.board import Entry, Value, board_page, entries_of, merged, read_board, write_board
-from app.run.many.motions import diagnose_folders
-from app.run.many.table import worst_clips
+from app.run.batch.leaderboard import (
+    Entry,
+    Value,
+    board_page,
+    entries_of,
+    merged,
+    read_board,
+    write_board,
+)
+from app.run.batch.motion_sets import diagnose_folders
+from app.run.batch.table import worst_clips
 from model.motion.motion import save_motion
 from tests.app.requests import diagnose_request
 from tests.helpers import smooth_motion_example

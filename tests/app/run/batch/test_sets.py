@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.many.motions import diagnose_folders, measure_sets
+from app.run.batch.motion_sets import diagnose_folders, measure_sets
 from app.run.requests.convert import replace_fields
 from conventions.rates import SAMPLE_RATE
 from model.motion.motion import save_motion
@@ -94,13 +94,13 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
 def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkeypatch):
     mine, theirs = (zipped(folders / "mine", tmp_path / f"{name}.zip") for name in ("mine", "gt"))
     held = sum(path.stat().st_size for path in (folders / "mine").rglob("*.npz"))
-    monkeypatch.setattr("app.run.many.motions.MAX_BYTES", round(1.5 * held))
+    monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", round(1.5 * held))
     asked = diagnose_request(motions=(mine,), names=("mine",), out=tmp_path / "one")
     assert measure_sets(asked).told["clips"] == list(CLIPS)
     with pytest.raises(RunError, match="would unpack to"):
         measure_sets(replace_fields(asked, out=tmp_path / "two", reference=theirs))
-    monkeypatch.setattr("app.run.many.motions.MAX_FILES", len(CLIPS) + 1)
-    monkeypatch.setattr("app.run.many.motions.MAX_BYTES", 10 * held)
+    monkeypatch.setattr("app.run.batch.motion_sets.MAX_FILES", len(CLIPS) + 1)
+    monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", 10 * held)
     with pytest.raises(RunError, match="at most 1 are read"):
         measure_sets(replace_fields(asked, out=tmp_path / "three", reference=theirs))
     for out in ("two", "three"):

@@ -10,8 +10,8 @@ import pytest
 
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES
-from app.run.many.motions import diagnose_folders
-from app.run.many.table import LEAST_CLIPS, cells_of, draw_spread, interval
+from app.run.batch.motion_sets import diagnose_folders
+from app.run.batch.table import LEAST_CLIPS, cells_of, draw_spread, interval
 from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.many.pairing import Samples, paired_files, some_of
-from app.run.many.unpacked import stem_of, unpack_sets
+from app.run.batch.archives import stem_of, unpack_sets
+from app.run.batch.pairing import Samples, paired_files, some_of
 from app.run.output.result_folder import ResultFolder
 from conventions.names import REFERENCE_NAME, printable
 from conventions.rates import FPS

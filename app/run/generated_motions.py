@@ -20,6 +20,7 @@ from app.run.run_writer import Rows, RunWriter
 from app.run.timeline import SpokenWords, make_timeline
 from app.run.videos.videos import names_that_fit
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable
+from conventions.rates import SAMPLE_RATE
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import Assumptions
 from model.generation.base import System, Windowing
@@ -258,6 +259,12 @@ def options_of(sampling: SamplingOptions, system: System, **more: Any) -> Genera
     speaker = sampling.speaker or next(iter(system.speakers))
     usual = {"speaker": speaker, "seed": sampling.seed, "samples": sampling.samples, **drawn}
     return GenerateOptions(**{**usual, **more})
+
+
+def load_beginning(path: Path, longest_s: float, max_s: float) -> Speech:
+    """Load a speech, cut to a maximum length."""
+    whole = load_speech(path, SpeechLimits(max_s=max_s))
+    return replace(whole, waveform=whole.waveform[: int(longest_s * SAMPLE_RATE)])
 
 
 def _plan_for(path: Path, speech: Speech) -> Noted:

@@ -1,6 +1,6 @@
 """Metrics of folders or archives of motion files, with intervals over clips.
 
-Files at any depth are paired by clip and sample (`app.run.many.pairing`). Each clip is measured
+Files at any depth are paired by clip and sample (`app.run.batch.pairing`). Each clip is measured
 unfiltered by one process, and its metrics, means over samples, are stored in ``clips``, so that an
 interrupted run can continue. A clip without a readable file in some set is left out of the tables,
 and listed.
@@ -19,14 +19,14 @@ from typing import Any
 
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, numbers_of, parts_apart
+from app.run.batch.archives import UNPACKED, UnpackLimits, unpack_sets
+from app.run.batch.frechet_distances import check_weights, codes_path, distance_rows, keep_codes
+from app.run.batch.pairing import Samples, first_of, no_pair, paired_files, some_of
+from app.run.batch.speech_batch import ENDINGS as SOUND_ENDINGS
+from app.run.batch.speech_batch import do_jobs, stamp_of
+from app.run.batch.table import draw_spread, mean_of_samples, write_tables
 from app.run.callbacks import DEAF, Ear
 from app.run.diagnostics import onsets_of
-from app.run.many.distances import check_weights, codes_path, distance_rows, keep_codes
-from app.run.many.pairing import Samples, first_of, no_pair, paired_files, some_of
-from app.run.many.speeches import ENDINGS as SOUND_ENDINGS
-from app.run.many.speeches import do_jobs, stamp_of
-from app.run.many.table import draw_spread, mean_of_samples, write_tables
-from app.run.many.unpacked import UNPACKED, UnpackLimits, unpack_sets
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.convert import replace_fields, with_paths
 from app.run.requests.requests import DiagnoseRequest

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, RunError
+from app.run.batch.saved_run import copied_run
 from app.run.callbacks import DEAF, Ear, Event, Grown
-from app.run.many.opened import copied_run
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import generate
+from app.run.plan_edits.edited_motion import MadeTake, PlanEditRequest, make_take
+from app.run.plan_edits.edits import MAX_EDITS, Edit, edited, edits_of, offers_for
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
-from app.run.takes.edits import MAX_EDITS, Edit, edited, edits_of, offers_for
-from app.run.takes.take import MadeTake, PlanEditRequest, make_take
 from model.motion.motion import load_motion
 from model.plan import editing
 from model.plan.editing import Gesture, added, gestures

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.errors import RunError
+from app.run.batch.archives import UnpackLimits, is_packed, unpacked
+from app.run.batch.speech_batch import clip_requests, do_clips
 from app.run.callbacks import Ear
-from app.run.many.speeches import clip_requests, do_clips
-from app.run.many.unpacked import UnpackLimits, is_packed, unpacked
 from app.run.output.run_folder import (
     MAX_RUN_BYTES,
     NO_RUN,

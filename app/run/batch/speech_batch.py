@@ -16,9 +16,9 @@ from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.findings.verdict import verdict_of
+from app.run.batch.pairing import ends_in
+from app.run.batch.table import write_tables
 from app.run.callbacks import DEAF, Ear, Event, Progress, Stage
-from app.run.many.pairing import ends_in
-from app.run.many.table import write_tables
 from app.run.output.result_folder import held_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from app.run.requests.convert import flat_json, replace_fields, with_paths

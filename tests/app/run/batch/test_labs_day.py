@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.many.speeches import clip_requests, do_clips
+from app.run.batch.speech_batch import clip_requests, do_clips
 from app.run.output.run_folder import RUN, read_run
 from app.run.requests.requests import AnyRun
 from model.speech.audio import write_wav

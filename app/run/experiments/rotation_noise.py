@@ -1,0 +1,121 @@
+"""Equal noise on local and on global rotations: the paper's argument on a body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from pandas import DataFrame
+
+from app.errors import RunError
+from app.run.bodies import choose_tip_source
+from app.run.callbacks import DEAF, Ear
+from app.run.models import get_body
+from app.run.output.run_folder import RunRecord
+from app.run.requests.parts import DEFAULT_TRACKED_POINT
+from app.run.requests.requests import (
+    ROTATION_NOISE_VIDEO,
+    RotationNoiseRequest,
+)
+from app.run.run_writer import RunWriter, writing_run
+from app.run.videos.videos import jobs_of
+from model.formats.read import read_any_motion
+from model.metrics.error_growth import ErrorGrowth, growth_sentence, measure_error_growth
+from model.motion.kinematics import open_body_skeleton
+from model.motion.motion import Motion
+from model.motion.tracks import moving_chain
+from model.motion.transforms import noisy_motions
+from model.speech.transcript import NOTHING_SAID
+from renderer.video.compose import compose_videos
+from renderer.video.workers import draw_jobs
+
+NAMES: tuple[str, str] = ("local noise", "global noise")
+"""Names of the two bodies, by the rotations with noise."""
+DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
+_DRAWN = 0.85
+"""Fraction of the work that is done when both bodies are rendered."""
+
+
+def show_mechanism(request: RotationNoiseRequest, ear: Ear = DEAF) -> None:
+    """Add noise to two copies of a motion, and show both, with a video if requested.
+
+    Raises:
+        Cancelled: if the caller has cancelled.
+        RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
+    """
+    request.check()
+    motion = request.motion
+    if not moving_chain(request.joint):
+        raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
+    request.import_overrides.check([motion])
+    found = read_any_motion(motion, request.import_overrides, request.body)
+    growth = measure_error_growth(
+        found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
+    )
+    noisy = dict(
+        zip(NAMES, noisy_motions(found.motion, request.noise_rad, request.seed), strict=True)
+    )
+    record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
+    with writing_run(request.out, record, ear, is_kept=request.is_kept) as run:
+        tip = choose_tip_source(request.body, DEFAULT_TRACKED_POINT)
+        run.note(*found.notes, *_growth_told(growth, request.noise_rad))
+        run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
+        _draw_growth(request, growth, run)
+        if request.has_video:
+            _draw_bodies(request, found.motion, noisy, run)
+        run.finish(DRAWN.format(noise=request.noise_rad))
+
+
+def _draw_growth(request: RotationNoiseRequest, growth: ErrorGrowth, run: RunWriter) -> None:
+    """Draw the displacement of points along the kinematic chain."""
+    spreads = DataFrame(
+        {
+            "point": growth.points,
+            "local": growth.local_spread_m,
+            "global": growth.global_spread_m,
+            "predicted_local": growth.predicted_local_spread_m,
+            "predicted_global": growth.predicted_global_spread_m,
+        }
+    )
+    said = growth_sentence(growth, request.noise_rad)
+    run.figure("error_growth", spreads, said, request.figure_forms)
+
+
+def _draw_bodies(
+    request: RotationNoiseRequest, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter
+) -> None:
+    body = get_body(request.body)
+    tip = choose_tip_source(request.body, request.joint)
+    drawn = run.folder.scratch("bodies")
+    drawn.mkdir()
+    paths = {name: drawn / f"{number}.mp4" for number, name in enumerate(noisy)}
+
+    def out(name: str, _: object) -> Path:
+        return paths[name]
+
+    # The camera frames the clean motion.
+    jobs = jobs_of(noisy, request.video, body, tip, out, staged=[clean])
+    draw_jobs(jobs, run.share("video", _DRAWN))
+    video = run.folder.path(ROTATION_NOISE_VIDEO)
+    compose_videos(
+        list(paths.values()),
+        [f"{request.noise_rad:g} rad of noise on {name}" for name in noisy],
+        video,
+        request.speech,
+        on_progress=run.share("video", 1.0 - _DRAWN, _DRAWN),
+    )
+    run.file(video)
+
+
+def _growth_told(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
+    """Yield sentences on the result of the experiment, and on its limits."""
+    jerk = growth.jerk_m_s3
+    yield growth_sentence(growth, noise_rad)
+    yield (
+        f"Its jerk is {jerk['local']:.0f} m/s³ with noise on local rotations, {jerk['global']:.0f} "
+        f"on global ones and {jerk['clean']:.0f} without noise."
+    )
+    yield (
+        "Equal noise is an assumption: how much a trained network errs in either form has to be "
+        "measured."
+    )
