@@ -11,7 +11,6 @@ speech would give.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -35,7 +34,7 @@ from model.plan.editing import (
 )
 from model.plan.kinds import REST_PLACE, TOGETHER_S, strokes_of
 from model.plan.plan import SIDES, GesturePlan, HandPhase, Noted, PlanError, Smile
-from model.storage.files import bytes_within
+from model.storage.files import bytes_within, parse_toml
 
 _CLOSE = 0.02
 """Relative difference below which a style's value counts as reached."""
@@ -272,9 +271,10 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
 
 def read_wish(path: Path) -> StyleWish:
     """Read a style file; raises `PlanError` if it is missing, too large, or invalid."""
+    content = bytes_within(path, MAX_BYTES, PlanError)
     try:
-        told = tomllib.loads(bytes_within(path, MAX_BYTES, PlanError).decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        told = parse_toml(content.decode("utf-8"))
+    except ValueError as error:
         raise PlanError(f"{path.name} is no TOML file.") from error
     try:
         return wish_of(told)

@@ -3,13 +3,17 @@
 import errno
 import hashlib
 import io
+import json
 import math
 import os
+import re
 import secrets
+import tomllib
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 
 class WriteError(OSError):
@@ -95,6 +99,30 @@ def bytes_within(path: Path, most: int, error: type[ValueError]) -> bytes:
         told = f"{most // 2**20} MiB" if most >= 2**20 else f"{most // 1000} kB"
         raise error(f"{path.name} is larger than {told}, the most that is read.")
     return data
+
+
+MAX_KEY_PARTS = 32
+_STRINGS_AND_COMMENTS = re.compile(
+    r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"{3,5})?|"(?:[^"\\\n]|\\.)*+"?|#[^\n]*'''
+    r"""|'''(?:[^']|'(?!''))*+(?:'{3,5})?|'[^'\n]*+'?""",
+    re.DOTALL,
+)
+_TOO_MANY_PARTS = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MAX_KEY_PARTS}}}")
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parse TOML that JSON can hold; raises `ValueError` with the reason.
+
+    `tomllib` keeps every prefix of a dotted key: one of 50,000 parts (100 kB) takes 10 GB.
+    """
+    if _TOO_MANY_PARTS.search(_STRINGS_AND_COMMENTS.sub("s", text)):
+        raise ValueError(f"a key has more than {MAX_KEY_PARTS} parts")
+    try:
+        document = tomllib.loads(text)
+        json.dumps(document, default=str)
+        return document
+    except RecursionError as error:
+        raise ValueError("tables or arrays are nested too deeply") from error
 
 
 def file_sha256(path: Path) -> str:

@@ -20,10 +20,12 @@ from app.errors import RunError
 from app.study.design.key import MAX_PANEL_IDS, MAX_SYSTEMS, PanelName, Protocol, Question
 from conventions.names import PostFilter
 from conventions.views import VIEWS, View
+from model.storage.files import bytes_within, parse_toml
 from model.storage.json_validation import FieldError, Text, checked
 from model.systems.registry import families, planning_systems
 
 MAX_LENGTH_S = 120.0
+MAX_PLAN_BYTES = 2 * 2**20
 _NO_OTHERS = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid")
 OWN_PARAMETERS = ("p", "t", "preview")
 """Parameters of the page's address that the page itself uses."""
@@ -251,13 +253,12 @@ def read_plan(path: Path) -> Plan:
     Raises:
         RunError: if it is missing or invalid.
     """
+    if not path.exists():
+        raise RunError(f"There is no plan at {path}.")
+    content = bytes_within(path, MAX_PLAN_BYTES, RunError)
     try:
-        found = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise RunError(f"There is no plan at {path}.") from None
-    except OSError as error:
-        raise RunError(f"The plan {path} cannot be read: {error.strerror}.") from error
-    except (ValueError, RecursionError) as error:
+        found = parse_toml(content.decode("utf-8"))
+    except ValueError as error:
         raise RunError(f"{path.name} is no TOML file: {error}.") from error
     clips = found.get("clips")
     tables = [clip for clip in clips if isinstance(clip, dict)] if isinstance(clips, list) else []

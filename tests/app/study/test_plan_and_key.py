@@ -117,7 +117,9 @@ BAD_PLANS = [
     ("[[clips]]", "[[clips", "is no TOML file"),
     (PEOPLE, f"{PEOPLE}\nlength_s = {'9' * 400}", "`length_s` cannot be 999"),
     (PEOPLE, f"{PEOPLE}\nseed = {'9' * 5000}", "is no TOML file: Exceeds the limit"),
-    (PEOPLE, f"{PEOPLE}\nviews = {'[' * 4000}{']' * 4000}", "is no TOML file: maximum recursion"),
+    (PEOPLE, f"{PEOPLE}\nviews = {'[' * 4000}{']' * 4000}", "is no TOML file: tables or arrays"),
+    (PEOPLE, f"{PEOPLE}\n{'a.' * 50_000}b = 1", "is no TOML file: a key has more than 32 parts"),
+    (PEOPLE, f"{PEOPLE}\n#{'a' * 2**21}", "plan.toml is larger than 2 MiB"),
 ]
 BAD_CONDITIONS = [
     ("gestures_per_min = 0.5", "often = 2", "a style cannot be used: `times`"),

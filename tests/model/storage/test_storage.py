@@ -12,7 +12,7 @@ import torch
 from model.networks.config import MatchingConfig
 from model.storage.cards import Card, CheckpointError, load_card, with_setting
 from model.storage.checkpoint import load_into, load_weights, save_weights
-from model.storage.files import WriteError, written_atomically
+from model.storage.files import WriteError, parse_toml, written_atomically
 from model.systems.asynfusion.config import presets
 from model.systems.registry import families
 
@@ -118,3 +118,35 @@ def test_a_stranger_s_folder_of_weights_is_told_of_whatever_lies_in_it(tmp_path)
         make(card)
         with pytest.raises(CheckpointError, match="no regular file"):
             load_card(tmp_path, "a")
+
+
+@pytest.mark.parametrize(
+    "before", ["", 'x = "\\""\n', "x = '\\'\n", 'x = """a"""""\n', "# '\n[t]\n"]
+)
+@pytest.mark.parametrize("part", ["a", "'a b'", '"\\""', "''", "a \t", "a_-1"])
+def test_long_keys_are_refused_however_they_are_spelled(before, part):
+    for statement in ("{} = 1", "[{}]", "[[{}]]", 'y = {{z = "\'", {} = 1}}'):
+        parse_toml(before + statement.format(".".join([part] * 32)))
+        with pytest.raises(ValueError, match="a key has more than 32 parts"):
+            parse_toml(before + statement.format(".".join([part] * 33)))
+
+
+def test_dots_in_strings_and_comments_are_no_keys():
+    dots = "a." * 100
+    text = f'x = \'{dots}\'\ny = """\n"{dots}"""" # {dots}\nz = "{dots}"'
+    assert parse_toml(text) == {"x": dots, "y": f'"{dots}"', "z": dots}
+
+
+def test_documents_nested_too_deeply_are_refused_in_linear_time():
+    deep = "x = " + ("{" + "a." * 20 + "a = ") * 200 + "1" + "}" * 200
+    with pytest.raises(ValueError, match="nested too deeply"):
+        parse_toml(deep)
+    for text in (
+        '\\"' * 10**6,
+        "'" * 10**6,
+        "a" * 10**6,
+        '"""' * 10**6,
+        ("a ." * 31 + "\n") * 10**4,
+    ):
+        with pytest.raises(ValueError, match=r"line 1|end of"):
+            parse_toml(f"x = {text}")
