@@ -104,6 +104,14 @@ def reported_folder() -> Path:
     return folder
 
 
+def protocols_folder() -> Path:
+    """Numbers of others' evaluation code; the calling test is skipped where there are none."""
+    folder = ROOT.parent / "shared" / "data" / "protocols"
+    if not folder.is_dir():
+        pytest.skip("no numbers of others' evaluation code here (shared/data/protocols)")
+    return folder
+
+
 def official_folder() -> Path:
     """Numbers of the authors' code; the calling test is skipped where there are none."""
     folder = ROOT.parent / "shared" / "data" / "official"

@@ -94,7 +94,7 @@ def _json_bytes(card: dict) -> bytes:
 MAX_BYTES = 2 * 10**9
 """Largest file of weights that is read (bytes), also inside a zip; the largest known: 172 MB."""
 _PREFIX = "module."
-_WRAPPERS = ("state_dict", "model", "model_state_dict", "model_state", "net")
+_WRAPPERS = ("state_dict", "model", "model_state_dict", "model_state", "net", "gen_dict")
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:

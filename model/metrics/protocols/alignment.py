@@ -1,0 +1,67 @@
+"""BeatAlign of EMAGE's trainer, of its later tools and of RAG-Gesture, as their code computes it.
+
+All score onsets against the beats of 13 joints as `model.metrics.beats` does, within a slice of
+the clip, weighted by its length. In all three a beat's index counts from the start of the slice,
+whereas its speed is compared with the threshold at that index of the whole clip.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import argrelextrema
+
+from conventions.rates import FPS, SAMPLE_RATE
+from model.metrics.beats import (
+    BEAT_JOINTS,
+    NEIGHBOURS,
+    audio_to_motion,
+    joint_speeds,
+    speech_onsets,
+)
+from model.metrics.protocols.record import Clip, Sums
+
+_SAMPLES_A_FRAME = SAMPLE_RATE / FPS
+
+
+@dataclass(frozen=True)
+class SlicedBeats:
+    """Variant of BeatAlign; its call computes the sums of a clip."""
+
+    threshold: float
+    """Least speed of a beat, in mean speeds of the joint."""
+    margin: int
+    """Frames that are left out at both ends."""
+    max_frames: int | None = None
+    """Number of frames of a clip that are used; all by default."""
+    is_deviation: bool = False
+    """Use the distances of coordinates from their means, which the trainer leaves in the array."""
+    is_upright: bool = False
+    """Ignore the root's rotation."""
+
+    def __call__(self, clip: Clip) -> Sums:
+        assert clip.waveform is not None and clip.mean_speeds is not None
+        joints = clip.rooted[: self.max_frames]
+        frames, start = len(joints), int(self.margin * _SAMPLES_A_FRAME)
+        audio = clip.waveform[: int(frames * _SAMPLES_A_FRAME)]
+        # The trainer takes the end from the whole recording, the others from the motion.
+        full = len(clip.waveform) if self.is_deviation else len(audio)
+        audio = audio[start : full - start]
+        if frames <= 2 * self.margin or not len(audio):
+            return {}
+        if self.is_upright:
+            joints = np.einsum("tij,tki->tkj", clip.root_rotations[:frames].astype(float), joints)
+        if self.is_deviation:
+            joints = np.abs(joints - joints.mean(axis=0))
+        onsets = speech_onsets(audio)
+        if not len(onsets):
+            return {}
+        speeds = joint_speeds(joints[:, BEAT_JOINTS]) / clip.mean_speeds
+        beats = []
+        for speed in speeds.T:
+            (minima,) = argrelextrema(
+                speed[self.margin : frames - self.margin], np.less, order=NEIGHBOURS
+            )
+            beats.append(minima[speed[minima] > self.threshold] / FPS)
+        count = frames - 2 * self.margin
+        score = audio_to_motion(onsets, beats)
+        return {"count": np.array(float(count)), "beat_align": np.array(score * count)}
