@@ -259,8 +259,8 @@ class Comparison:
     """Metrics of several motions, shown as a table in a notebook cell."""
 
     table: DataFrame
-    """Table with a row for each metric and a column for each motion; None if a metric does not
-    apply."""
+    """Table with a row for each metric, by keys such as ``tracked_point_jerk_m_s3``, and a column
+    for each motion; None if a metric does not apply."""
     nearest: Mapping[str, Sequence[str]]
     """Names of the motions nearest to the reference, by metric."""
     apart_deg: Mapping[tuple[str, str], Mapping[str, float]]
@@ -272,18 +272,18 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         told = self.table.map(written)
-        for title, names in self.nearest.items():
+        for key, names in self.nearest.items():
             for name in names:
-                told.loc[title, name] = f"<b>{told.loc[title, name]}</b>"
+                told.loc[key, name] = f"<b>{told.loc[key, name]}</b>"
         told = told.rename(index=_explained, columns=escape)
         note = "<p>As generated. Bold: nearest to the reference.</p>"
         return note + told.to_html(escape=False, border=0)
 
 
-def _explained(title: str) -> str:
+def _explained(key: str) -> str:
     """Format the title of a metric as HTML with its description as a tooltip."""
-    about = next(measure.about for measure in MEASURES if titled(measure) == title)
-    return f'<span title="{escape(about)}">{escape(title)}</span>'
+    measure = next(measure for measure in MEASURES if measure.key == key)
+    return f'<span title="{escape(measure.about)}">{escape(titled(measure))}</span>'
 
 
 def compare(
@@ -311,10 +311,10 @@ def compare(
     for measure in MEASURES:
         values = {name: of.get(measure.key) for name, of in numbers.items()}
         if any(value is not None for value in values.values()):
-            rows[titled(measure)] = values
+            rows[measure.key] = values
             target = values.get(REFERENCE_NAME) if measure.has_target else None
             others = {name: values[name] for name in diagnostics.systems}
-            best[titled(measure)] = nearest(others, target)
+            best[measure.key] = nearest(others, target)
     apart = {(a, b): degrees_by_part(named[a], named[b]) for a, b in combinations(named, 2)}
     table = DataFrame(list(rows.values()), list(rows), list(of_all), dtype=object)
     return Comparison(table, best, apart)

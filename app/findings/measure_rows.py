@@ -24,6 +24,8 @@ def mean(values: np.ndarray) -> float:
 class Measure:
     """One row of the page's table of measures."""
 
+    key: str
+    """Id of the metric in files, with the unit of its values."""
     group: str
     title: str
     unit: str
@@ -47,108 +49,159 @@ class Measure:
     """Key of a measure that must be shown with this one: both are shown, or neither."""
 
     @property
-    def key(self) -> str:
-        """Key of the measure's values, for example in ``run.json``."""
+    def is_error(self) -> bool:
+        """True for a distance to the reference."""
+        return self.group == _ERROR
+
+    @property
+    def full_title(self) -> str:
+        """Title with the group, for tables without group headings."""
         return f"{self.group}: {self.title}"
 
 
 _POINT, _JOINTS, _FEET, _POSTURE = "Followed point", "All joints", "Feet", "Posture"
 _HANDS, _ERROR = "Hands", "Error against the reference"
 _BEATS, _STEP, _DIVERSITY = "Beat alignment", "In step with the speech", "Diversity"
-_CHANCE = "BeatAlign by chance"
-_BEATS_KEY, _CHANCE_KEY = f"{_BEATS}: BeatAlign", f"{_BEATS}: {_CHANCE}"
+_BEATS_KEY, _CHANCE_KEY = "beat_align", "beat_align_chance"
 MEASURES = (
-    Measure(_POINT, "Speed", "m/s",
+    Measure("tracked_point_speed_m_s", _POINT, "Speed", "m/s",
             "Mean speed. Compare jerk at equal speed: what hardly moves is always smooth.",
             lambda m: m.point.tip_path_m_s, is_first=True),
-    Measure(_POINT, "Acceleration", "m/s²", "Mean change of velocity.",
+    Measure("tracked_point_acceleration_m_s2", _POINT, "Acceleration", "m/s²",
+            "Mean change of velocity.",
             lambda m: m.point.tip_acceleration_m_s2, needs=("detail",)),
-    Measure(_POINT, "Jerk", "m/s³", "Mean change of acceleration: how much it trembles and jolts.",
+    Measure("tracked_point_jerk_m_s3", _POINT, "Jerk", "m/s³",
+            "Mean change of acceleration: how much it trembles and jolts.",
             lambda m: m.point.tip_jerk_m_s3, is_first=True, needs=("detail",),
             compared_with=("place",)),
-    Measure(_POINT, "Power above 5 Hz", "%",
+    Measure("tracked_point_power_above_5hz_percent", _POINT, "Power above 5 Hz", "%",
             "Share of the velocity's power that is faster than gestures are: mostly tremble.",
             lambda m: m.point.tip_velocity_power_above_5hz, 100, needs=("detail",)),
-    Measure(_POINT, "SPARC", "",
+    Measure("tracked_point_sparc", _POINT, "SPARC", "",
             "Spectral arc length of the speed: nearer to 0 is smoother.",
             lambda m: m.point.tip_sparc, needs=("detail",)),
-    Measure(_POINT, "Log dimensionless jerk", "",
+    Measure("tracked_point_log_dimensionless_jerk", _POINT, "Log dimensionless jerk", "",
             "Jerk for the speed and length of the movement, as a logarithm: nearer to 0 is "
             "smoother.",
             lambda m: m.point.tip_log_dimensionless_jerk, needs=("detail",),
             compared_with=("place",)),
-    Measure(_JOINTS, "Mean jerk", "m/s³", "Of all 55 joints' positions.",
+    Measure("joint_jerk_m_s3", _JOINTS, "Mean jerk", "m/s³", "Of all 55 joints' positions.",
             lambda m: mean(m.positions.joint_jerk_m_s3), is_first=True, needs=("detail",),
             compared_with=("place",)),
-    Measure(_JOINTS, "Rotation noise", "°",
+    Measure("joint_rotation_noise_deg", _JOINTS, "Rotation noise", "°",
             "White noise that the joints' rotations seem to hold; recordings have under 0.3.",
             lambda m: mean(m.rotations.joint_rotation_noise_deg), needs=("detail",)),
-    Measure(_JOINTS, "Peak jerk at joins", "times elsewhere",
+    Measure("seam_jerk_ratio", _JOINTS, "Peak jerk at joins", "times elsewhere",
             "Where windows of generated motion join; 1 means that joins cannot be told from the "
             "rest.",
             lambda m: m.seams.seam_jerk_ratio, is_first=True, needs=("detail",)),
-    Measure(_FEET, "Slide on the ground", "cm/s",
+    Measure("foot_sliding_cm_s", _FEET, "Slide on the ground", "cm/s",
             "Mean horizontal speed of a foot while it is on the ground.",
             lambda m: m.posture.foot_slide_m_s, 100, is_first=True, needs=("place", "legs")),
-    Measure(_FEET, "Height, left, 95 %", "cm",
+    Measure("left_foot_height_p95_cm", _FEET, "Height, left, 95 %", "cm",
             "The foot is lower than this in 95 % of the frames.",
             lambda m: m.posture.foot_height_m.left.p95, 100, needs=("place", "legs")),
-    Measure(_FEET, "Height, right, 95 %", "cm",
+    Measure("right_foot_height_p95_cm", _FEET, "Height, right, 95 %", "cm",
             "The foot is lower than this in 95 % of the frames.",
             lambda m: m.posture.foot_height_m.right.p95, 100, needs=("place", "legs")),
-    Measure(_POSTURE, "Spine tilt, mean", "°",
+    Measure("spine_tilt_mean_deg", _POSTURE, "Spine tilt, mean", "°",
             "Angle between the vertical and the line from pelvis to neck.",
             lambda m: m.posture.spine_tilt_deg.mean),
-    Measure(_POSTURE, "Spine tilt, 95 %", "°", "The spine is straighter in 95 % of the frames.",
+    Measure("spine_tilt_p95_deg", _POSTURE, "Spine tilt, 95 %", "°",
+            "The spine is straighter in 95 % of the frames.",
             lambda m: m.posture.spine_tilt_deg.p95),
-    Measure(_POSTURE, "Drift of the pelvis", "cm",
+    Measure("pelvis_drift_cm", _POSTURE, "Drift of the pelvis", "cm",
             "Distance between its places in the first and in the last second.",
             lambda m: m.posture.root_drift_m, 100, needs=("place",)),
-    Measure(_HANDS, "Moving alike", "correlation",
+    Measure("hand_speed_correlation", _HANDS, "Moving alike", "correlation",
             "Of the two wrists' speeds: 1 where both always move at once.",
             lambda m: m.posture.hand_speed_symmetry),
-    Measure(_HANDS, "Fingers beyond range", "%",
+    Measure("finger_limit_violations_percent", _HANDS, "Fingers beyond range", "%",
             "Frames and finger joints bent further than a hand can.",
             lambda m: m.ranges.finger_angle_outside_share, 100, needs=("finger_angles", "hands")),
-    Measure(_HANDS, "Left fingers still", "%", "Frames in which no joint of the hand turns.",
+    Measure("left_fingers_still_percent", _HANDS, "Left fingers still", "%",
+            "Frames in which no joint of the hand turns.",
             lambda m: m.rotations.fingers_still_share.left, 100, needs=("hands",)),
-    Measure(_HANDS, "Right fingers still", "%", "Frames in which no joint of the hand turns.",
+    Measure("right_fingers_still_percent", _HANDS, "Right fingers still", "%",
+            "Frames in which no joint of the hand turns.",
             lambda m: m.rotations.fingers_still_share.right, 100, needs=("hands",)),
-    Measure(_ERROR, "Pelvis", "cm", "Mean distance of the two pelvises.",
+    Measure("pelvis_error_cm", _ERROR, "Pelvis", "cm", "Mean distance of the two pelvises.",
             lambda m: m.errors and m.errors.root_error_m, 100, False),
-    Measure(_ERROR, "Joints about the pelvis", "cm",
+    Measure("joint_position_error_cm", _ERROR, "Joints about the pelvis", "cm",
             "Mean distance of the joints, the pelvises laid onto each other.",
             lambda m: m.errors and mean(m.errors.position_error_m), 100, False),
-    Measure(_ERROR, "Global rotation", "°", "Mean angle between the rotations in the world.",
+    Measure("global_rotation_error_deg", _ERROR, "Global rotation", "°",
+            "Mean angle between the rotations in the world.",
             lambda m: m.errors and mean(m.errors.global_rotation_error_deg), 1, False),
-    Measure(_ERROR, "Local rotation", "°",
+    Measure("local_rotation_error_deg", _ERROR, "Local rotation", "°",
             "Mean angle between the rotations relative to the parent joint.",
             lambda m: m.errors and mean(m.errors.local_rotation_error_deg), 1, False),
-    Measure(_BEATS, "BeatAlign", "0 to 1",
+    Measure(_BEATS_KEY, _BEATS, "BeatAlign", "0 to 1",
             "How near each onset of the speech is to the next beat of the motion; says nothing "
             "without its chance level.",
             lambda m: m.beats and m.beats.beat_align, is_first=True, partner=_CHANCE_KEY),
-    Measure(_BEATS, _CHANCE, "0 to 1",
+    Measure(_CHANCE_KEY, _BEATS, "BeatAlign by chance", "0 to 1",
             "The same for onsets shifted in time: what any rhythm gets on this motion.",
             lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_first=True,
             partner=_BEATS_KEY),
-    Measure(_BEATS, "Beats of each joint", "1/s",
+    Measure("beats_per_joint_s", _BEATS, "Beats of each joint", "1/s",
             "Moments in a second at which a joint is slowest.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
-    Measure(_STEP, "Lag", "s",
+    Measure("lag_s", _STEP, "Lag", "s",
             "How much later than the speech the face moves, or else the body; nothing where "
             "neither follows this speech.",
             lambda m: m.lag and m.lag.lag_s, 1, False, is_first=True),
-    Measure(_STEP, "Drift", "s", "By how much that grows from the start to the end.",
+    Measure("lag_drift_s", _STEP, "Drift", "s", "By how much that grows from the start to the end.",
             lambda m: m.lag and m.lag.lag_drift_s, 1, False),
-    Measure(_DIVERSITY, "L1 diversity", "m",
+    Measure("l1_diversity_m", _DIVERSITY, "L1 diversity", "m",
             "How far poses lie from the clip's mean pose, summed over all coordinates.",
             lambda m: m.diversity.l1_diversity_m),
 )  # fmt: skip
 
 
-JERK, SPEED = "Followed point: Jerk", "Followed point: Speed"
-FAST_POWER, SEAMS = "Followed point: Power above 5 Hz", "All joints: Peak jerk at joins"
+JERK, SPEED = "tracked_point_jerk_m_s3", "tracked_point_speed_m_s"
+FAST_POWER, SEAMS = "tracked_point_power_above_5hz_percent", "seam_jerk_ratio"
+FGD, FGD_EMAGE = "fgd", "fgd_emage"
+"""Keys of the distances of whole sets to the recorded one, by our encoder and by EMAGE's."""
+TITLES = {row.key: row.full_title for row in MEASURES} | {
+    FGD: "Distribution: FGD to the recorded set, our encoder",
+    FGD_EMAGE: "Distribution: FGD to the recorded set, EMAGE's encoder",
+}
+KEYS_OF_OLD_TITLES = {
+    "Followed point: Speed": "tracked_point_speed_m_s",
+    "Followed point: Acceleration": "tracked_point_acceleration_m_s2",
+    "Followed point: Jerk": "tracked_point_jerk_m_s3",
+    "Followed point: Power above 5 Hz": "tracked_point_power_above_5hz_percent",
+    "Followed point: SPARC": "tracked_point_sparc",
+    "Followed point: Log dimensionless jerk": "tracked_point_log_dimensionless_jerk",
+    "All joints: Mean jerk": "joint_jerk_m_s3",
+    "All joints: Rotation noise": "joint_rotation_noise_deg",
+    "All joints: Peak jerk at joins": "seam_jerk_ratio",
+    "Feet: Slide on the ground": "foot_sliding_cm_s",
+    "Feet: Height, left, 95 %": "left_foot_height_p95_cm",
+    "Feet: Height, right, 95 %": "right_foot_height_p95_cm",
+    "Posture: Spine tilt, mean": "spine_tilt_mean_deg",
+    "Posture: Spine tilt, 95 %": "spine_tilt_p95_deg",
+    "Posture: Drift of the pelvis": "pelvis_drift_cm",
+    "Hands: Moving alike": "hand_speed_correlation",
+    "Hands: Fingers beyond range": "finger_limit_violations_percent",
+    "Hands: Left fingers still": "left_fingers_still_percent",
+    "Hands: Right fingers still": "right_fingers_still_percent",
+    "Error against the reference: Pelvis": "pelvis_error_cm",
+    "Error against the reference: Joints about the pelvis": "joint_position_error_cm",
+    "Error against the reference: Global rotation": "global_rotation_error_deg",
+    "Error against the reference: Local rotation": "local_rotation_error_deg",
+    "Beat alignment: BeatAlign": "beat_align",
+    "Beat alignment: BeatAlign by chance": "beat_align_chance",
+    "Beat alignment: Beats of each joint": "beats_per_joint_s",
+    "In step with the speech: Lag": "lag_s",
+    "In step with the speech: Drift": "lag_drift_s",
+    "Diversity: L1 diversity": "l1_diversity_m",
+    "Distribution: FGD to the recorded set, our encoder": FGD,
+    "Distribution: FGD to the recorded set, EMAGE's encoder": FGD_EMAGE,
+}
+"""Keys of the metrics by the titles that were keys in ``run.json`` of formats 1 and 2, and in
+leaderboards of format 1."""
 Numbers = Mapping[Version, Mapping[str, float]]
 """Values of one motion by version (filter) and by key of the measure, as in ``run.json``."""
 
@@ -190,9 +243,14 @@ PARTNERS = {row.key: row.partner for row in MEASURES if row.partner}
 T = TypeVar("T")
 
 
-def with_partners(by_key: Mapping[str, T]) -> dict[str, T]:
+def by_key(by_title: Mapping[str, T]) -> dict[str, T]:
+    """Return the values of an earlier format, which had titles as keys, by the keys of metrics."""
+    return {KEYS_OF_OLD_TITLES.get(title, title): value for title, value in by_title.items()}
+
+
+def with_partners(values: Mapping[str, T]) -> dict[str, T]:
     """Leave out measures without their partner, such as BeatAlign without its chance level."""
-    return {key: of for key, of in by_key.items() if PARTNERS.get(key, key) in by_key}
+    return {key: of for key, of in values.items() if PARTNERS.get(key, key) in values}
 
 
 def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from model.generation.family import Claim
 
 MORE_IS_WORSE = (
-    *("All joints: Rotation noise", "All joints: Peak jerk at joins"),
-    *("Feet: Slide on the ground", "Hands: Fingers beyond range"),
+    *("joint_rotation_noise_deg", "seam_jerk_ratio"),
+    *("foot_sliding_cm_s", "finger_limit_violations_percent"),
 )
 """Keys of `MEASURES` of which more is worse, whatever the reference has."""
 ENOUGH_CLIPS = 10

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
+from app.findings.measure_rows import JERK
 from app.notebook import compare, diagnose, generate, named_motions, read_motion, read_speech
 from model.motion.motion import save_motion
 from model.speech.audio import SpeechError
@@ -63,10 +64,9 @@ def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
     shaken = calm.part(np.arange(60)[::2].repeat(2))  # each frame twice: steps
     found = compare({"calm": calm, "shaken": shaken, "reference": recorded})
     assert list(found.table.columns) == ["calm", "shaken", "reference"]
-    jerk = "Followed point: Jerk (m/s³)"
-    calm_jerk, shaken_jerk, _ = found.table.loc[jerk]
-    assert list(found.nearest[jerk]) == ["calm"] and shaken_jerk > 3 * calm_jerk
-    assert not any("BeatAlign" in title for title in found.table.index)
+    calm_jerk, shaken_jerk, _ = found.table.loc[JERK]
+    assert list(found.nearest[JERK]) == ["calm"] and shaken_jerk > 3 * calm_jerk
+    assert not any("beat_align" in key for key in found.table.index)
     assert set(found.apart_deg) == {
         ("calm", "shaken"),
         ("calm", "reference"),

@@ -393,7 +393,7 @@ def test_the_worst_second_is_played_slowly_again_and_again(page: Page) -> None:
 def test_measures_are_filtered_and_saved_and_a_figure_opens_large(
     page: Page, tmp_path: Path
 ) -> None:
-    jerk = page.locator('#numbers tr[data-measure="Jerk"]')
+    jerk = page.locator('#numbers tr[data-measure="tracked_point_jerk_m_s3"]')
     expect(jerk.locator("td .raw").first).to_have_text("110")
     press(page.locator("#player .timeline"), text.FILTERED)  # one switch for plots and measures
     expect(jerk.locator("td .savgol").first).to_be_visible()

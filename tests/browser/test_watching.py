@@ -11,6 +11,7 @@ from playwright.sync_api import Page, Route, expect
 
 from app import text
 from app.config import AppConfig
+from app.findings.measure_rows import JERK
 from app.page.tabs import own_motion
 from app.run.experiments.rotation_noise import NAMES
 from model.motion.motion import save_motion
@@ -159,7 +160,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     page.emulate_media(reduced_motion="reduce", color_scheme=scheme)
 
     # Numbers do not wait for figures, nor figures for videos.
-    expect(page.locator('#numbers tr[data-measure="Jerk"] td .raw').first).to_have_text("110")
+    expect(page.locator(f'#numbers tr[data-measure="{JERK}"] td .raw').first).to_have_text("110")
     expect(page.locator("#verdict")).to_contain_text("110")
     expect(page.locator("#figures img")).to_have_count(0)
     expect(page.locator("#downloads .bundle")).to_be_hidden()
@@ -216,7 +217,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
             ({ currentTime, controls }) => controls && Math.abs(currentTime - 1) < 0.05)"""
     )
     expect(theirs.locator("#player .no-stage")).to_contain_text("draws no 3D graphics")
-    expect(theirs.locator('#numbers tr[data-measure="Jerk"] td .raw').first).to_have_text("110")
+    expect(theirs.locator(f'#numbers tr[data-measure="{JERK}"] td .raw').first).to_have_text("110")
     expect(theirs.locator("#status")).to_contain_text(f"{FRAMES} frames each")
     expect(theirs.locator("#runs .link")).to_contain_text("minutes more")
     expect(theirs.locator("#runs li")).to_have_count(0)  # it is another's

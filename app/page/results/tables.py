@@ -13,6 +13,7 @@ from app import text
 from app.errors import page_sentence, without_folders
 from app.findings.comparison import by_measure, kinds_told, plain, point_title
 from app.findings.measure_rows import (
+    FGD,
     JERK,
     MEASURES,
     Measure,
@@ -24,7 +25,7 @@ from app.findings.measure_rows import (
 )
 from app.findings.verdict import verdict_of
 from app.page.parts import markup
-from app.run.batch.table import DISTANCE, cells_of, interval, star_told
+from app.run.batch.table import cells_of, interval, star_told
 from app.run.output.run_folder import RunRecord, Told
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
 from model.storage.escaping import csv_text
@@ -96,7 +97,7 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
         for group, measures in groupby(shown, key=lambda measure: measure.group)
     )
     # All numbers of the table, raw and filtered, one per line.
-    lines = [(of.title, of.unit, each.name, version, value) for of, each, version, value in numbers]
+    lines = [(of.key, of.unit, each.name, version, value) for of, each, version, value in numbers]
     csv = csv_text([("measure", "unit", "name", "filter", "value"), *lines])
     more = (
         f'<button type="button" class="more" aria-expanded="false" '
@@ -132,7 +133,7 @@ def _row(measure: Measure, columns: Sequence[Column]) -> str:
     later = "" if measure.is_first else ' class="later"'
     name = f'<span title="{escape(measure.about)}">{escape(measure.title)}</span>{unit}'
     return (
-        f'<tr data-measure="{escape(measure.title)}"{later}>'
+        f'<tr data-measure="{measure.key}"{later}>'
         f'<th scope="row"><div>{name}</div></th>{cells}</tr>'
     )
 
@@ -269,7 +270,7 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips: int) -> str:
-    firsts = {f"{row.key}" for row in MEASURES if row.is_first} | {DISTANCE}
+    firsts = {row.key for row in MEASURES if row.is_first} | {FGD}
     head = markup.heads({name: name for name in systems})
 
     def table(chosen: list[Mapping[str, Any]]) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import RunError
-from app.run.batch.table import DISTANCE
+from app.findings.measure_rows import FGD, FGD_EMAGE, TITLES
 from conventions.names import REFERENCE_NAME
 from model.evaluation.frechet import Moments, distance_of, motion_features
 from model.evaluation.tables import drawn_clips, interval_of
@@ -27,7 +27,6 @@ from model.storage.files import written_atomically
 from model.systems.helpers import emage
 from model.systems.helpers.config import FGD_ENCODER
 
-EMAGE_TITLE = "Distribution: FGD to the recorded set, EMAGE's encoder"
 LEFT_OUT = (
     "FGD by {whose} is left out: all clips together have {codes} codes, one for every {frames} "
     "frames; at least {least} are needed."
@@ -40,7 +39,8 @@ _CLIPS_AT_ONCE = 50
 class Judge:
     """Encoder of the features that are compared."""
 
-    title: str
+    metric: str
+    """Key of the distance by this encoder."""
     codes: Callable[[Motion], Any]
     frames_a_code: int
     offset: float = 0.0
@@ -55,11 +55,11 @@ def judges_of(emage_weights: Path | None) -> tuple[Judge, ...]:
         CheckpointError: for a file that is not EMAGE's.
     """
     ours = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
-    judges = [Judge(DISTANCE, partial(motion_features, ours), max(ours.network.config.scales))]
+    judges = [Judge(FGD, partial(motion_features, ours), max(ours.network.config.scales))]
     if emage_weights is not None:
         theirs = emage.load_emage_encoder(emage_weights)
         codes = partial(emage.emage_codes, theirs)
-        judges.append(Judge(EMAGE_TITLE, codes, emage.FRAMES_A_CODE, emage.ROOT_OFFSET))
+        judges.append(Judge(FGD_EMAGE, codes, emage.FRAMES_A_CODE, emage.ROOT_OFFSET))
     return tuple(judges)
 
 
@@ -115,7 +115,7 @@ def distance_rows(
         count, least = sum(length for length, _ in shapes), least_codes(shapes[0][1])
         if count < least:
             told = {"codes": count, "frames": judge.frames_a_code, "least": least}
-            notes.append(LEFT_OUT.format(whose=judge.title.rsplit(", ", 1)[1], **told))
+            notes.append(LEFT_OUT.format(whose=TITLES[judge.metric].rsplit(", ", 1)[1], **told))
             continue
         known = [record for record, (length, _) in zip(records, shapes, strict=True) if length]
         rows += _rows(judge, systems, len(known), partial(_codes_of, number, known))
@@ -155,10 +155,10 @@ def _rows(
     }  # fmt: skip
     names = list(apart)
     for place, name in enumerate(names):
-        yield (judge.title, "", name, num_clips, *told(apart[name]), *[""] * 4)
+        yield (judge.metric, "", name, num_clips, *told(apart[name]), *[""] * 4)
         for other in names[place + 1 :]:
             difference = told(apart[name] - apart[other])
-            yield (judge.title, "", name, num_clips, "", "", "", other, *difference)
+            yield (judge.metric, "", name, num_clips, "", "", "", other, *difference)
 
 
 def _drawn(clips: Iterator[np.ndarray], num_clips: int) -> list[Moments]:

@@ -19,12 +19,21 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from app.errors import RunError
 from app.findings.comparison import kinds_told
-from app.findings.measure_rows import MEASURES, with_partners, written
+from app.findings.measure_rows import (
+    FAST_POWER,
+    FGD,
+    FGD_EMAGE,
+    MEASURES,
+    TITLES,
+    by_key,
+    with_partners,
+    written,
+)
 from conventions.names import REFERENCE_NAME, printable
 from model.storage.files import bytes_within, write_atomically
 from model.storage.json_validation import FieldError, read_checked
 
-FORMAT = 1
+FORMAT = 2
 MAX_BYTES = 32 * 2**20
 MAX_NAME = 100
 MAX_NOTE = 400
@@ -58,7 +67,7 @@ class Entry:
     """Time of the measurement in ISO 8601."""
     project: str
     """Version of this program that measured."""
-    measures: dict[str, Value]
+    measures: Annotated[dict[str, Value], AfterValidator(by_key)]
     findings: dict[str, int]
     """Number of clips by kind of finding."""
     note: str = ""
@@ -82,7 +91,8 @@ class Entry:
 class Board(BaseModel):
     """Content of a leaderboard file, which may be from another lab."""
 
-    format: Literal[1] = FORMAT
+    format: Literal[1, 2] = FORMAT
+    """Format 1, in which titles were the keys of metrics, is still read."""
     entries: list[Entry]
 
 
@@ -190,12 +200,11 @@ def read_board(path: Path) -> list[Entry]:
         raise RunError(f"{path.name} is no leaderboard of format {FORMAT}: {error}.") from None
 
 
-_DISTRIBUTION = "Distribution"
-"""Prefix of the metrics of whole sets."""
-_TO_RECORDED = _DISTRIBUTION, "Error against the reference"
-"""Prefixes of metrics that are distances to the recorded motion."""
+_OF_SETS = {FGD, FGD_EMAGE}
+_TO_RECORDED = _OF_SETS | {row.key for row in MEASURES if row.is_error}
+"""Metrics that are distances to the recorded motion."""
 _WITHOUT_AIM = {row.key for row in MEASURES if not row.has_target}
-_FIRST = {row.key for row in MEASURES if row.is_first or row.title == "Power above 5 Hz"}
+_FIRST = {row.key for row in MEASURES if row.is_first or row.key == FAST_POWER}
 
 
 def board_page(entries: Sequence[Entry]) -> str:
@@ -219,6 +228,7 @@ def board_page(entries: Sequence[Entry]) -> str:
         script=script,
         tables=[_table(of) for of in tests],
         about={row.key: row.about for row in MEASURES},
+        titles=TITLES,
         written=written,
     )
 
@@ -226,14 +236,14 @@ def board_page(entries: Sequence[Entry]) -> str:
 def _table(entries: list[Entry]) -> dict[str, Any]:
     """Return one test for the template; BeatAlign is only included with its chance level."""
     entries = [replace(entry, measures=with_partners(entry.measures)) for entry in entries]
-    titles = dict.fromkeys(title for entry in entries for title in entry.measures)
+    keys = dict.fromkeys(key for entry in entries for key in entry.measures)
     recorded = next((entry.measures for entry in entries if entry.is_recorded), {})
 
-    def apart(title: str, value: Value) -> float | None:
+    def apart(key: str, value: Value) -> float | None:
         """Return the distance to the recorded motion; None if the metric has no target."""
-        if title.startswith(_TO_RECORDED):
+        if key in _TO_RECORDED:
             return abs(value.mean)
-        aim = None if title in _WITHOUT_AIM else recorded.get(title)
+        aim = None if key in _WITHOUT_AIM else recorded.get(key)
         return None if aim is None else abs(value.mean - aim.mean)
 
     return {
@@ -241,9 +251,9 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
         "entries": entries,
         "clips": max(entry.clips for entry in entries),
         "units": {
-            title: next(each.measures[title].unit for each in entries if title in each.measures)
-            for title in titles
+            key: next(each.measures[key].unit for each in entries if key in each.measures)
+            for key in keys
         },
-        "rare": {title for title in titles if not title.startswith(_DISTRIBUTION)} - _FIRST,
+        "rare": set(keys) - _OF_SETS - _FIRST,
         "apart": apart,
     }

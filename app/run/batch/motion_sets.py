@@ -50,8 +50,10 @@ from model.systems.helpers.config import FGD_ENCODER
 from processes.job import Job
 from processes.pool import JobPool
 
-FORMAT = 7
+FORMAT = 8
 """Format of a clip's record; others are measured again."""
+METRICS_VERSION = 7
+"""Version of the metrics' definitions; results of different versions cannot be compared."""
 _SPEECH = "the speech"
 
 
@@ -269,7 +271,7 @@ class _Clip:
         return stamp_of(
             files,
             [
-                FORMAT,
+                *(FORMAT, METRICS_VERSION),
                 str(request.imports.import_overrides),
                 str(request.video.body),
                 request.speech.channel,
@@ -383,7 +385,7 @@ def _origin_of(
         "reference": digests.get(REFERENCE_NAME),
         "encoders": {"FGD": load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256},
         "mean_speeds": mean_speeds and file_sha256(mean_speeds),
-        "measures": FORMAT,
+        "measures": METRICS_VERSION,
     }
 
 

@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from app.findings.comparison import kinds_told
-from app.findings.measure_rows import JERK, MEASURES, Measure, ranged, written
+from app.findings.measure_rows import JERK, MEASURES, TITLES, Measure, ranged, written
 from app.findings.verdict import ENOUGH_CLIPS
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
 from model.storage.escaping import csv_text, markdown, tex
 
-DISTANCE = "Distribution: FGD to the recorded set, our encoder"
 NUM_WORST = 10
 """Maximum number of worst clips of a system that are listed."""
 Cells = dict[str, list[str]]
@@ -127,14 +126,14 @@ def write_tables(
 
 def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[tuple[Any, ...]]:
     """Yield the header, a row for each clip of each system, and one for each omitted clip."""
-    titles = [titled(row) for row in MEASURES]
-    yield ("clip", "system", "findings", *titles, "left out because")
+    keys = [row.key for row in MEASURES]
+    yield ("clip", "system", "findings", *keys, "left out because")
     for name, clips in of_systems.items():
         for clip, told in clips:
-            values = [told["numbers"].get(row.key) for row in MEASURES]
+            values = [told["numbers"].get(key) for key in keys]
             yield (clip, name, "; ".join(dict.fromkeys(told["findings"])), *values, "")
     for clip, why in left_out.items():
-        yield (clip, "", "", *[""] * len(titles), why)
+        yield (clip, "", "", *[""] * len(keys), why)
 
 
 def worst_clips(of_systems: OfSystems) -> list[dict[str, Any]]:
@@ -234,10 +233,10 @@ def _rows(of_systems: OfSystems) -> Iterator[Row]:
 def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     """Format means with their intervals, and stars as explained by `star_told`."""
     told: Cells = {}
-    for title in dict.fromkeys(row["measure"] for row in rows):
-        own = [row for row in rows if row["measure"] == title]
+    for key in dict.fromkeys(row["measure"] for row in rows):
+        own = [row for row in rows if row["measure"] == key]
         cells = [_cell(own, name, systems[-1]) for name in systems]
-        told[_with_unit(title, own[0]["unit"])] = cells
+        told[_with_unit(TITLES.get(str(key), str(key)), own[0]["unit"])] = cells
     return told
 
 
@@ -327,11 +326,11 @@ def draw_spread(
 
 
 def _whose(row: Measure) -> str:
-    return " of the point" if row.group == "Followed point" else ""
+    return " of the point" if row.key.startswith("tracked_point") else ""
 
 
 def titled(row: Measure) -> str:
-    return _with_unit(row.key, row.unit)
+    return _with_unit(row.full_title, row.unit)
 
 
 def _with_unit(title: str, unit: str) -> str:

@@ -6,7 +6,7 @@ import fcntl
 import os
 import re
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,6 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from typing_extensions import TypedDict
 
 from app.errors import RunError
+from app.findings.measure_rows import by_key
 from app.run.output.result_folder import zip_files
 from app.run.requests.convert import nested_fields
 from app.run.requests.parts import MAX_CLIPS
@@ -146,7 +147,7 @@ class ToldVerdict(_Strict):
 class RunRecord(_Strict):
     """Content of ``run.json``."""
 
-    format: Literal[2] = 2
+    format: Literal[3] = 3
     state: State = "running"
     sentence: Text = ""
     """Final status message, or the reason of a failure."""
@@ -177,7 +178,7 @@ class RunRecord(_Strict):
     numbers: Annotated[
         dict[Name, dict[Version, dict[Name, Number]]], Field(max_length=MAX_ROWS)
     ] = {}
-    """Metrics by motion, filter and metric, as in tables; missing ones were not computed."""
+    """Metrics by motion, filter and key of the metric; missing ones were not computed."""
     notes: Annotated[list[Text], Field(max_length=MAX_TOLD)] = []
     files: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
     """Complete files."""
@@ -187,15 +188,22 @@ class RunRecord(_Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _from_format_1(cls, record: Any) -> Any:
-        """Convert format 1, in which ``asked`` held the fields of the request without parts."""
-        if not isinstance(record, dict) or record.get("format") != 1:
+    def _from_earlier_formats(cls, record: Any) -> Any:
+        """Convert format 1, with ``asked`` in place of ``request``, and format 2.
+
+        In both, the keys of ``numbers`` were titles of metrics.
+        """
+        if not isinstance(record, dict) or record.get("format") not in (1, 2):
             return record
+        if isinstance(numbers := record.get("numbers"), dict):
+            record = record | {"numbers": _numbers_by_key(numbers)}
+        if record["format"] == 2:
+            return record | {"format": 3}
         asked = record.get("asked")
         kind = GenerateRequest if record.get("kind") == "generated" else DiagnoseRequest
         request = nested_fields(kind, asked) if isinstance(asked, dict) else {}
         rest = {key: value for key, value in record.items() if key != "asked"}
-        return rest | {"format": 2, "request": request}
+        return rest | {"format": 3, "request": request}
 
     @model_validator(mode="after")
     def _each_once(self) -> RunRecord:
@@ -243,6 +251,19 @@ class RunRecord(_Strict):
 
     def write(self, path: Path) -> None:
         write_atomically(path, self.model_dump_json(exclude_none=True))
+
+
+def _numbers_by_key(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return metrics by motion and filter with keys in place of titles; others as they are."""
+    return {
+        name: {
+            version: by_key(values) if isinstance(values, dict) else values
+            for version, values in of.items()
+        }
+        if isinstance(of, dict)
+        else of
+        for name, of in numbers.items()
+    }
 
 
 def noise_of(name: str) -> str | None:

@@ -19,7 +19,15 @@ from app.findings.comparison import (
     ratio_of,
     samples_by_system,
 )
-from app.findings.measure_rows import JERK, MEASURES, SPEED, numbers_of, parts_apart
+from app.findings.measure_rows import (
+    JERK,
+    KEYS_OF_OLD_TITLES,
+    MEASURES,
+    SPEED,
+    TITLES,
+    numbers_of,
+    parts_apart,
+)
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
 from app.run.examples import FIRST_LOOK
@@ -34,6 +42,7 @@ from model.metrics.seams import Period
 from model.metrics.tracked_point import JerkAttribution
 from tests.app.measured import both, diagnostics_of
 from tests.app.requests import diagnose_request
+from tests.helpers import ROOT
 
 
 def by_depth(root: float, tip: float) -> np.ndarray:
@@ -135,14 +144,17 @@ def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict
 
 def test_beat_align_is_there_with_its_chance_level_or_not_at_all() -> None:
     whole = numbers_of(beating(0.71, 0.7).raw)
-    assert {key.split(": ")[1] for key in whole if "BeatAlign" in key} == {
-        "BeatAlign",
-        "BeatAlign by chance",
-    }
+    assert {key for key in whole if "align" in key} == {"beat_align", "beat_align_chance"}
     alone = replace(beating(0.71, 0.7).raw.beats, beat_align_chance=math.nan)
-    assert not [key for key in numbers_of(replace(both().raw, beats=alone)) if "Align" in key]
-    rows = {row.title: row for row in MEASURES}
-    assert rows["BeatAlign"].is_first == rows["BeatAlign by chance"].is_first
+    assert not [key for key in numbers_of(replace(both().raw, beats=alone)) if "align" in key]
+    rows = {row.key: row for row in MEASURES}
+    assert rows["beat_align"].is_first == rows["beat_align_chance"].is_first
+
+
+def test_every_metric_has_one_key_and_the_documents_list_it() -> None:
+    documented = set(re.findall(r"`(\w+)`", (ROOT / "docs" / "formats.md").read_text()))
+    assert TITLES.keys() <= documented and len(TITLES) == len(MEASURES) + 2
+    assert set(KEYS_OF_OLD_TITLES.values()) <= TITLES.keys()
 
 
 def test_missing_numbers_take_no_words() -> None:
@@ -333,7 +345,7 @@ def test_calmer_than_the_reference_is_told_apart_from_moving_less() -> None:
 
 
 def test_in_what_the_claimed_system_is_worse_beyond_chance_is_told() -> None:
-    slide, power = "Feet: Slide on the ground", "Followed point: Power above 5 Hz"
+    slide, power = "foot_sliding_cm_s", "tracked_point_power_above_5hz_percent"
     clips: list[dict[str, Any]] = [
         {
             "globaldiff/local": {"raw": {JERK: 200.0, slide: 2.0, power: 1.0}},

@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from app.errors import Cancelled, RunError, sentence_of
+from app.findings.measure_rows import JERK
 from app.run.bodies import register_of
 from app.run.callbacks import Ear, Event, Grown, Progress
 from app.run.frame_packets import HEADER, frames_message
@@ -128,7 +129,7 @@ def test_a_whole_run_tells_how_far_it_is_and_of_numbers_before_pictures(whole: W
         for each in told
     ]
     assert has == sorted(has), "motion, time line, numbers, pictures, end"
-    assert told[-1].numbers[WORLD]["raw"]["Followed point: Jerk"] == pytest.approx(
+    assert told[-1].numbers[WORLD]["raw"][JERK] == pytest.approx(
         result.diagnostics.systems[WORLD].raw.point.tip_jerk_m_s3
     )
     growing = [row.there for each in told for row in each.rows if row.there is not None]

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, DiskFullError, RunError
+from app.findings.measure_rows import JERK, TITLES
 from app.run.batch.saved_run import LIMITS, copied_run, opened, run_folder
 from app.run.callbacks import Ear, Event, Grown
 from app.run.frame_packets import HEADER
@@ -68,7 +69,7 @@ def row(**changes: Any) -> dict[str, Any]:
     [
         b"", b"{}", b"[]", b"null", b"\xff", b"[" * 200_000, b'{"format":' * 5_000,
         json.dumps({**RECORD, "point": "\ud800"}), json.dumps(found(10**400)),
-        json.dumps(found(float("nan"))), json.dumps({**RECORD, "format": 3}),
+        json.dumps(found(float("nan"))), json.dumps({**RECORD, "format": 4}),
         json.dumps({**RECORD, "html": "<script>"}), json.dumps({**RECORD, "title": "x" * 3_000}),
         json.dumps({**RECORD, "rows": [ROW] * 2}), json.dumps({**RECORD, "rows": [ROW] * 600}),
         json.dumps({**RECORD, "speech_sha256": "../x"}), json.dumps(row(color="red;x")),
@@ -95,12 +96,28 @@ def test_a_record_of_format_1_opens_with_its_request_in_parts(tmp_path):
     old = {**RECORD, "format": 1, "kind": "generated", "asked": asked}
     (tmp_path / RUN).write_text(json.dumps(old))
     read = read_run(tmp_path)
-    assert (read.format, read.kind) == (2, "generated")
+    assert (read.format, read.kind) == (3, "generated")
     assert read.request["sampling"] == {
         "systems": ["gan/5"], "seed": 4, "steps": {"gan/5": 2}, "sampler": None,
     }  # fmt: skip
     assert read.request["speech"] == {"path": "talk.wav"} and read.request["joint"] == "left_index"
     assert read.request["imports"] == {"import_overrides": {"says": [["", "up", "z"]]}}
+
+
+def test_a_record_of_format_2_opens_with_the_keys_of_its_metrics(tmp_path):
+    """As the first example was saved before metrics had keys of their own."""
+    old = json.loads((Path(__file__).parent / "kept" / "run_format_2.json").read_text())
+    (tmp_path / RUN).write_text(json.dumps(old))
+    read = read_run(tmp_path)
+    assert read.format == 3 and read.numbers.keys() == old["numbers"].keys()
+    for name, of in old["numbers"].items():
+        for version, values in of.items():
+            own = read.numbers[name][version]
+            assert list(own.values()) == list(values.values())
+            assert own.keys() <= TITLES.keys()
+            assert (own[JERK], own["foot_sliding_cm_s"]) == (
+                values["Followed point: Jerk"], values["Feet: Slide on the ground"],
+            )  # fmt: skip
 
 
 def test_names_are_harmless_and_no_link_leads_out(tmp_path):

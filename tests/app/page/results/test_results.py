@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from app import text
-from app.findings.measure_rows import nearest, written
+from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, nearest, written
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
 from app.page.results.kept_runs import KeptRuns, address_of
@@ -45,21 +45,21 @@ def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
         return measures_table(run.record)
 
 
-def row(table: str, title: str) -> str:
-    (found,) = re.findall(f'<tr data-measure="{title}".*?</tr>', table)
+def row(table: str, key: str) -> str:
+    (found,) = re.findall(f'<tr data-measure="{key}".*?</tr>', table)
     return found
 
 
 def test_the_nearest_to_the_reference_is_marked_not_the_lowest(tmp_path):
     measured = numbers(104.0, a=30.0, b=110.0)
-    cells = re.findall("<td.*?</td>", row(table(measured, tmp_path), "Jerk"))
+    cells = re.findall("<td.*?</td>", row(table(measured, tmp_path), JERK))
     assert ["near" in cell for cell in cells] == [False, False, True]
     assert "104" in cells[0] and 'class="reference"' in cells[0]
     measured.systems["a"] = both(tip_jerk_m_s3=1.0)
     alone = table(replace(measured, reference=None), tmp_path)
     assert 'class="raw near"' not in alone and 'class="reference"' not in alone
     assert "SPARC" not in alone, "what no motion has takes no row"
-    assert '<span class="raw">n/a</span>' in row(alone, "Peak jerk at joins")
+    assert '<span class="raw">n/a</span>' in row(alone, SEAMS)
     for values, target, names in (
         ({"a": 1.0, "b": 5.0}, 4.0, ("b",)),
         ({"a": 3.0, "b": 5.0, "c": 9.0}, 4.0, ("a", "b")),
@@ -75,9 +75,9 @@ def test_the_nearest_to_the_reference_is_marked_not_the_lowest(tmp_path):
 
 def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
     whole = table(numbers(104.0, a=300.0), tmp_path)
-    jerk = row(whole, "Jerk")
+    jerk = row(whole, JERK)
     assert '<span class="raw">300</span><span class="savgol">100</span>' in jerk
-    power = row(whole, "Power above 5 Hz")
+    power = row(whole, FAST_POWER)
     assert "<small>%</small>" in power and ">1.23<" in power  # a share of 0.0123
     rows = re.findall("<tr data-measure.*?</tr>", whole)
     first = [row for row in rows if 'class="later"' not in row.split(">")[0]]
@@ -85,7 +85,7 @@ def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
     for group in whole.split('<tr class="group')[1:]:  # a head goes where all that it heads goes
         later = ['class="later"' in row for row in re.findall("<tr data-measure.*?>", group)]
         assert group.startswith(" later") == all(later)
-    slide = row(whole, "Slide on the ground")
+    slide = row(whole, "foot_sliding_cm_s")
     assert "<small>cm/s</small>" in slide and '<span class="raw">1</span>' in slide  # 0.01 m/s
 
 
@@ -240,7 +240,7 @@ def test_the_table_has_both_and_their_difference(run):
     heads = re.findall(r"<th scope=\"col\"[^>]*>([^<]*)</th>", table)
     minus = text.PAIR_DIFFERENCE
     assert heads == ["Measure", "reference", "local (A)", "local (B)", minus, "full (A)"]
-    (jerk,) = re.findall('<tr data-measure="Jerk".*?</tr>', table)
+    (jerk,) = re.findall(f'<tr data-measure="{JERK}".*?</tr>', table)
     values = re.findall('class="raw[^"]*">([^<]*)<', jerk)
     assert values == ["104", "120", "100", "\N{MINUS SIGN}20", "90"]
     assert "raw%2C-20.0%0D" in table, "saved as it is shown"

@@ -17,6 +17,7 @@ from starlette.datastructures import QueryParams
 from app import text
 from app.config import AppConfig
 from app.errors import Cancelled, RunError
+from app.findings.measure_rows import JERK
 from app.page.parts import markup
 from app.page.parts.markup import Updates
 from app.page.results.kept_runs import KeptRuns, keep_own
@@ -186,7 +187,7 @@ class Measured:
         request.output.out.mkdir()
         table = request.output.out / "many.csv"
         table.write_text("0")
-        row = {"measure": "Followed point: Jerk", "unit": "m/s³", "clips": 2, "difference_to": ""}
+        row = {"measure": JERK, "unit": "m/s³", "clips": 2, "difference_to": ""}
         rows = [
             {**row, "system": name, "mean": mean, "low": mean - 1, "high": mean + 1}
             for name, mean in (("<i>mine", 2345.6), ("reference", 120.0))

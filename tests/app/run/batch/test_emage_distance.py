@@ -9,7 +9,8 @@ import torch
 from scipy.linalg import sqrtm
 
 from app.errors import RunError
-from app.run.batch.frechet_distances import EMAGE_TITLE, distance_rows, keep_codes, least_codes
+from app.findings.measure_rows import FGD_EMAGE
+from app.run.batch.frechet_distances import distance_rows, keep_codes, least_codes
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
@@ -67,10 +68,10 @@ def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_pa
     }
     rows, notes = distance_rows(["lively", "calm", "reference"], records, weights)
     assert not notes
-    lively, apart, calm = (row for row in rows if row[0] == EMAGE_TITLE)
+    lively, apart, calm = (row for row in rows if row[0] == FGD_EMAGE)
     for row, name, other in ((lively, "lively", ""), (calm, "calm", "")):
         wanted = [told[name][0], *np.percentile(told[name][1:], [2.5, 97.5])]
-        assert row[:4] == (EMAGE_TITLE, "", name, 3) and row[7] == other
+        assert row[:4] == (FGD_EMAGE, "", name, 3) and row[7] == other
         assert row[4:7] == pytest.approx(wanted, rel=1e-5)
     values = told["lively"] - told["calm"]
     assert apart[2:7] == ("lively", 3, "", "", "") and apart[7] == "calm"
@@ -136,7 +137,7 @@ def test_wrong_weights_are_told_before_anything_is_measured(tmp_path: Path):
 
 
 def _rows(out: Path) -> list[dict[str, str]]:
-    return [row for row in csv_rows(out / "many.csv") if "EMAGE's encoder" in row["measure"]]
+    return [row for row in csv_rows(out / "many.csv") if row["measure"] == FGD_EMAGE]
 
 
 def _plain_distance(recorded: list[np.ndarray], made: list[np.ndarray], index: np.ndarray) -> float:

@@ -1,7 +1,7 @@
 """Entries of a leaderboard: taken in, put together, refused."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from tests.helpers import smooth_motion_example
 def entry(**changes: Any) -> Entry:
     told = Entry(
         "ours", "a test", "f" * 64, 2, "2026-01-02T00:00:00+00:00", "abc",
-        {"All joints: Mean jerk": Value(3.0, 2.0, 4.0, "m/s³", 2)}, {"jerk": 1}, "first",
+        {"joint_jerk_m_s3": Value(3.0, 2.0, 4.0, "m/s³", 2)}, {"jerk": 1}, "first",
     )  # fmt: skip
     return replace(told, **changes)
 
@@ -55,7 +55,7 @@ def test_the_same_clips_measured_again_are_the_same_test(measured: Path) -> None
     board = entries_of(measured / "both", "a note")
     assert [each.system for each in board] == ["calm", "other", "reference"]
     assert len({each.test for each in board}) == 1 and board[2].note == ""
-    assert board[0].measures["All joints: Mean jerk"].clips == 2
+    assert board[0].measures["joint_jerk_m_s3"].clips == 2
     again = entries_of(measured / "one")
     put = merged([board, again])
     notes = [("calm", "a note"), ("other", "a note"), ("reference", "")]
@@ -85,9 +85,15 @@ def test_the_latest_measurement_wins_and_a_note_stays() -> None:
 def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path) -> None:
     write_board([entry()], tmp_path / "board.json")
     assert read_board(tmp_path / "board.json") == [entry()]
+    of_format_1: dict[str, Any] = {"format": 1, "entries": [asdict(entry())]}
+    of_format_1["entries"][0]["measures"] = {
+        "All joints: Mean jerk": asdict(entry().measures["joint_jerk_m_s3"])
+    }
+    (tmp_path / "old.json").write_text(json.dumps(of_format_1))
+    assert read_board(tmp_path / "old.json") == [entry()]
     told = json.loads((tmp_path / "board.json").read_text())
     (one,) = told["entries"]
-    measure = {"All joints: Mean jerk": {**one["measures"]["All joints: Mean jerk"], "mean": "1"}}
+    measure = {"joint_jerk_m_s3": {**one["measures"]["joint_jerk_m_s3"], "mean": "1"}}
     for change, words in (
         ({"format": 9}, "`format` cannot be 9"),
         ({"entries": {}}, "`entries` cannot be"),
@@ -151,15 +157,15 @@ def test_the_command_keeps_merges_and_shows(measured: Path, tmp_path: Path) -> N
 
 def test_values_say_how_far_they_are_from_recorded() -> None:
     """What the page sorts by."""
-    recorded = entry(system="reference", measures={"All joints: Mean jerk": Value(5, 5, 5, "", 2)})
-    fgd = {"Distribution: FGD": Value(7, 6, 8, "", 2)}
+    recorded = entry(system="reference", measures={"joint_jerk_m_s3": Value(5, 5, 5, "", 2)})
+    fgd = {"fgd": Value(7, 6, 8, "", 2)}
     html = board_page([entry(measures={**entry().measures, **fgd}), recorded])
     apart = [float(cell.split('"')[0]) for cell in html.split('data-apart="')[1:]]
     assert np.allclose(apart, [2.0, 7.0, 0.0])
 
 
 def test_beat_align_stands_on_a_board_with_its_chance_level_or_not_at_all() -> None:
-    beats, chance = "Beat alignment: BeatAlign", "Beat alignment: BeatAlign by chance"
+    beats, chance = "beat_align", "beat_align_chance"
     value = Value(0.4, 0.4, 0.4, "0 to 1", 1)
     recorded = entry(system="reference", measures={beats: value, chance: value})
     alone = board_page([entry(measures={beats: value}), recorded])
@@ -172,9 +178,9 @@ def test_beat_align_stands_on_a_board_with_its_chance_level_or_not_at_all() -> N
 
 
 def test_errors_are_nearer_to_recorded_motion_the_smaller_they_are() -> None:
-    title = "Error against the reference: Pelvis"
+    key = "pelvis_error_cm"
     small, large = (
-        entry(system=name, measures={title: Value(of, of, of, "cm", 1)})
+        entry(system=name, measures={key: Value(of, of, of, "cm", 1)})
         for name, of in (("a", 2.0), ("b", 5.0))
     )
     html = board_page([small, large])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.findings.measure_rows import MEASURES
+from app.findings.measure_rows import FGD, MEASURES, SPEED
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.batch.table import LEAST_CLIPS, cells_of, draw_spread, interval
 from app.run.pipeline import run
@@ -62,7 +62,7 @@ def measured(folders: Path) -> Path:
 def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path: Path):
     shutil.copytree(measured, tmp_path, dirs_exist_ok=True)
     rows = csv_rows(tmp_path / "many.csv")
-    speed = [row for row in rows if row["measure"] == "Followed point: Speed"]
+    speed = [row for row in rows if row["measure"] == SPEED]
     means = {row["system"]: float(row["mean"]) for row in speed if row["mean"]}
     assert means["lively"] > 1.5 * means["reference"]
     assert means["same"] == pytest.approx(means["reference"])
@@ -74,7 +74,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     by_clip = csv_rows(tmp_path / "clips.csv")
     assert [row["clip"] for row in by_clip] == [*CLIPS] * 3
     of_lively = [row for row in by_clip if row["system"] == "lively"]
-    mean = np.mean([float(row["Followed point: Speed (m/s)"]) for row in of_lively])
+    mean = np.mean([float(row[SPEED]) for row in of_lively])
     assert mean == pytest.approx(means["lively"])
     worst = sheet.split("Clips with most findings")[1].splitlines()[4:]
     assert [line.split(" | ")[0] for line in worst[-3:]] == ["| same"] * 3  # and not the reference
@@ -99,7 +99,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
 
 
 def test_the_distance_of_sets_is_that_of_all_their_codes(folders: Path, measured: Path):
-    rows = [row for row in csv_rows(measured / "many.csv") if "FGD" in row["measure"]]
+    rows = [row for row in csv_rows(measured / "many.csv") if row["measure"] == FGD]
     encoder = load_encoder(BUNDLED_WEIGHTS, "fgd-encoder")
 
     def codes(name: str) -> list[Features]:
@@ -154,13 +154,13 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
         for name, versions in (("lively", alone.systems[clip]), ("reference", alone.reference)):
             row = rows[clip, name]
             assert versions is not None and versions.raw.beats is not None
-            told = float(row["Beat alignment: BeatAlign (0 to 1)"])
+            told = float(row["beat_align"])
             assert told == pytest.approx(versions.raw.beats.beat_align, rel=1e-12) and told > 0
-            chance = float(row["Beat alignment: BeatAlign by chance (0 to 1)"])
+            chance = float(row["beat_align_chance"])
             assert chance == pytest.approx(versions.raw.beats.beat_align_chance, rel=1e-12)
         found = {finding.kind for finding in alone.findings[clip]}
         assert found == set(filter(None, rows[clip, "lively"]["findings"].split("; ")))
-    assert rows["c", "lively"]["Beat alignment: BeatAlign (0 to 1)"] == ""
+    assert rows["c", "lively"]["beat_align"] == ""
     with pytest.raises(RunError, match="no folder"):
         diagnose_folders(replace_fields(request, speech=tmp_path / "sound" / "a.wav"))
     with pytest.raises(RunError, match="--speech"):

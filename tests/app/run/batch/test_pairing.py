@@ -8,6 +8,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
+from app.findings.measure_rows import SPEED
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.batch.pairing import paired_files
 from app.run.batch.submission_check import check_sets
@@ -112,13 +113,13 @@ def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_pat
     title = "Followed point: Speed (m/s)"
     for clip in "abc":
         first, second = (
-            float(part[clip, f"one{sample}"][title]) for sample, part in enumerate(parts)
+            float(part[clip, f"one{sample}"][SPEED]) for sample, part in enumerate(parts)
         )
-        assert float(both[clip, "mine"][title]) == pytest.approx((first + second) / 2)
+        assert float(both[clip, "mine"][SPEED]) == pytest.approx((first + second) / 2)
         assert first != pytest.approx(second, rel=0.1)
     spread = np.mean(
         [
-            np.std([float(part[clip, f"one{n}"][title]) for n, part in enumerate(parts)], ddof=1)
+            np.std([float(part[clip, f"one{n}"][SPEED]) for n, part in enumerate(parts)], ddof=1)
             for clip in "abc"
         ]
     )
