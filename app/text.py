@@ -4,15 +4,16 @@ from dataclasses import dataclass
 
 TITLE = "Co-speech motion workbench"
 TAGLINE = (
-    "Speech in, SMPL-X motion out, from several models at once: same speech, same speaker, "
-    "same noise. Watch them side by side and see where the jitter sits."
+    "Generates SMPL-X motion from speech with several models at once, for the same speaker and "
+    "from the same noise. Watch the results side by side and see where the jitter comes from."
 )
 DEMO_WEIGHTS = (
-    "<b>Demonstration weights</b>, trained here on {data}: no number here is the paper's."
+    "<b>Demonstration weights</b>, trained by this project on {data}: no number here reproduces "
+    "the papers."
 )
 UNTRAINED = (
-    "These weights are <b>random: nothing has been trained</b>. The motion means nothing; the page "
-    "only shows that everything works."
+    "These weights are <b>random (untrained)</b>. The motion is meaningless; the page only shows "
+    "that the software works."
 )
 
 WEIGHTS = "Weights: {are}."
@@ -23,26 +24,29 @@ STUDY_TAB = "User study"
 
 
 SPEECH_HELP = "Upload or record {min_s:g} seconds to {max_min:g} minutes."
-OWN_GROUP, LADDER_GROUP, OTHERS_GROUP = "Our own", "The paper's ladder", "Others"
+OWN_GROUP, LADDER_GROUP, OTHERS_GROUP = "Our systems", "The paper's ablation", "Other systems"
 SEED_LABEL = "Seed"
 SAMPLES_LABEL = "Samples per system"
-GUIDANCE_LABEL = "Strength of the speech"
+GUIDANCE_LABEL = "Speech guidance scale"
 GUIDANCE_HELP = (
-    "How much what is said changes the gestures. The papers' own code draws with 1, where other "
-    "speech with the same seed gives nearly the same gestures."
+    "How strongly the speech influences the gestures (classifier-free guidance). The papers' code "
+    "uses 1; with 1, different speech with the same seed gives nearly the same gestures."
 )
 GUIDANCE_NAMES = {1.0: "1, as trained"}
 ADVANCED_LABEL = "Advanced"
-FILTER_LABEL = "Smooth every system (Savitzky-Golay 7/2)"
+FILTER_LABEL = "Smooth all systems (Savitzky-Golay 7/2)"
 FILTER_HELP = (
-    "Off shows what the models made. On is what the official code does before anyone looks. "
-    "The numbers always give both."
+    "Off: the raw output of the models. On: smoothed, as the official code does before rendering. "
+    "The metrics always include both."
 )
 REFERENCE_LABEL = "Reference motion (.npz, .npy or .bvh, optional)"
-POINT_LABEL = "Point to follow in plots and measures"
-TRANSCRIPT_LABEL = "Words: .TextGrid, subtitles, or English as .txt (optional)"
+POINT_LABEL = "Tracked point (plots and metrics)"
+TRANSCRIPT_LABEL = "Transcript: .TextGrid, subtitles, or English text as .txt (optional)"
 WORDS_LABEL = "Recognise words"
-WORDS_HELP = "Of English, where no text is given; beside the drawing."
+WORDS_HELP = (
+    "Recognises English words in the speech if no transcript is given. Runs in parallel with the "
+    "rest of the run."
+)
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
 
@@ -57,7 +61,7 @@ LOOK_ANSWER = (
     "{noise:g} rad at random in each frame; its fingertip jerks {trembling:,} m/s³, that of the "
     "other {steady:,}. The time line shows it, and Worst second leads to it."
 )
-ENLARGE_FIGURE = "Show large: {title}"
+ENLARGE_FIGURE = "Enlarge: {title}"
 
 
 @dataclass(frozen=True)
@@ -73,146 +77,155 @@ class FigureText:
 FIGURES = {
     "figure6": FigureText(
         "Fingertip trajectory and poses",
-        "The fingertip over up to 300 frames (10 s), and poses every 50 frames. A jagged line is "
-        "jitter that the eye may miss in the video; of more than two systems each has its own row.",
+        "Fingertip position over up to 300 frames (10 s), with a pose every 50 frames. A jagged "
+        "line is jitter that is easy to miss in the video. With more than two systems, each has "
+        "its own row.",
         ("trajectory",),
     ),
     "jitter": FigureText(
-        "Where the jitter sits",
-        "By depth along the skeleton, by frequency, by the joint that causes it, and by the place "
-        "in a generated window.",
+        "Where the jitter comes from",
+        "Jerk by depth in the skeleton, by frequency, by the joint that causes it, and by "
+        "position in the generated window.",
         ("depth", "spectrum", "attribution", "seams"),
     ),
     "error_growth": FigureText(
-        "How rotation errors grow along the chain",
-        "The same small noise on local and on global rotations: marks are measured, lines are the "
-        "closed form.",
+        "Growth of rotation errors along the chain",
+        "The same small noise added to local and to global rotations. Marks are measured values, "
+        "lines are the analytical prediction.",
         (),
     ),
     "distributions": FigureText(
-        "How measures are spread over clips",
-        "Share of a set's clips at or below a value: a curve further to the right has more of it.",
+        "Distribution of each metric over clips",
+        "Cumulative distribution: the share of clips at or below each value. A curve further to "
+        "the right means larger values.",
         (),
     ),
     "hearing": FigureText(
-        "What speech decides, and what chance",
-        "Lines of one colour share the speech, lines of one kind the noise. Where a system hears, "
-        "lines of one colour rise and fall together.",
+        "Effect of the speech and of the noise seed",
+        "Lines of one colour share the speech, lines of one style share the noise seed. If the "
+        "motion follows the speech, lines of the same colour rise and fall together.",
         (),
     ),
     "steps": FigureText(
-        "Quality against time",
-        "Each mark is a number of steps. Where a curve is flat, further steps buy nothing.",
+        "Quality and time by sampling steps",
+        "Each mark is one number of sampling steps. Where a curve is flat, more steps do not help.",
         (),
     ),
 }
-CAPTION = "Caption, to copy"
-NUMBERS_HEADING = "Measures"
+CAPTION = "Caption (for your paper)"
+NUMBERS_HEADING = "Metrics"
 NUMBERS_HELP = (
-    "Followed point: {point}. Lower jerk is smoother, not better: people who talk are not still. "
-    "Alignment with beats means little without its chance level."
+    "Tracked point: {point}. Lower jerk means smoother, not better: people do move when they talk. "
+    "Read beat alignment together with its chance level."
 )
 AS_GENERATED = "As generated"
 FILTERED = "Filtered"
-FILTER_SWITCH = "Filter of plots and measures, for all systems alike"
-NEAREST_LEGEND = "nearest to the reference"
-NO_REFERENCE_LEGEND = "Give a reference motion to see which system is nearest to it."
-ALL_MEASURES = "Show all {count} measures"
+FILTER_SWITCH = "Filter for plots and metrics (all systems)"
+NEAREST_LEGEND = "closest to the reference"
+NO_REFERENCE_LEGEND = "Add a reference motion to see which system is closest to it."
+ALL_MEASURES = "Show all {count} metrics"
 CSV_LABEL = "Save as CSV"
 GO_THERE = "Show {time}"
 
 VIEW_NAMES = {
-    "front": "From the front",
-    "three_quarter": "From half the side",
-    "side": "From the side",
-    "face": "The face",
-    "left_hand": "The left hand",
-    "right_hand": "The right hand",
+    "front": "Front view",
+    "three_quarter": "Three-quarter view",
+    "side": "Side view",
+    "face": "Face close-up",
+    "left_hand": "Left hand close-up",
+    "right_hand": "Right hand close-up",
 }
-SAVE_RUN = "Save as a file"
-SAVE_RUN_HELP = "Everything of this run in one zip; drop it on this page to open the run again."
-SAVE_PAGE = "Save as a page"
+SAVE_RUN = "Save the run"
+SAVE_RUN_HELP = "The complete run as a zip file. Drop it on this page to reopen the run."
+SAVE_PAGE = "Save as a web page"
 SAVE_PAGE_HELP = (
-    "Bodies, sound and time line in one HTML file that any browser plays, without this program."
+    "One HTML file with the bodies, the audio and the timeline. It plays in any browser without "
+    "this software."
 )
-RUN_KEPT = "Whoever has it can open it, for {minutes} minutes more."
-COMPARE = "Compare the two that are ticked"
+RUN_KEPT = "Anyone with the link can open the run. It expires in {minutes} minutes."
+COMPARE = "Compare the two selected runs"
 COMPARE_THIS = "Compare {title}"
-COMPARE_HELP = "Tick two runs to see them together."
-COMPARE_LAST = "Compare with your run before"
-COMPARE_OTHER = "Compare with your run before, of other speech"
+COMPARE_HELP = "Select two runs to compare them."
+COMPARE_LAST = "Compare with your previous run"
+COMPARE_OTHER = "Compare with your previous run (different speech)"
 PAIR_LINK = "Link to this comparison"
 PAIR_SAME_SETTINGS = "All settings are the same."
-PAIR_BROUGHT = "{run} is motion from your files, which no system was asked for."
-PAIR_ONE_SPEECH = "Both had the same speech, {speech}: they play together."
+PAIR_BROUGHT = "{run} was imported from your files, not generated here."
+PAIR_ONE_SPEECH = "Both runs use the same speech ({speech}) and play in sync."
 PAIR_ONLY_SEED = (
-    "Same speech, same settings but for the seed: this is how far chance alone moved the numbers."
+    "Same speech and settings; only the seed differs. The differences show how much the metrics "
+    "vary by chance alone."
 )
 PAIR_OTHER_SPEECH = (
-    "They did not have the same speech ({first} against {second}): choose whose sound plays, and "
-    "mind that the numbers differ by the speech as well."
+    "The runs use different speech ({first} and {second}). Choose which audio plays. Note that the "
+    "speech itself also changes the metrics."
 )
-PAIR_LEGEND = "A is the earlier run. Differences are B less A."
+PAIR_LEGEND = "A is the earlier run. Differences are B minus A."
 PAIR_DIFFERENCE = "B \N{MINUS SIGN} A"
-RUN_GONE = "This run is kept no longer: runs and their files are deleted after {minutes} minutes."
+RUN_GONE = "This run has expired. Runs and their files are deleted after {minutes} minutes."
 
 STAGE_NAMES = {
-    "speech": "Read what was given",
+    "speech": "Read the inputs",
     "motion": "Generate motion",
-    "numbers": "Measure",
-    "video": "Draw videos",
-    "comparison": "Join side by side",
-    "figure": "Draw the figure",
+    "numbers": "Compute the metrics",
+    "video": "Render videos",
+    "comparison": "Compose the comparison video",
+    "figure": "Draw the figures",
 }
 READY = "Ready."
 STARTING = "Starting."
-STARTING_SYSTEMS = "Starting, as soon as the models are read."
-DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 per second."
-SEEN_STARTING = "The video of the stage begins as soon as there is room."
-SEEN_COMING = "The video of the stage is drawn: {share:.0%}."
-SEEN_DONE = "The video of the stage is there: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
-SEEN_DAMAGED = "What the stage told of itself cannot be used: {why}"
-PLAN_LABEL = "Plan of gestures (.json, .TextGrid or .eaf)"
-EDITS_DAMAGED = "What the editor of gestures asked for cannot be read; load the page again."
+STARTING_SYSTEMS = "Loading the models."
+DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 fps."
+SEEN_STARTING = "The recording of the viewer starts as soon as a renderer is free."
+SEEN_COMING = "Rendering the recording of the viewer: {share:.0%}."
+SEEN_DONE = "The recording of the viewer is ready: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
+SEEN_DAMAGED = "The state of the viewer could not be used: {why}"
+PLAN_LABEL = "Gesture plan (.json, .TextGrid or .eaf)"
+EDITS_DAMAGED = "The gesture editor sent an invalid request. Please reload the page."
 EDITS_GONE = (
-    "This run is kept no longer, or is another browser's; generate the motion again to edit it."
+    "This run has expired or belongs to another browser. Generate the motion again to edit it."
 )
-TOO_MANY_TAKES = "There are {limit} takes of this run already; generate the motion again for more."
-TAKE_BEGINS = "It is performed again."
-TAKE_COMING = "Take {number} is performed: it moves as far as it has come."
-TAKE_DONE = "Take {number} is there."
-EDITOR_BEGINS = "The editor reads the gestures and the models, once."
-EDITOR_READY = "Choose a gesture on the time line, or add one."
-SEEN_GONE = "A motion of the stage is kept no longer; start the run again, then make the video."
-VIDEOS_LABEL = "Draw videos as well"
-VIDEOS_HELP = "For a file to keep or to send; nobody waits for them, and the stage needs none."
-VIDEOS_DONE = "Its videos are drawn."
-VIDEOS_MISSING = "The saved run lacks {missing} of {count} videos: they are not drawn yet."
-STOPPED = "Stopped. Nothing was kept."
-CANCELLED = "Cancelled. Nothing was kept."
-FAILED_TITLE = "This run stopped"
-NOTES_TITLE = "Good to know"
+TOO_MANY_TAKES = (
+    "This run already has {limit} edited versions. Generate the motion again to make more."
+)
+TAKE_BEGINS = "Regenerating the motion."
+TAKE_COMING = "Regenerating version {number}. The finished part already plays."
+TAKE_DONE = "Version {number} is ready."
+EDITOR_BEGINS = "The editor is loading the gestures and the models (only once)."
+EDITOR_READY = "Select a gesture on the timeline, or add one."
+SEEN_GONE = "A motion in the viewer has expired. Start the run again, then record the video."
+VIDEOS_LABEL = "Also render videos"
+VIDEOS_HELP = (
+    "Video files to download or share. They are rendered in the background; the 3D viewer does not "
+    "need them."
+)
+VIDEOS_DONE = "The videos are ready."
+VIDEOS_MISSING = "The saved run lacks {missing} of {count} videos, which are not rendered yet."
+STOPPED = "Stopped. Nothing was saved."
+CANCELLED = "Cancelled. Nothing was saved."
+FAILED_TITLE = "The run failed"
+NOTES_TITLE = "Notes"
 
-CLIPS_LABEL = "Several clips at once"
+CLIPS_LABEL = "Several clips"
 CLIPS_HELP = (
-    "Up to {count} files of at most {size} each and {max_min:g} minutes together: one run, a "
-    "table with a row for each clip, and a verdict with its interval over clips. No videos are "
-    "drawn; the speech above, if there is any, is one of them."
+    "Up to {count} files of at most {size} each, {max_min:g} minutes in total. They make one run "
+    "with one table row per clip and a summary with confidence intervals over clips. No videos are "
+    "rendered. The speech above, if any, is included."
 )
-CLIP_OTHER = "{name} cannot be one of several clips; these are {known}."
+CLIP_OTHER = "{name} is not a supported audio file ({known})."
 OF_ONE_CLIP = (
-    "A recorded motion, a transcript and a plan belong to one piece of speech; take them away, or "
-    "generate that one alone."
+    "A reference motion, a transcript or a plan belongs to a single clip. Remove it, or run that "
+    "clip on its own."
 )
 CLIP = "Clip"
-CLIPS_DONE = "{done} of {count} clips are done; any of them can be chosen below the table."
-CLIPS_MEAN = "Mean [95 % interval over clips]"
-NO_SPEECH = "There is no speech yet: upload or record some, or take an example."
+CLIPS_DONE = "{done} of {count} clips are done. Choose the clip to show below the table."
+CLIPS_MEAN = "Mean [95 % confidence interval over clips]"
+NO_SPEECH = "There is no speech yet. Upload or record some, or choose an example."
 TOO_MANY_VIDEOS = (
-    "{systems} with {samples} of each make {count} bodies, with the reference if there is one; "
-    "this page shows at most {limit}. Choose fewer."
+    "{systems} with {samples} each give {count} bodies, including the reference if there is one. "
+    "This page shows at most {limit}; choose fewer."
 )
-DISK_FULL = "This machine has no room for more files just now; try again in a while."
+DISK_FULL = "The server is out of disk space at the moment. Please try again later."
 FAULT = (
     "Something went wrong inside the program, not with your input. Please report it with this "
     "number: {fault_id}."

@@ -219,7 +219,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(theirs.locator("#player .no-stage")).to_contain_text("draws no 3D graphics")
     expect(theirs.locator(f'#numbers tr[data-measure="{JERK}"] td .raw').first).to_have_text("110")
     expect(theirs.locator("#status")).to_contain_text(f"{FRAMES} frames each")
-    expect(theirs.locator("#runs .link")).to_contain_text("minutes more")
+    expect(theirs.locator("#runs .link")).to_contain_text("expires in")
     expect(theirs.locator("#runs li")).to_have_count(0)  # it is another's
     expect(theirs.locator("#look")).to_be_hidden()
     with theirs.expect_download() as download:
@@ -266,7 +266,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     start(page, brief)
     page.get_by_role("link", name=text.COMPARE_OTHER, exact=True).wait_for()
     both = followed(page, text.COMPARE_OTHER, 4)
-    expect(both.locator("#verdict")).to_contain_text("choose whose sound plays")
+    expect(both.locator("#verdict")).to_contain_text("Choose which audio plays")
     sounds = both.get_by_label("Whose sound plays")
     expect(sounds.locator("option")).to_have_text(["A: speech", "B: brief"])
     expect(sounds).to_have_value("A: speech")

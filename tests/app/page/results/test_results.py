@@ -81,7 +81,7 @@ def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
     assert "<small>%</small>" in power and ">1.23<" in power  # a share of 0.0123
     rows = re.findall("<tr data-measure.*?</tr>", whole)
     first = [row for row in rows if 'class="later"' not in row.split(">")[0]]
-    assert 0 < len(first) <= 6 < len(rows) and f"Show all {len(rows)} measures" in whole
+    assert 0 < len(first) <= 6 < len(rows) and f"Show all {len(rows)} metrics" in whole
     for group in whole.split('<tr class="group')[1:]:  # a head goes where all that it heads goes
         later = ['class="later"' in row for row in re.findall("<tr data-measure.*?>", group)]
         assert group.startswith(" later") == all(later)
@@ -215,9 +215,9 @@ def test_the_settings_that_differ_are_told_in_one_sentence(run):
     told = told_settings(usual.record, other.record)
     assert told == text.PAIR_SAME_SETTINGS  # told apart from the settings
     assert RunPair(usual, run({"seed": "1"})).told_speech() == text.PAIR_ONLY_SEED
-    assert "play together" in RunPair(usual, run({"steps": "9"})).told_speech()
+    assert "play in sync" in RunPair(usual, run({"steps": "9"})).told_speech()
     told = RunPair(usual, other).told_speech()
-    assert "speech against another" in told and "choose whose sound plays" in told
+    assert "(speech and another)" in told and "Choose which audio plays" in told
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,7 @@ def test_a_folder_of_several_clips_is_one_page_with_a_row_for_each(tmp_path: Pat
     assert (
         html.count("<option>") == 2
         and "<h1>2 clips: " in html
-        and "Mean [95 % interval over clips]" in html
+        and "Mean [95 % confidence interval over clips]" in html
     )
     assert "mean over 2 clips: x 11, y 20." in html and '<th scope="row">b</th><td>12' in html
     told = json.loads(html.split('id="kept">')[1].split("</script>")[0])

@@ -130,7 +130,7 @@ def test_every_field_of_the_form_reaches_the_run(form):
         ({"seed": -1}, "Seed must be a whole number from 0 to 2147483647; got -1"),
         ({"seed": 2**31}, "got 2147483648"),
         ({"samples": 0}, "from 1 to 8; got 0"),
-        ({"samples": 7}, "2 systems with 7 samples of each make 15 bodies"),
+        ({"samples": 7}, "2 systems with 7 samples each give 15 bodies"),
         ({"steps": "many"}, "Steps are a number, or numbers by system"),
         ({"start_frame": -1}, "got -1"),
         ({"figure_frames": "0,x"}, "'0,x' is not 1 to 7 frames"),
@@ -183,8 +183,8 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
     assert [path.read_text() for path in sorted((tmp_path / "form").iterdir())] == list("abc")
     for changes, words in (
         ({"clips": [first]}, "Two clips are called 'a'"),
-        ({"clips": ["/up/b.aiff"]}, r"b\.aiff cannot be one of several clips; these are \.wav,"),
-        ({"clips": others, "plan": "/plan.json"}, "belong to one piece of speech"),
+        ({"clips": ["/up/b.aiff"]}, r"b\.aiff is not a supported audio file \(\.wav,"),
+        ({"clips": others, "plan": "/plan.json"}, "belongs to a single clip"),
         ({"clips": [f"{number}.wav" for number in range(10)]}, "At most 10 clips .* 11 were given"),
     ):
         with pytest.raises(RunError, match=words):

@@ -569,7 +569,7 @@ class Tab:
 def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_path):
     first, second = threading.Event(), threading.Event()
     tab = Tab(tmp_path, fakes.make_draw(lambda number: (first, second)[number], seconds=0.2))
-    assert "lacks 3 of 3 videos: they are not drawn yet" in tab.run.downloads(tab.run.showing)
+    assert "lacks 3 of 3 videos, which are not rendered yet" in tab.run.downloads(tab.run.showing)
     first.set()
     updates = tab.updates()
     told = [next(updates)]

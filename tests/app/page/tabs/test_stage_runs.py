@@ -83,7 +83,7 @@ def test_everything_that_is_seen_is_read():
     ids=lambda value: "",
 )  # fmt: skip
 def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value):
-    with pytest.raises(RunError, match="What the stage told of itself cannot be used"):
+    with pytest.raises(RunError, match="The state of the viewer could not be used"):
         Seen.read(json.dumps(value) if isinstance(value, dict) else value)
 
 
@@ -150,7 +150,7 @@ def test_a_path_is_no_address_and_files_of_another_browser_or_kind_are_not_taken
         (COOKIE, good, good),
     ):
         stage.asked["bodies"][0]["motion"], stage.asked["sound"] = motion, sound
-        with pytest.raises(gr.Error, match="kept no longer"):
+        with pytest.raises(gr.Error, match="has expired"):
             stage.press(cookie)
         assert not stage.jobs.in_use()
 
@@ -252,7 +252,7 @@ def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
 def test_nobody_reaches_the_run_of_another(tmp_path):
     editor = Editor(tmp_path)
     for cookie in ("another", ""):
-        with pytest.raises(gr.Error, match="is another browser's"):
+        with pytest.raises(gr.Error, match="belongs to another browser"):
             editor.ask(NOD, cookie=cookie)
     assert "editing" not in editor.showing.for_browser(str).value()
     assert "editing" in editor.showing.value()
