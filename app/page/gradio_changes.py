@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 import logging
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
@@ -79,12 +79,16 @@ def _without_stubs() -> Iterator[None]:
         inspect.getfile = file_of
 
 
-def change_routes(root: Path, min_free_bytes: int, quota: Quota) -> None:
+def change_routes(root: Path, min_free_bytes: int, quota: Quota, proxies: Collection[str]) -> None:
     """Make the changes that all pages of this process share, before one is launched."""
 
     def parse() -> None:
         _parse_uploads(root, min_free_bytes, quota)
 
+    def limit() -> None:
+        _limit_connections(proxies)
+
+    _attempt(limit, "connections of one address have no limit, and stalled ones stay")
     _attempt(parse, "uploads have no limits but 250 MB a file, and interrupted ones stay")
     _attempt(_make_no_empty_files, "each file of a call leaves an empty file for an hour")
     _attempt(_find_functions, "calls of unknown functions end in an error of the server")
@@ -129,6 +133,14 @@ def _parse_uploads(root: Path, min_free_bytes: int, quota: Quota) -> None:
 
     TidyParser.root, TidyParser.min_free_bytes, TidyParser.quota = root, min_free_bytes, quota
     _replace("gradio.route_utils", "GradioMultiPartParser", TidyParser)
+
+
+def _limit_connections(proxies: Collection[str]) -> None:
+    """Limit the connections of an address, and end those whose client has stalled."""
+    from app.page.routes.connections import limited
+
+    module, name = "uvicorn.protocols.http.auto", "AutoHTTPProtocol"
+    _replace(module, name, limited(_original(module, name), proxies))
 
 
 def _make_no_empty_files() -> None:

@@ -116,7 +116,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     proxies = (*LOCAL_PROXIES, *config.proxies)
     quota = Quota(config.max_kept_bytes, config.keep_results_s, proxies)
-    change_routes(config.temp, config.min_free_bytes, quota)
+    change_routes(config.temp, config.min_free_bytes, quota, proxies)
     quieten_sockets()
     jobs = Jobs(config.jobs_folder, quota)
     keep_swept(config.temp, config.keep_results_s, jobs.in_use, quota.forget_deleted)

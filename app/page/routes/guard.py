@@ -23,7 +23,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from app.page.routes.bodies import BodyError, read_body
-from app.page.visitors.visitors import CONNECTION
+from app.page.routes.page_cache import PageCache
+from app.page.visitors.visitors import CONNECTION, user_of
 from conventions.names import printable
 
 log = logging.getLogger(__name__)
@@ -105,7 +106,9 @@ def guarded(
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
-        app.middleware_stack = Guard(inner, app, names, framing(embedders), is_believed)
+        app.middleware_stack = Guard(
+            PageCache(inner, app), app, names, framing(embedders), is_believed
+        )
         yield
 
     return lifespan
@@ -164,7 +167,7 @@ class Guard:
         if PROXY_ROUTE in path:
             return NO_PROXY, 404
         if self.app.auth is not None and path.startswith(OWN_ROUTES):
-            if not self._is_logged_in(HTTPConnection(scope)):
+            if user_of(self.app, HTTPConnection(scope)) is None:
                 return LOG_IN, 401
         return None
 
@@ -183,11 +186,6 @@ class Guard:
         scope["headers"] = [
             (name, value) for name, value in scope["headers"] if is_good(name, value)
         ]
-
-    def _is_logged_in(self, asked: HTTPConnection) -> bool:
-        names = (f"access-token-{self.app.cookie_id}",)
-        names += (f"access-token-unsecure-{self.app.cookie_id}",)
-        return any(self.app.tokens.get(asked.cookies.get(name)) is not None for name in names)
 
 
 def _take_off_root_path(scope: Scope) -> None:

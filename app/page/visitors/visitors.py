@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import ipaddress
 import secrets
 import threading
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import fastapi
 import gradio as gr
@@ -33,12 +34,17 @@ def visitor_of(request: gr.Request) -> str:
 
 
 def address_of(request: gr.Request | HTTPConnection) -> str:
-    """Return the client's address, or the network of 64 bits of an IPv6 address.
+    """Return the client's address as `network_of` does; empty for internal callers."""
+    client = getattr(request, "client", None)
+    return network_of(client.host if client else "")
+
+
+@functools.lru_cache(10_000)
+def network_of(host: str) -> str:
+    """Return an address, or the network of 64 bits of an IPv6 address.
 
     Whoever has one address of such a network has all of them.
     """
-    client = getattr(request, "client", None)  # internal callers have none
-    host = client.host if client else ""
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
@@ -53,6 +59,13 @@ def address_of(request: gr.Request | HTTPConnection) -> str:
 def cookie_of(request: gr.Request | HTTPConnection) -> str:
     """Return the cookie that identifies a browser; empty without one."""
     return request.cookies.get(COOKIE, "")
+
+
+def user_of(app: Any, request: HTTPConnection) -> str | None:
+    """Return the name with which a browser has logged in to a Gradio app."""
+    names = (f"access-token-{app.cookie_id}", f"access-token-unsecure-{app.cookie_id}")
+    users = (app.tokens.get(request.cookies.get(name)) for name in names)
+    return next((user for user in users if user is not None), None)
 
 
 def is_same(first: str, second: str) -> bool:
