@@ -21,18 +21,18 @@ from pandas import DataFrame
 from app.config import BUNDLED_WEIGHTS, drop_missing_backend, without_proxies
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
-from app.run.batch.table import titled
-from app.run.bodies import TipSource
-from app.run.callbacks import Ear
+from app.run.batch.table import title_with_unit
+from app.run.bodies import TrackedPoint
+from app.run.callbacks import RunCallbacks
 from app.run.diagnostics import measure_motions, onsets_of
 from app.run.generated_motions import make_plan
-from app.run.output.console import Bars
+from app.run.output.console import ProgressBars
 from app.run.output.run_folder import RunRecord, row_files
 from app.run.pipeline import generate as _generate
 from app.run.requests.convert import request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.requests.requests import GenerateRequest, PlanRequest, RenderRequest
-from app.run.run_writer import writing_run
+from app.run.run_writer import open_run_writer
 from app.run.videos.export import render_motion
 from conventions.names import REFERENCE_NAME, Version
 from model.diagnostics import Diagnostics
@@ -208,10 +208,10 @@ def show(
         return Player(player_alone(Path(motions)), height)
     named = named_motions(motions, reference)
     heard = None if speech is None else read_speech(speech)
-    tip = TipSource(joint)
+    tip = TrackedPoint(joint)
     record = RunRecord(kind="given", title="Co-speech motion", point=joint)
     with TemporaryDirectory() as folder:
-        with writing_run(Path(folder), record, is_kept=True) as run:
+        with open_run_writer(Path(folder), record, is_kept=True) as run:
             run.timeline(run.show(named, heard, tip), NOTHING_SAID)
             run.finish("")
         return Player(player_alone(Path(folder)), height)
@@ -237,9 +237,9 @@ def diagnose(
         ``systems`` and ``findings`` by name; ``as_json()`` is the content of ``diagnostics.json``.
     """
     named = named_motions(motions, reference)
-    tip = TipSource(joint)
+    tip = TrackedPoint(joint)
     sound = None if speech is None else read_speech(speech)
-    with Bars(is_shown=progress, stays=False) as bars:
+    with ProgressBars(is_shown=progress, stays=False) as bars:
         return measure_motions(
             named,
             tip,
@@ -283,7 +283,7 @@ class Comparison:
 def _explained(key: str) -> str:
     """Format the title of a metric as HTML with its description as a tooltip."""
     measure = next(measure for measure in MEASURES if measure.key == key)
-    return f'<span title="{escape(measure.about)}">{escape(titled(measure))}</span>'
+    return f'<span title="{escape(measure.about)}">{escape(title_with_unit(measure))}</span>'
 
 
 def compare(
@@ -385,8 +385,8 @@ def generate(
             **_paths(asked),
         },
     )
-    with Bars(is_shown=progress, stays=False) as bars:
-        result = _generate(request, Ear(bars.take))
+    with ProgressBars(is_shown=progress, stays=False) as bars:
+        result = _generate(request, RunCallbacks(bars.take))
     motions, plans = (row_files(request.output.out, kind) for kind in ("motion", "performed"))
     return Performance(
         speech=read_speech(request.speech.path),
@@ -441,8 +441,8 @@ def render(
         The files that were written.
     """
     out = Path(out)
-    with TemporaryDirectory() as held, Bars(is_shown=progress, stays=False) as bars:
+    with TemporaryDirectory() as held, ProgressBars(is_shown=progress, stays=False) as bars:
         moved, sound = (in_file(Path(held), given) for given in (motion, speech))
         values = {"motion": moved, "out": out, "speech": sound, **_paths(asked)}
-        files, _ = render_motion(request_from(RenderRequest, values), Ear(bars.take))
+        files, _ = render_motion(request_from(RenderRequest, values), RunCallbacks(bars.take))
     return files

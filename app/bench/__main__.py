@@ -16,7 +16,7 @@ import tyro
 from app.bench import runs
 from app.config import BUNDLED_WEIGHTS
 from app.run.bodies import body_motion
-from app.run.models import warming_up
+from app.run.models import warm_up_steps
 from app.run.output.provenance import versions
 
 CLIP_S = 10.0
@@ -47,7 +47,7 @@ def _figures(short: bool, folder: Path) -> Iterator[runs.Figure]:
     from model.motion.motion import load_motion
 
     yield runs.time_page_start(folder)
-    list(warming_up(BUNDLED_WEIGHTS, None))
+    list(warm_up_steps(BUNDLED_WEIGHTS, None))
     clip = runs.speech_of(CLIP_S, folder)
     yield from runs.time_motion(clip)
     yield from runs.time_page_run(clip, folder)

@@ -19,8 +19,8 @@ import numpy as np
 import torch
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
-from app.run.callbacks import Ear, Event, Grown, Progress
-from app.run.experiments.speech_effect import measure_hearing
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
+from app.run.experiments.speech_effect import measure_speech_effect
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import generate
@@ -141,8 +141,8 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
     moving_at: list[float] = []
     whole_at: list[float] = []
 
-    def watch(event: Event) -> None:
-        if isinstance(event, Grown):
+    def watch(event: RunEvent) -> None:
+        if isinstance(event, FolderUpdated):
             rows = read_run(event.folder).rows
             if any("frames" in row.files for row in rows):
                 moving_at.append(time.monotonic())
@@ -153,7 +153,7 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
     started = time.monotonic()
     given = {"speech": clip, "out": folder / "page", "systems": ladder}
     shown = {"size": PAGE_SIZE_PX, "close_ups": CLOSE_UPS}
-    generate(request_from(GenerateRequest, given | shown), Ear(watch))
+    generate(request_from(GenerateRequest, given | shown), RunCallbacks(watch))
     seconds = time.monotonic() - started
     first = moving_at[0] - started
     whole = f"{len(ladder)} systems end to end, 10 s clip, as on the page"
@@ -177,7 +177,7 @@ def time_figures(clip: Path, folder: Path) -> list[Figure]:
         of_figures: list[int] = []
 
         def watch(
-            event: Event, cpu_at: list[float] = cpu_at, of_figures: list[int] = of_figures
+            event: RunEvent, cpu_at: list[float] = cpu_at, of_figures: list[int] = of_figures
         ) -> None:
             if isinstance(event, Progress) and event.stage == "figure":
                 of_figures.append(len(cpu_at))
@@ -185,7 +185,7 @@ def time_figures(clip: Path, folder: Path) -> list[Figure]:
 
         given = {"speech": clip, "out": folder / f"figures {len(forms)}", "systems": systems}
         how = {"has_video": False, "figure_forms": forms}
-        generate(request_from(GenerateRequest, given | how), Ear(watch))
+        generate(request_from(GenerateRequest, given | how), RunCallbacks(watch))
         seconds = cpu_at[of_figures[-1]] - cpu_at[of_figures[0] - 1]  # from what came before them
         name = f"processor, figures of {len(systems)} systems, {title}"
         figures.append(Figure(name, seconds, "s", f"at most {aim} s"))
@@ -197,7 +197,7 @@ def time_speech_effect(folder: Path) -> Figure:
     request = SpeechEffectRequest(
         speeches=tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), out=folder / "speech effect"
     )
-    _, wall_s, cpu = timed_with_cpu(lambda: measure_hearing(request))
+    _, wall_s, cpu = timed_with_cpu(lambda: measure_speech_effect(request))
     return Figure("speech effect of two speeches", wall_s, "s", cpu=cpu)
 
 

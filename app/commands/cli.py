@@ -19,7 +19,7 @@ from app.commands.doctor import doctor
 from app.config import use_file_backend
 from app.errors import Cancelled, sentence_of
 from app.flags import read_flags
-from app.run.output.console import LogLines, say
+from app.run.output.console import SafeLogFormatter, print_message
 from model.systems.registry import left_out
 
 PROGRAM = "python -m app"
@@ -30,8 +30,8 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "render": runs.render,
     "convert": convert,
     "plan": runs.plan,
-    "hearing": runs.hearing,
-    "mechanism": runs.mechanism,
+    "hearing": runs.speech_effect,
+    "mechanism": runs.rotation_noise,
     "leaderboard add": runs.leaderboard_add,
     "leaderboard merge": runs.leaderboard_merge,
     "leaderboard page": runs.leaderboard_page,
@@ -48,23 +48,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
     use_file_backend()
     log_to = logging.StreamHandler()
-    log_to.setFormatter(LogLines("%(levelname)s %(name)s: %(message)s"))
+    log_to.setFormatter(SafeLogFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[log_to])
     command = parse(sys.argv[1:] if argv is None else argv)
     for sentence in left_out():
-        say(sentence)
+        print_message(sentence)
     # SIGTERM must unwind every `with`, so that no partial file or child process remains.
     previous = signal.signal(signal.SIGTERM, _interrupt)
     try:
         command()
     except (KeyboardInterrupt, Cancelled):
-        say("stopped; nothing was kept.")
+        print_message("stopped; nothing was kept.")
         return 1
     except Exception as error:
         sentence = sentence_of(error)
         if sentence is None:
             raise
-        say(sentence)
+        print_message(sentence)
         return 1
     finally:
         signal.signal(signal.SIGTERM, previous)
@@ -94,7 +94,7 @@ def _overview(argv: Sequence[str]) -> NoReturn:
     told = {name: does for name, does in COMMANDS.items() if name.split()[: len(begun)] == begun}
     if not rest or rest[0] not in ("-h", "--help"):
         asked = f"There is no {' '.join([*begun, rest[0]])!r}" if rest else "A command is missing"
-        say(f"{PROGRAM}: {asked}; there are {', '.join(told)}.")
+        print_message(f"{PROGRAM}: {asked}; there are {', '.join(told)}.")
         raise SystemExit(2)
     width = max(map(len, told))
     lines = [

@@ -15,9 +15,9 @@ from tyro.conf import Positional, arg
 from app.config import default_body
 from app.errors import RunError, sentence_of
 from app.flags import File
-from app.run.batch.pairing import ends_in
+from app.run.batch.pairing import has_suffix
 from app.run.models import get_body
-from app.run.output.console import name_file, say
+from app.run.output.console import print_message, print_path
 from app.run.requests.convert import refuse_ignored
 from app.run.requests.parts import ImportOverrides
 from conventions.names import file_stem, printable
@@ -60,9 +60,9 @@ def convert(asked: ConvertRequest) -> None:
         sys.stdout.write(json.dumps(told, indent=1) + "\n")
     for each in told:
         for sentence in [each["error"]] if "error" in each else each["notes"]:
-            say(sentence)
+            print_message(sentence)
         if "out" in each and not asked.is_json:
-            name_file(Path(each["out"]))
+            print_path(Path(each["out"]))
     if failed:
         raise RunError(f"{len(failed)} of {len(told)} files could not be read.")
 
@@ -73,7 +73,7 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
     Raises:
         RunError, BodyError, WriteError: each with one sentence.
     """
-    from app.run.batch.archives import unpack_sets
+    from app.run.batch.archives import unpack_archives
     from model.formats.read import ENDINGS
 
     is_file = request.out.suffix.lower() in FORMS
@@ -90,7 +90,7 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
         request.out.mkdir(parents=True, exist_ok=True)
     beside = request.out.parent if is_file else request.out
     with tempfile.TemporaryDirectory(dir=beside) as staging:
-        folders = unpack_sets(packed, Path(staging))
+        folders = unpack_archives(packed, Path(staging))
         found = list(_found(request.files, folders, ENDINGS))
         if is_file and len(found) != 1:
             raise RunError(f"{len(found)} motions do not fit into one file; give --out a folder.")
@@ -113,7 +113,7 @@ def _found(
             yield given, Path(given.name)
             continue
         for path, name in motion_files(folder):
-            if ends_in(endings, name):
+            if has_suffix(endings, name):
                 yield path, name
 
 

@@ -25,7 +25,7 @@ RATE_FRAMES = 60
 
 
 @dataclass(frozen=True)
-class Examined:
+class CheckResult:
     """Result of one check of the installation."""
 
     name: str
@@ -58,7 +58,7 @@ def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> 
         raise RunError(f"not everything works: {', '.join(broken)}; see what to do above.")
 
 
-def examine(weights: Path, body: Path | None) -> list[Examined]:
+def examine(weights: Path, body: Path | None) -> list[CheckResult]:
     """Run all checks; a failure is a result and raises nothing."""
     return [
         _python(),
@@ -74,7 +74,7 @@ def examine(weights: Path, body: Path | None) -> list[Examined]:
     ]
 
 
-def report(findings: list[Examined]) -> str:
+def report(findings: list[CheckResult]) -> str:
     width = max(len(finding.name) for finding in findings)
     lines = []
     for finding in findings:
@@ -85,10 +85,10 @@ def report(findings: list[Examined]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _python() -> Examined:
+def _python() -> CheckResult:
     version = platform.python_version()
     tested = version.startswith("3.11.")
-    return Examined(
+    return CheckResult(
         "Python",
         tested,
         version + ("" if tested else " (untested)"),
@@ -97,7 +97,7 @@ def _python() -> Examined:
     )
 
 
-def _backends() -> list[Examined]:
+def _backends() -> list[CheckResult]:
     """Check each OpenGL backend, and report which one pyrender uses."""
     from renderer.draw.offscreen import BACKENDS, GLError
     from renderer.draw.probe import DEBIAN_PACKAGES, choose_backend, probe_backend
@@ -114,12 +114,14 @@ def _backends() -> list[Examined]:
             detail += ", used" if report.name == used else ""
         advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
         findings.append(
-            Examined(f"OpenGL {report.name}", report.works, detail, advice, is_needed=used is None)
+            CheckResult(
+                f"OpenGL {report.name}", report.works, detail, advice, is_needed=used is None
+            )
         )
     return findings
 
 
-def _video_rate() -> Examined:
+def _video_rate() -> CheckResult:
     """Measure the speed of rendering a video (frames per second), without its start."""
     from conventions.joints import JOINT_INDEX
     from renderer.body.body import BodyMotion
@@ -136,24 +138,24 @@ def _video_rate() -> Examined:
             draw_jobs({"rate": job}, lambda share: times.append((time.perf_counter(), share)))
     except Exception as error:
         advice = "see OpenGL above and ffmpeg below"
-        return Examined("videos", False, _told(error), advice, is_needed=False)
+        return CheckResult("videos", False, _told(error), advice, is_needed=False)
     (began, before), (ended, _) = [each for each in times if each[1] > 0.0][:1] + times[-1:]
     rate = RATE_FRAMES * (1.0 - before) / max(ended - began, 1e-3)
-    return Examined("videos", True, f"{rate:.0f} frames of 512 x 512 a second")
+    return CheckResult("videos", True, f"{rate:.0f} frames of 512 x 512 a second")
 
 
-def _body(path: Path | None) -> Examined:
+def _body(path: Path | None) -> CheckResult:
     from renderer.body.body import load_body
 
     try:
         body = load_body(path)
     except Exception as error:
-        return Examined("body", False, _told(error), "name another with --body FILE, or none")
+        return CheckResult("body", False, _told(error), "name another with --body FILE, or none")
     detail = f"{body.name}, {body.num_vertices} vertices, {body.expression_basis} expressions"
-    return Examined("body", True, detail)
+    return CheckResult("body", True, detail)
 
 
-def _weights(folder: Path) -> Examined:
+def _weights(folder: Path) -> CheckResult:
     from model.systems.registry import family_of, list_systems, load_system
 
     try:
@@ -161,21 +163,21 @@ def _weights(folder: Path) -> Examined:
         for name in names:
             load_system(name, folder)
     except Exception as error:
-        return Examined("weights", False, _told(error), "restore them, or use --weights DIR")
+        return CheckResult("weights", False, _told(error), "restore them, or use --weights DIR")
     if not names:
         advice = "name a folder of weights with --weights DIR"
-        return Examined("weights", False, f"no system in {folder}", advice)
-    return Examined("weights", True, ", ".join(names))
+        return CheckResult("weights", False, f"no system in {folder}", advice)
+    return CheckResult("weights", True, ", ".join(names))
 
 
-def _family_files() -> list[Examined]:
+def _family_files() -> list[CheckResult]:
     """Check family packages that failed to load, and the files that users provide for families."""
     from model.systems.registry import families, left_out
 
     advice = "repair the package, or pip uninstall it"
-    broken = [Examined("family", False, told, advice, is_needed=False) for told in left_out()]
+    broken = [CheckResult("family", False, told, advice, is_needed=False) for told in left_out()]
     return broken + [
-        Examined(
+        CheckResult(
             report.name,
             report.error is None,
             report.detail if report.error is None else _told(report.error),
@@ -186,7 +188,7 @@ def _family_files() -> list[Examined]:
     ]
 
 
-def _ffmpeg() -> Examined:
+def _ffmpeg() -> CheckResult:
     from renderer.video.encoder import ffmpeg_path
 
     try:
@@ -194,22 +196,24 @@ def _ffmpeg() -> Examined:
             [ffmpeg_path(), "-hide_banner", "-encoders"], capture_output=True, text=True, check=True
         ).stdout
     except Exception as error:
-        return Examined("ffmpeg", False, _told(error), "pip install imageio-ffmpeg")
+        return CheckResult("ffmpeg", False, _told(error), "pip install imageio-ffmpeg")
     missing = [name for name in ("libx264", " aac ") if name not in output]
     detail = f"lacks {', '.join(missing)}" if missing else "H.264 and AAC"
-    return Examined("ffmpeg", not missing, detail, "pip install --force-reinstall imageio-ffmpeg")
+    return CheckResult(
+        "ffmpeg", not missing, detail, "pip install --force-reinstall imageio-ffmpeg"
+    )
 
 
-def _matplotlib() -> list[Examined]:
+def _matplotlib() -> list[CheckResult]:
     """Check the matplotlib backend of MPLBACKEND, if there is one; no figure depends on it."""
     if not ASKED_BACKEND:
         return []
     fault = backend_fault()
     advice = "nothing; figures are drawn without it (unset MPLBACKEND)"
-    return [Examined("MPLBACKEND", not fault, fault or ASKED_BACKEND, advice, is_needed=False)]
+    return [CheckResult("MPLBACKEND", not fault, fault or ASKED_BACKEND, advice, is_needed=False)]
 
 
-def _memory() -> Examined:
+def _memory() -> CheckResult:
     free_gb = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9
     try:  # what the kernel could free counts as available
         lines = Path("/proc/meminfo").read_text().splitlines()
@@ -218,7 +222,7 @@ def _memory() -> Examined:
     except (OSError, StopIteration):
         pass
     cores = os.cpu_count() or 1
-    return Examined(
+    return CheckResult(
         "memory",
         free_gb >= MIN_MEMORY_GB,
         f"{free_gb:.1f} GB free, {cores} cores",
@@ -226,10 +230,10 @@ def _memory() -> Examined:
     )
 
 
-def _disk() -> Examined:
+def _disk() -> CheckResult:
     folder = Path(tempfile.gettempdir())
     free_gb = shutil.disk_usage(folder).free / 1e9
-    return Examined(
+    return CheckResult(
         "disk",
         free_gb >= MIN_DISK_GB,
         f"{free_gb:.1f} GB free in {folder}",

@@ -13,9 +13,15 @@ from tyro.conf import Positional, arg
 
 from app.errors import RunError
 from app.flags import Count, Names, family_files, text_type, use_family_files
-from app.run.batch.leaderboard import board_page, entries_of, merged, read_board, write_board
-from app.run.callbacks import Ear
-from app.run.output.console import Bars, name_file, say
+from app.run.batch.leaderboard import (
+    entries_of,
+    leaderboard_html,
+    merge_entries,
+    read_leaderboard,
+    write_leaderboard,
+)
+from app.run.callbacks import RunCallbacks
+from app.run.output.console import ProgressBars, print_message, print_path
 from app.run.output.run_folder import read_run
 from app.run.requests.convert import refuse_ignored
 from app.run.requests.requests import (
@@ -27,7 +33,14 @@ from app.run.requests.requests import (
     SpeechEffectRequest,
     StepSweepRequest,
 )
-from app.run.tasks import DIAGNOSE, GENERATE, MEASURE_HEARING, MEASURE_STEPS, SHOW_MECHANISM, Task
+from app.run.tasks import (
+    COMPARE_ROTATION_NOISE,
+    DIAGNOSE,
+    GENERATE,
+    MEASURE_SPEECH_EFFECT,
+    MEASURE_STEPS,
+    Task,
+)
 from model.storage.files import write_atomically
 from processes.pool import JobPool
 
@@ -71,10 +84,10 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
     mp4, comparison.mp4, figure6, diagnostics, provenance. For many speeches, each gets its own
     folder; run the same command again to continue after an interruption.
     """
-    from app.run.batch.speech_batch import is_many
+    from app.run.batch.speech_batch import is_batch_input
 
     use_family_files(vars(files))
-    if is_many(request.speech.path):
+    if is_batch_input(request.speech.path):
         _generate_many(request, pool.jobs())
     else:
         _run(GENERATE, request, request.output.out)
@@ -82,8 +95,8 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
 
 def _run(task: Task, request: Any, out: Path) -> None:
     """Run a task, and report its output files, verdict, findings and notes."""
-    with Bars() as shown:
-        task(request, Ear(shown.take))
+    with ProgressBars() as shown:
+        task(request, RunCallbacks(shown.take))
     record = read_run(out)
     verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
     said = [record.says.get(key) for key in ("step", "beats")]
@@ -99,20 +112,20 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
     Raises:
         RunError: at the end, if any clip failed.
     """
-    from app.run.batch.speech_batch import clip_requests, do_clips
+    from app.run.batch.speech_batch import clip_requests, run_batch
 
-    with Bars() as shown, _told_if_stopped():
+    with ProgressBars() as shown, _told_if_stopped():
 
         def on_done(folder: Path, share: float) -> None:
             shown.show("generate clips", share)
-            name_file(folder)
+            print_path(folder)
 
-        done = do_clips(clip_requests(request), pool, on_done)
+        done = run_batch(clip_requests(request), pool, on_done)
     _finish([request.output.out / path.name for path in done.files], done.notes)
     for clip, sentence in done.failed.items():
-        say(f"{clip}: {sentence}")
+        print_message(f"{clip}: {sentence}")
     if done.kept:
-        say(f"{done.kept} clips had been made before and were kept.")
+        print_message(f"{done.kept} clips had been made before and were kept.")
     if done.failed:
         raise RunError(
             f"{len(done.failed)} of {len(done.failed) + len(done.clips)} clips could not be made; "
@@ -161,8 +174,8 @@ def _check_sets(request: DiagnoseRequest) -> None:
     found = check_sets(request.motions.motions, request.imports.reference, out)
     for checked in found.values():
         for sentence in checked.told:
-            say(sentence)
-    name_file(out / "check.md")
+            print_message(sentence)
+    print_path(out / "check.md")
     wrong = [name for name, checked in found.items() if not checked.is_right]
     if wrong:
         raise RunError(f"{', '.join(wrong)}: not as the leaderboard asks; see above.")
@@ -172,7 +185,7 @@ def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
     from app.run.batch.motion_sets import diagnose_folders
 
     refuse_ignored(request, _OF_ONE, "Of folders only numbers over clips are made")
-    with Bars() as shown, _told_if_stopped():
+    with ProgressBars() as shown, _told_if_stopped():
         result = diagnose_folders(request, partial(shown.show, "measure clips"), pool)
     _finish(result.files, result.notes)
     left_out, clips = result.told["left_out"], result.told["clips"]
@@ -193,7 +206,7 @@ def steps(request: Annotated[StepSweepRequest, Flat], files: Files) -> None:
     _run(MEASURE_STEPS, request, request.out)
 
 
-def hearing(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None:
+def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None:
     """Measure how much of the motion depends on the speech and how much on the noise seed.
 
     Each speech is generated with each noise seed, and motions that share the speech, the noise or
@@ -204,17 +217,17 @@ def hearing(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None
     if request.is_of_motions:
         ignored = ("weights", "speaker", "systems", "guidance", "seeds")
         refuse_ignored(request, ignored, "The motions of a folder are compared as they are")
-    _run(MEASURE_HEARING, request, request.out)
+    _run(MEASURE_SPEECH_EFFECT, request, request.out)
 
 
-def mechanism(request: Annotated[RotationNoiseRequest, Flat]) -> None:
+def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
     """Show the effect of equal noise on local and on global rotations.
 
     This is the paper's argument on a body: the same random rotations are applied to the local and
     to the global rotations of a motion, both bodies are rendered side by side, and the displacement
     of a fingertip is reported, as measured and from the closed form. No network takes part.
     """
-    _run(SHOW_MECHANISM, request, request.out)
+    _run(COMPARE_ROTATION_NOISE, request, request.out)
 
 
 def plan(request: Annotated[PlanRequest, Flat]) -> None:
@@ -225,14 +238,16 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
     ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. For a motion (.npz, .npy, .bvh),
     the plan is detected, as annotators do.
     """
-    from app.run.generated_motions import find_plan, is_motion, make_plan
+    from app.run.generated_motions import is_motion, make_plan, write_plan_from_motion
 
     source = request.speech.path
     if is_motion(source):
         refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "In a motion the plan is found")
         if request.is_empty:
             raise RunError("In a motion the plan is found; leave --empty out.")
-        _finish([request.out], find_plan(source, request.out, request.import_overrides))
+        _finish(
+            [request.out], write_plan_from_motion(source, request.out, request.import_overrides)
+        )
         return
     what = "Assumptions are of motion files, and this is speech"
     refuse_ignored(request, ("import_overrides",), what)
@@ -258,8 +273,8 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
         refuse_ignored(request, ("frame",), f"A {request.suffix} file holds all frames")
     if request.is_picture or request.suffix in (".obj", ".ply"):
         refuse_ignored(request, ("plan",), f"A {request.suffix} file has no place for a plan")
-    with Bars() as shown:
-        files, notes = render_motion(request, Ear(shown.take))
+    with ProgressBars() as shown:
+        files, notes = render_motion(request, RunCallbacks(shown.take))
     _finish(files, notes)
 
 
@@ -283,12 +298,12 @@ def leaderboard_add(
         systems: systems to add; by default all.
         note: text shown next to the numbers.
     """
-    known = read_board(board) if board.exists() else []
+    known = read_leaderboard(board) if board.exists() else []
     new = [entries_of(folder, note, list(systems)) for folder in results]
-    entries = merged([known, *new])
-    write_board(entries, board)
-    say(f"{len(entries) - len(known)} of {len(entries)} entries are new.")
-    name_file(board)
+    entries = merge_entries([known, *new])
+    write_leaderboard(entries, board)
+    print_message(f"{len(entries) - len(known)} of {len(entries)} entries are new.")
+    print_path(board)
 
 
 def leaderboard_merge(
@@ -299,8 +314,8 @@ def leaderboard_merge(
     Args:
         out: leaderboard file to write.
     """
-    write_board(merged(read_board(path) for path in boards), out)
-    name_file(out)
+    write_leaderboard(merge_entries(read_leaderboard(path) for path in boards), out)
+    print_path(out)
 
 
 def leaderboard_page(board: Board, out: Path) -> None:
@@ -311,9 +326,9 @@ def leaderboard_page(board: Board, out: Path) -> None:
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
-    told = board_page(merged([read_board(board)]))
+    told = leaderboard_html(merge_entries([read_leaderboard(board)]))
     write_atomically(out, told)
-    name_file(out)
+    print_path(out)
 
 
 @contextmanager
@@ -332,6 +347,6 @@ def _told_if_stopped() -> Iterator[None]:
 def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:
     """Write notes for the user to standard error, and file paths for scripts to standard output."""
     for note in notes:
-        say(note)
+        print_message(note)
     for path in files:
-        name_file(path)
+        print_path(path)

@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 from app.flags import Count, File, text_type
-from app.run.output.console import Bars, name_file, say
+from app.run.output.console import ProgressBars, print_message, print_path
 
 Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the export made.")]
 
@@ -31,25 +31,25 @@ def export(
         out: folder of the study.
         body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
     """
-    from app.run.callbacks import Ear
+    from app.run.callbacks import RunCallbacks
     from app.study.design.plan import read_plan
     from app.study.export import export_study
 
     body = body or default_body()
     read = read_plan(plan.absolute())
     try:
-        with Bars() as shown:
-            workspace = export_study(read, out, weights, body, Ear(shown.take))
+        with ProgressBars() as shown:
+            workspace = export_study(read, out, weights, body, RunCallbacks(shown.take))
     except KeyboardInterrupt:
         raise RunError(
             "stopped; the key and the finished videos are kept, so the same command goes on."
         ) from None
-    say(
+    print_message(
         f"{len(read.clips)} clips, {len(read.systems)} systems, {read.participants} lists; no leak "
         "was found. Host the first folder; keep the second one to yourself."
     )
-    name_file(workspace.bundle)
-    name_file(workspace.private)
+    print_path(workspace.bundle)
+    print_path(workspace.private)
 
 
 def check(study: Study) -> None:
@@ -62,7 +62,7 @@ def check(study: Study) -> None:
 
     leaks = check_study(study)
     for leak in leaks:
-        say(f"LEAK {leak}")
+        print_message(f"LEAK {leak}")
     if leaks:
         found = "1 leak was found" if len(leaks) == 1 else f"{len(leaks)} leaks were found"
         raise RunError(f"{found}; do not host this bundle.")

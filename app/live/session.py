@@ -85,7 +85,7 @@ NOTHING_YET = (
 
 
 @dataclass(frozen=True)
-class Minute:
+class SessionRecording:
     """Recording that is saved: sound and motion of the same length."""
 
     waveform: np.ndarray
@@ -97,7 +97,7 @@ class Minute:
     """Plan that the motion performs; None for a system without plans."""
 
 
-class LastMinute:
+class RecordingBuffer:
     """Buffer of sound and motion in pieces; drops those older than a minute."""
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class LastMinute:
     def _first_frame(self) -> int:
         return max(0, self.frames - KEPT_FRAMES)
 
-    def kept(self) -> Minute:
+    def kept(self) -> SessionRecording:
         """Return the last minute, or all of a shorter session.
 
         Raises:
@@ -142,7 +142,7 @@ class LastMinute:
         to_origin = motion.trans[:1] * np.array([1, 0, 1], np.float32)
         start = _sample_of(first) - self._forgotten
         plans = [(frame, ahead) for frame, _, ahead in self._motion if ahead is not None]
-        return Minute(
+        return SessionRecording(
             np.concatenate(self._sound)[start : start + _sample_of(count)],
             replace(motion, trans=motion.trans - to_origin),
             first,
@@ -202,7 +202,7 @@ class LiveSession:
         """
         check_live(system)
         self.sampling, self.pace, self.name = sampling, Pace(), system.name
-        self.minute = LastMinute()
+        self.minute = RecordingBuffer()
         self._tell, self._clock = tell, clock
         self._frames_of_window = system.windowing.frames
         self._features = CausalMel()
@@ -337,7 +337,7 @@ class LiveSession:
             raise RunError(SLOW_SYSTEM.format(system=self.name, ms=frame_ms, limit=limit))
 
 
-def why_less(minute: Minute, spoken_s: float) -> str:
+def why_less(minute: SessionRecording, spoken_s: float) -> str:
     """Explain in a sentence or two why less is saved than was spoken; empty if nothing is missing.
 
     Args:
@@ -366,7 +366,7 @@ def check_live(system: System) -> None:
         )
 
 
-def rehearse(system: System, speaker: str) -> None:
+def warm_up(system: System, speaker: str) -> None:
     """Generate a first window from silence.
 
     Raises:

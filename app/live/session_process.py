@@ -14,8 +14,8 @@ from typing import Any
 import torch
 
 from app.errors import RunError, visitor_sentence
-from app.live.session import LiveSession, check_live, rehearse
-from app.live.sessions import NOT_THERE, read_sound
+from app.live.session import LiveSession, check_live, warm_up
+from app.live.sessions import NOT_THERE, decode_audio
 from app.run.models import get_system
 from app.run.requests.parts import SamplingOptions
 from app.run.requests.requests import GenerateRequest
@@ -57,7 +57,7 @@ def live_options(told: Any) -> SamplingOptions:
     return SamplingOptions(systems=(system,), speaker=speaker, seed=seed)
 
 
-class Performers:
+class SessionScheduler:
     """All open and recently ended sessions by number; generates their windows in turn."""
 
     def __init__(self, weights: Path, tell: Callable[[int, object], None]) -> None:
@@ -84,7 +84,7 @@ class Performers:
                 case "open":
                     self._open(number, *told)
                 case "sound" if session is not None:
-                    session.put(read_sound(told))
+                    session.put(decode_audio(told))
                 case "lead" if session is not None:
                     session.lead(told)
                 case "close" if session is not None:
@@ -140,7 +140,7 @@ class Performers:
         system = get_system(name, self._weights)
         check_live(system)
         if name not in self._prepared:
-            rehearse(system, speaker or next(iter(system.speakers)))
+            warm_up(system, speaker or next(iter(system.speakers)))
             self._prepared.add(name)
         return system
 
@@ -159,7 +159,7 @@ def main() -> None:
     """Handle messages of the page, and generate windows in between."""
     torch.set_num_threads(1)  # windows are small, and other processes need cores
     channel, (weights,) = parent_channel()
-    performers = Performers(Path(weights), lambda number, told: channel.send((number, told)))
+    performers = SessionScheduler(Path(weights), lambda number, told: channel.send((number, told)))
     with suppress(Exception):  # the error is reported to the visitor who opens one
         for name in usual_systems("live"):
             performers.prepare(name)

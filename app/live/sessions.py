@@ -26,7 +26,7 @@ MAX_SOUND_BYTES = 32_000
 """Largest message of sound: one second."""
 
 
-def read_sound(content: bytes) -> np.ndarray:
+def decode_audio(content: bytes) -> np.ndarray:
     """Parse 16-bit samples as floats between -1 and 1.
 
     Raises:
@@ -64,7 +64,7 @@ TOO_QUIET = (
 )
 
 
-class Microphone:
+class AudioGuard:
     """Check of the sound of one session: amount, rate and silence."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -79,7 +79,7 @@ class Microphone:
         Raises:
             RunError: if it is invalid, too long, too fast or silent, or if too little came lately.
         """
-        samples, now = read_sound(content), self._clock()
+        samples, now = decode_audio(content), self._clock()
         if not self._samples:  # loading the models may have taken long
             self._watched_since = now
         self._samples += len(samples)
@@ -109,7 +109,7 @@ class LiveSessions:
         self._lock = threading.RLock()
         self._numbers = itertools.count()
         self._ears: dict[int, Tell] = {}
-        self._microphones: dict[int, Microphone] = {}
+        self._microphones: dict[int, AudioGuard] = {}
         self._child: Child | None = None
 
     def wake(self) -> None:
@@ -132,14 +132,14 @@ class LiveSessions:
                     opened.
         """
         number = self._ask(tell, "open", (told, cookie, address))
-        self._microphones[number] = Microphone()
+        self._microphones[number] = AudioGuard()
         return number
 
     def put(self, number: int, content: bytes) -> None:
         """Check sound and pass it on, so that nobody can send more than the process can handle.
 
         Raises:
-            RunError: see `Microphone.check`.
+            RunError: see `AudioGuard.check`.
         """
         self._microphones[number].check(content)
         self._send(number, "sound", content)

@@ -22,14 +22,14 @@ from app.page.results.tables import clips_html, title_of
 from app.page.routes.media import OF_STAGES
 from app.page.theme import PLAYER_CSS, make_theme
 from app.run.frame_packets import MAX_FRAMES
-from app.run.output.provenance import ARE, PROVENANCE
-from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowKind, file_of, runs_in
+from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
+from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowFileKind, file_of, runs_in
 from model.storage.json_validation import FieldError, read_checked
 
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"
 """Module that the file starts."""
-_PLAYED: tuple[RowKind, ...] = ("frames", "plan", "performed")
+_PLAYED: tuple[RowFileKind, ...] = ("frames", "plan", "performed")
 NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; give at least one."
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 """Pattern of relative imports in the modules; a test checks that there are no others."""
@@ -107,7 +107,7 @@ def player_alone(folder: Path) -> str:
     elif first.verdict is not None:
         head += markup.verdict(first.verdict.numbers, first.verdict.judgement)
     if path := file_of(next(iter(runs.values())), PROVENANCE):
-        are = str(_object_in(path).get(ARE, ""))
+        are = str(_object_in(path).get(WEIGHTS_ARE_KEY, ""))
         head += f"<p>{text.WEIGHTS.format(are=escape(are))}</p>" if are else ""
     files |= {name: make() for name, (make, _) in OF_STAGES.items()}
     content = {"files": {name: _packed(data) for name, data in files.items()}, "runs": values}

@@ -26,12 +26,12 @@ from app.errors import (
     is_disk_full,
     sentence_of,
 )
-from app.run.callbacks import DEAF, Ear
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from processes.child import Child, Gone, heard, parent_channel
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
-Task = Callable[[Asked, Ear], Found]
+Task = Callable[[Asked, RunCallbacks], Found]
 
 GRACE_S = 10.0
 """Time (s) that a process has to react to a cancellation. It does not check while a figure is
@@ -96,7 +96,9 @@ class Worker:
         with self._turn:
             self._ready()
 
-    def do(self, task: Task[Asked, Found], request: Asked, ear: Ear = DEAF) -> Found:
+    def do(
+        self, task: Task[Asked, Found], request: Asked, ear: RunCallbacks = NO_CALLBACKS
+    ) -> Found:
         """Do a task as soon as the previous one is done.
 
         Raises:
@@ -142,7 +144,9 @@ class Worker:
         if child is not None:
             child.end()
 
-    def _done_by(self, child: Child, work: tuple[Task[Any, Found], Any], ear: Ear) -> Found:
+    def _done_by(
+        self, child: Child, work: tuple[Task[Any, Found], Any], ear: RunCallbacks
+    ) -> Found:
         limits, self._is_fit = self._limits, False
         child.forget()
         started = told_at = time.monotonic()
@@ -202,7 +206,7 @@ def main() -> None:
         before = _limit_memory(memory_bytes)
         try:
             task, request = pickle.loads(work)
-            result = task(request, Ear(tell, stop.is_set))
+            result = task(request, RunCallbacks(tell, stop.is_set))
         except Exception as error:
             result = _as_told(error)
         grown = _data_bytes() - before
@@ -229,7 +233,7 @@ def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
 
     yield
     try:
-        yield from models.warming_up(weights, body)
+        yield from models.warm_up_steps(weights, body)
     except Exception:
         traceback.print_exc()
 

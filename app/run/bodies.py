@@ -34,17 +34,17 @@ def body_motion(motion) -> BodyMotion:
     )
 
 
-SOLE_M = 0.05
+FOOT_JOINT_HEIGHT_M = 0.05
 """Height of the foot joint above the floor (m), as in recorded clips."""
 
 
-def in_register(motion: Motion) -> Motion:
+def align_to_origin(motion: Motion) -> Motion:
     """Align a motion to the origin, with a rotation about the vertical and a translation.
 
     The hips face +z on average, the median pelvis is above the origin and the lower foot is on the
     floor. All motions use the same skeleton here.
     """
-    register = register_of(motion)
+    register = root_transform_of(motion)
     turn = Rotation.from_rotvec([0.0, register.turn_rad, 0.0])
     rest = open_body_skeleton().rest_joints[0].double().numpy()  # centre of the pelvis rotation
     poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
@@ -56,15 +56,15 @@ def in_register(motion: Motion) -> Motion:
 
 
 @dataclass(frozen=True)
-class Register:
+class RootTransform:
     """Root transform that aligns a motion: rotation about the vertical, then translation."""
 
     turn_rad: float
     shift_m: tuple[float, float, float]
 
 
-def register_of(motion: Motion) -> Register:
-    """Compute the root transform that `in_register` applies."""
+def root_transform_of(motion: Motion) -> RootTransform:
+    """Compute the root transform that `align_to_origin` applies."""
     skeleton = open_body_skeleton()
     joints = track_points(motion, skeleton).joints
     across = (joints[:, JOINT_INDEX["left_hip"]] - joints[:, JOINT_INDEX["right_hip"]]).mean(axis=0)
@@ -73,7 +73,9 @@ def register_of(motion: Motion) -> Register:
     rest = skeleton.rest_joints[0].double().numpy()
     pelvis = np.median(turn.apply(motion.trans + rest), axis=0)
     floor = float(np.median(joints[:, list(FEET), 1].min(axis=1)))
-    return Register(float(-facing), (-float(pelvis[0]), SOLE_M - floor, -float(pelvis[2])))
+    return RootTransform(
+        float(-facing), (-float(pelvis[0]), FOOT_JOINT_HEIGHT_M - floor, -float(pelvis[2]))
+    )
 
 
 MAX_FRAMES = 10_800
@@ -86,7 +88,7 @@ def picture_motions(motions: Mapping[str, Motion]) -> tuple[dict[str, Motion], t
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]
     told = f"Stage and videos show the first {longest / FPS:.0f} s of {', '.join(cut)}."
     placed = {
-        name: in_register(first_frames(motion, min(motion.num_frames, longest)))
+        name: align_to_origin(first_frames(motion, min(motion.num_frames, longest)))
         for name, motion in motions.items()
     }
     return placed, (told,) if cut else ()
@@ -97,7 +99,7 @@ _PIECE_FRAMES = 4096
 
 
 @dataclass(frozen=True)
-class TipSource:
+class TrackedPoint:
     """Source of the tracked point's positions for figures and metrics.
 
     Raises:
@@ -175,6 +177,6 @@ class TipSource:
                 yield self.body.joint_positions(body_motion(part))[:, JOINT_INDEX[self.point]]
 
 
-def choose_tip_source(body: Path | None, point: str = DEFAULT_TRACKED_POINT) -> TipSource:
+def make_tracked_point(body: Path | None, point: str = DEFAULT_TRACKED_POINT) -> TrackedPoint:
     """Make the source of a tracked point for the open body, or for the body of a file."""
-    return TipSource(point, None if body is None else get_body(body))
+    return TrackedPoint(point, None if body is None else get_body(body))

@@ -9,15 +9,15 @@ from typing import Literal
 
 from app.errors import Cancelled
 
-Stage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
-STAGES: tuple[Stage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
+RunStage = Literal["speech", "motion", "numbers", "video", "comparison", "figure"]
+RUN_STAGES: tuple[RunStage, ...] = ("speech", "motion", "numbers", "video", "comparison", "figure")
 
 
 @dataclass(frozen=True)
 class Progress:
     """Progress of one stage."""
 
-    stage: Stage
+    stage: RunStage
     fraction: float
     """Fraction done of this stage, 0 to 1."""
     detail: str = ""
@@ -27,21 +27,21 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Grown:
+class FolderUpdated:
     """Event of new content in a run's folder, as listed in its `run.json`."""
 
     folder: Path
 
 
-Event = Progress | Grown
+RunEvent = Progress | FolderUpdated
 
 
-class Ear:
+class RunCallbacks:
     """Callbacks of the caller of a task: progress events and cancellation."""
 
     def __init__(
         self,
-        hear: Callable[[Event], None] = lambda event: None,
+        hear: Callable[[RunEvent], None] = lambda event: None,
         should_cancel: Callable[[], bool] = lambda: False,
     ) -> None:
         """Store the callbacks of the caller.
@@ -53,11 +53,11 @@ class Ear:
         self.hear = hear
         self.should_cancel = should_cancel
 
-    def progress(self, stage: Stage, fraction: float, detail: str = "") -> None:
+    def progress(self, stage: RunStage, fraction: float, detail: str = "") -> None:
         self.hear(Progress(stage, fraction, detail))
 
     def share(
-        self, stage: Stage, part: float = 1.0, before: float = 0.0
+        self, stage: RunStage, part: float = 1.0, before: float = 0.0
     ) -> Callable[[float], None]:
         """Return a callback for the fraction done of a part of a stage.
 
@@ -76,4 +76,4 @@ class Ear:
             raise Cancelled
 
 
-DEAF = Ear()
+NO_CALLBACKS = RunCallbacks()

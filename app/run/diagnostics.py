@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from app.errors import RunError
-from app.run.bodies import TipSource
+from app.run.bodies import TrackedPoint
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.requests import GenerateRequest, RunRequest
 from app.run.videos.videos import Snapshots
@@ -36,7 +36,7 @@ _ONSETS: WeakKeyDictionary[Speech, np.ndarray] = WeakKeyDictionary()
 
 def measure_motions(
     motions: Mapping[str, Motion],
-    tip: TipSource,
+    tip: TrackedPoint,
     onsets_s: np.ndarray | None = None,
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windowing] | None = None,
@@ -150,7 +150,7 @@ def check_figure(request: RunRequest, num_frames: int, num_motions: int) -> None
 def figure6_of(
     motions: Mapping[str, Motion],
     snapshots: Snapshots,
-    tip: TipSource,
+    tip: TrackedPoint,
     request: RunRequest,
     clip: str,
     on_piece: Callable[[], None],
@@ -190,7 +190,9 @@ def _labelled(by_name: Mapping[str, Any], labels: Mapping[str, str]) -> dict[str
     return {labels[name]: each for name, each in by_name.items()}
 
 
-def jitter_of(diagnostics: Diagnostics, tip: TipSource, names: Sequence[str]) -> JitterSheet:
+def make_jitter_sheet(
+    diagnostics: Diagnostics, tip: TrackedPoint, names: Sequence[str]
+) -> JitterSheet:
     """Make the content of the jitter sheet of some systems."""
     of_all = diagnostics.of_all
     shown = {name: of_all[name] for name in (REFERENCE_NAME, *names) if name in of_all}

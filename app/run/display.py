@@ -77,7 +77,7 @@ def check_display(display: Display) -> None:
         )
 
 
-class FromBrowser(BaseModel):
+class BrowserMessage(BaseModel):
     """Base of the models that validate JSON from the page's scripts, with names in camel case."""
 
     model_config = ConfigDict(
@@ -90,7 +90,7 @@ class FromBrowser(BaseModel):
     )
 
 
-class Look(FromBrowser):
+class ViewerSettings(BrowserMessage):
     """Display options of the viewer (app/page/web/stage/look.js)."""
 
     exaggeration: float = Field(default=1.0, alias="factor")
@@ -136,7 +136,7 @@ Color = Annotated[str, Field(pattern="^#[0-9a-fA-F]{6}$")]
 Label = Annotated[str, AfterValidator(lambda label: printable(label)[:MAX_LABEL] or "motion")]
 
 
-class SeenPanel(FromBrowser):
+class ViewerPanel(BrowserMessage):
     """Rectangle of a picture on the screen (pixels) and its view."""
 
     rect: Four
@@ -145,7 +145,7 @@ class SeenPanel(FromBrowser):
     """View of a close-up; None is the body."""
 
 
-class SeenBody(FromBrowser):
+class ViewerBody(BrowserMessage):
     """One body of the viewer."""
 
     label: Label
@@ -155,17 +155,17 @@ class SeenBody(FromBrowser):
     """Colour of the body's row."""
 
 
-class Seen(FromBrowser):
+class ViewerState(BrowserMessage):
     """State of the viewer: bodies, camera and display options."""
 
-    bodies: Annotated[tuple[SeenBody, ...], Field(max_length=MAX_BODIES)]
+    bodies: Annotated[tuple[ViewerBody, ...], Field(max_length=MAX_BODIES)]
     """All bodies of the viewer, shown or hidden."""
     shown: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=MAX_BODIES)]
     """Indices of the shown bodies, from 0 on and in their order; for a pair, both of it."""
     size: tuple[Side, Side]
     """Width and height of one body's picture, or of the whole picture of a pair."""
     panels: Annotated[
-        tuple[Annotated[tuple[SeenPanel, ...], Field(max_length=4)], ...], Field(max_length=2)
+        tuple[Annotated[tuple[ViewerPanel, ...], Field(max_length=4)], ...], Field(max_length=2)
     ]
     """Panels of every picture, or, for a pair, those of each; the body's panel is the first."""
     columns: Annotated[int, Field(ge=1, le=MAX_SHOWN)] = 1
@@ -174,7 +174,7 @@ class Seen(FromBrowser):
     """Comparison mode of a pair; ``grid`` shows bodies side by side."""
     wipe: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Fraction of the picture that shows the first body."""
-    look: Look = Look()
+    look: ViewerSettings = ViewerSettings()
     is_smoothed: bool = False
     """True if the post-filter is applied."""
     camera: tuple[float, float, float, float, float] = (0.0, 0.0, 1.0, 0.0, 0.0)
@@ -183,7 +183,7 @@ class Seen(FromBrowser):
     """URL of the sound."""
 
     @classmethod
-    def read(cls, told: object) -> Seen:
+    def read(cls, told: object) -> ViewerState:
         """Parse the state of the viewer and check it.
 
         Args:

@@ -35,7 +35,7 @@ CALMER = 0.9
 RECORDED = "recorded"
 
 
-def planted_files(folder: Path) -> list[str]:
+def faulty_example_files(folder: Path) -> list[str]:
     """Return the paths of the faulty motion (made once), its reference, speech and transcript."""
     from model.motion.motion import load_motion, save_motion
 
@@ -105,7 +105,7 @@ def lift(motion: Motion) -> Motion:
 
 
 @dataclass(frozen=True)
-class Plant:
+class InjectedFault:
     """Fault and the time span (s) in which it is planted."""
 
     name: str
@@ -115,11 +115,11 @@ class Plant:
 
 
 PLANTS = (
-    Plant("sliding feet", slide, 4, 114),
-    Plant("trembling right arm", tremble, 20, 100),
-    Plant("joins every 52 frames", join, 50, 86),
-    Plant("nothing moves", freeze, 90.25, 92.75),
-    Plant("floating", lift, 100, 108),
+    InjectedFault("sliding feet", slide, 4, 114),
+    InjectedFault("trembling right arm", tremble, 20, 100),
+    InjectedFault("joins every 52 frames", join, 50, 86),
+    InjectedFault("nothing moves", freeze, 90.25, 92.75),
+    InjectedFault("floating", lift, 100, 108),
 )
 """Planted faults; those that are detected by the mean or median of all frames last longer."""
 
@@ -128,5 +128,5 @@ STEADY, TREMBLING = "A", "B"
 FIRST_LOOK = EXAMPLES / "first_look"
 """Run folder that a fresh page shows first, made with the bundled weights by `python -m
 tests.app.run.made_first_look`."""
-FACTS = "first_look.json"
+FIRST_LOOK_METADATA = "first_look.json"
 """File in it: jerk (m/s^3) of both fingertips by row, the noise, and the source of the motion."""

@@ -68,14 +68,14 @@ def body_glb() -> bytes:
 
 
 @functools.cache
-def builds() -> bytes:
+def body_shapes_bytes() -> bytes:
     """Return the other body shapes of the open body for app/page/web/stage/builds.js."""
     from renderer.files.glb import builds_bytes
 
     return builds_bytes()
 
 
-def reaches_message() -> bytes:
+def encode_camera_bound_poses() -> bytes:
     """Encode `reaches` for a browser, which frames live motion by it before there is any."""
     return frames_message(0, reaches(get_body(None)))
 

@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.bodies import choose_tip_source
+from app.run.bodies import make_tracked_point
 from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body, get_system
-from app.run.output.provenance import origin_of, title_of
+from app.run.output.provenance import make_provenance, run_title
 from app.run.output.result_folder import require_free_space
-from app.run.output.run_folder import cut
+from app.run.output.run_folder import truncate
 from app.run.requests.parts import MAX_COMPARED, SamplingOptions, steps_for
 from app.run.requests.requests import GenerateRequest, PlanRequest
-from app.run.run_writer import Rows, RunWriter
-from app.run.timeline import SpokenWords, make_timeline
-from app.run.videos.videos import names_that_fit
+from app.run.run_writer import RunMotions, RunWriter
+from app.run.timeline import WordSearch, make_timeline
+from app.run.videos.videos import limit_compared
 from conventions.names import REFERENCE_NAME, SampleName, Version, file_stem, printable
 from conventions.rates import SAMPLE_RATE
 from model.formats.read import ENDINGS, read_any_motion
@@ -50,7 +50,7 @@ LIVE_NOTE = (
 )
 
 
-def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> Rows:
+def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter) -> RunMotions:
     """Generate the motions of the systems window by window, and return the rows of the run.
 
     Raises:
@@ -77,14 +77,14 @@ def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> R
     run.record.noise_seed = seed
     wish = None if request.planning.style is None else read_wish(request.planning.style)
     run.progress("speech", 1.0)
-    run.record.title = cut(title_of(request, list(options)))
+    run.record.title = truncate(run_title(request, list(options)))
     run.record.speech_sha256 = speech.sha256
     run.rows(names := row_names(request, list(options)))
     post_filter = request.sampling.post_filter
     shown = {name: filtered(raw, post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
         run.motion(name, motion)
-    tip = choose_tip_source(request.video.body, request.joint)
+    tip = make_tracked_point(request.video.body, request.joint)
     shortest = min(each.num_frames for each in (speech, *recorded.values()))
     check_figure(request, shortest, min(MAX_COMPARED, len(names)))
     if any(map(_performs, systems)) and (request.planning.plan is None or request.planning.style):
@@ -114,9 +114,9 @@ def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> R
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version: Version = "savgol" if post_filter == "savgol" else "raw"
     is_pictured = request.output.has_video or request.output.has_figures
-    fitting, notes = names_that_fit(list(staged) if is_pictured else [])
+    fitting, notes = limit_compared(list(staged) if is_pictured else [])
     run.note(*notes)
-    return Rows(
+    return RunMotions(
         measured={name: raw for name, (raw, _) in made.items()} | recorded,
         staged=staged,
         drawn={name: staged[name] for name in fitting},
@@ -126,7 +126,7 @@ def made_rows(request: GenerateRequest, words: SpokenWords, run: RunWriter) -> R
         sound=sound,
         onsets_s=onsets_of(speech),
         windows=_windows(request, systems),
-        origin=origin_of(request, speech, systems, options, body, backend),
+        origin=make_provenance(request, speech, systems, options, body, backend),
     )
 
 
@@ -184,7 +184,7 @@ def _pieces_of(
     system: System,
     speech: Speech,
     options: GenerateOptions,
-    words: SpokenWords,
+    words: WordSearch,
     wish: StyleWish | None,
     run: RunWriter,
 ) -> Iterator[MotionPiece]:
@@ -247,7 +247,7 @@ def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
     return tuple(get_system(name, sampling.weights) for name in dict.fromkeys(names))
 
 
-def options_of(sampling: SamplingOptions, system: System, **more: Any) -> GenerateOptions:
+def generation_options(sampling: SamplingOptions, system: System, **more: Any) -> GenerateOptions:
     """Return the generation options of one system, with its defaults where it lacks an option.
 
     Args:
@@ -308,7 +308,7 @@ def _options(
     options: dict[str, GenerateOptions] = {}
     for system in systems:
         performs = _performs(system)
-        own = options_of(sampling, system, conditions=plans if performs else ())
+        own = generation_options(sampling, system, conditions=plans if performs else ())
         if sampler not in (None, own.sampler):
             run.note(f"{system.name} has no sampler {sampler}; it took {own.sampler}.")
         if guidance not in (None, own.guidance):
@@ -360,7 +360,7 @@ def is_motion(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
-def find_plan(motion: Path, out: Path, told: Assumptions | None = None) -> list[str]:
+def write_plan_from_motion(motion: Path, out: Path, told: Assumptions | None = None) -> list[str]:
     """Detect the gesture plan of a motion, write it, and return notes on how the motion was read.
 
     Raises:
@@ -394,11 +394,13 @@ def make_plan(request: PlanRequest) -> Noted:
         return Noted(plan, speech.notes)
     wish = None if request.style is None else read_wish(request.style)
     system = get_system(usual_planner(), request.weights)
-    with SpokenWords(request.speech.transcript, request.speech.words) as words:
+    with WordSearch(request.speech.transcript, request.speech.words) as words:
         words.begin(speech.waveform)
         said, notes = words.found(lambda: None)
     sampling = replace(request.sampling, seed=clip_seed(request.seed, speech.sha256))
-    (plan,) = draw_conditions(system, speech, options_of(sampling, system, words=said.words))
+    (plan,) = draw_conditions(
+        system, speech, generation_options(sampling, system, words=said.words)
+    )
     edited = Noted(plan) if wish is None else wish.done(plan, said.words)
     write_plan_file(edited.plan, request.out, sound)
     return Noted(edited.plan, (*speech.notes, *notes, *edited.notes))

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.run.bodies import SOLE_M, choose_tip_source, picture_motions
+from app.run.bodies import FOOT_JOINT_HEIGHT_M, make_tracked_point, picture_motions
 from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body
-from app.run.output.provenance import names_of_motions
+from app.run.output.provenance import motion_labels
 from app.run.output.run_folder import SPEECH as HEARD
-from app.run.output.run_folder import ending_of, row_files
+from app.run.output.run_folder import row_files, safe_suffix
 from app.run.requests.parts import MAX_COMPARED
 from app.run.requests.requests import DiagnoseRequest
-from app.run.run_writer import Rows, RunWriter
-from app.run.timeline import SpokenWords
+from app.run.run_writer import RunMotions, RunWriter
+from app.run.timeline import WordSearch
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding
@@ -40,7 +40,7 @@ NO_SPEECH = (
 )
 
 
-def given_rows(request: DiagnoseRequest, words: SpokenWords, run: RunWriter) -> Rows:
+def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) -> RunMotions:
     """Read the imported motions, show them in the viewer, and return the rows of the run.
 
     Raises:
@@ -49,7 +49,7 @@ def given_rows(request: DiagnoseRequest, words: SpokenWords, run: RunWriter) -> 
     if request.metrics.mean_speeds is not None and request.speech.path is None:
         raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
     body = get_body(request.video.body)
-    tip = choose_tip_source(request.video.body, request.joint)
+    tip = make_tracked_point(request.video.body, request.joint)
     files = _files_of(request)
     readings = _read_motions(request, files, run)
     motions = {name: each.motion for name, each in readings.items()}
@@ -75,13 +75,13 @@ def given_rows(request: DiagnoseRequest, words: SpokenWords, run: RunWriter) -> 
     timeline = run.show(staged, speech, tip, request.metrics.weights, plans)
     run.note(*cut_notes)
     for row in run.record.rows:
-        row.ending = ending_of(files[row.name])
+        row.ending = safe_suffix(files[row.name])
     if len(shown) < len(motions) and not request.motions.shown:
         run.note(
             f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
             " (--show)."
         )
-    return Rows(
+    return RunMotions(
         measured=motions,
         staged=staged,
         drawn={name: _on_the_floor(motion) for name, motion in shown.items()},
@@ -128,13 +128,13 @@ def _on_the_floor(motion: Motion) -> Motion:
         return motion
     feet = track_points(motion, open_body_skeleton()).joints[:, list(FEET), 1]
     trans = motion.trans.copy()
-    trans[:, 1] += SOLE_M - float(np.median(feet.min(axis=1)))
+    trans[:, 1] += FOOT_JOINT_HEIGHT_M - float(np.median(feet.min(axis=1)))
     return replace(motion, trans=trans)
 
 
 def _files_of(request: DiagnoseRequest) -> dict[str, Path]:
     """Return the motion files by name, the reference last."""
-    names = names_of_motions(request.motions)
+    names = motion_labels(request.motions)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RunError(f"Two of the files would be called {twice!r}; rename one of them.")
@@ -173,7 +173,7 @@ def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
         )
 
 
-def as_read(measured: Diagnostics, rows: Rows) -> Diagnostics:
+def with_import_notes(measured: Diagnostics, rows: RunMotions) -> Diagnostics:
     """Add the assumptions of imported files, and remove findings on parts that the files lack."""
     readings = rows.readings
     return replace(

@@ -66,7 +66,7 @@ def pool_for(motion_s: float) -> JobPool:
     return JobPool(min(MAX_PROCESSES, os.cpu_count() or 1) if motion_s > WORTH_S else 1)
 
 
-def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
+def warm_up_steps(weights: Path, body: Path | None) -> Iterator[None]:
     """Load every system and the body, generate a short motion, and choose the OpenGL backend.
 
     This is done in small parts, between which the caller can do something else, so that the first
@@ -92,11 +92,11 @@ def warming_up(weights: Path, body: Path | None) -> Iterator[None]:
         options = GenerateOptions(speaker=next(iter(system.speakers)), steps=1)
         generate_motion(system, Speech(waveform=noise, sha256=""), options)
         yield
-    if missing := nothing_draws():
+    if missing := rendering_unavailable_reason():
         log.warning("%s", missing)
 
 
-def nothing_draws() -> str:
+def rendering_unavailable_reason() -> str:
     """Return why videos and snapshots are omitted, with what to install; empty if OpenGL works."""
     from renderer.draw.offscreen import GLError
     from renderer.draw.probe import choose_backend

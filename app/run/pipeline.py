@@ -19,26 +19,26 @@ from typing import TypeVar
 from app import text
 from app.errors import RunError
 from app.findings.sentences import sentences_of
-from app.run.bodies import body_motion, in_register
-from app.run.callbacks import DEAF, Ear
+from app.run.bodies import align_to_origin, body_motion
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import (
     figure6_of,
-    jitter_of,
+    make_jitter_sheet,
     measure_motions,
     write_diagnostics,
 )
-from app.run.generated_motions import made_rows
-from app.run.imported_motions import NO_SPEECH, as_read, given_rows
-from app.run.models import nothing_draws
-from app.run.output.provenance import PROVENANCE, settings_of, title_of
-from app.run.output.run_folder import RunRecord, cut, read_run
+from app.run.generated_motions import generate_motions
+from app.run.imported_motions import NO_SPEECH, import_motions, with_import_notes
+from app.run.models import rendering_unavailable_reason
+from app.run.output.provenance import PROVENANCE, run_title, settings_summary
+from app.run.output.run_folder import RunRecord, read_run, truncate
 from app.run.requests.convert import request_json
 from app.run.requests.parts import OutputOptions
 from app.run.requests.requests import AnyRun, DiagnoseRequest, GenerateRequest, RunRequest
-from app.run.run_writer import Rows, RunWriter, writing_run
-from app.run.tasks import Done
-from app.run.timeline import SpokenWords, said_in, with_snaps
-from app.run.videos.videos import Snapshots, draw_poses, draw_rows, joined_side_by_side
+from app.run.run_writer import RunMotions, RunWriter, open_run_writer
+from app.run.tasks import RunResult
+from app.run.timeline import WordSearch, read_transcript_of_run, with_snaps
+from app.run.videos.videos import Snapshots, comparison_video, draw_poses, draw_rows
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.motion.motion import Motion
@@ -57,7 +57,7 @@ MEASURED = "Measured {motions}."
 OPENED = "Opened from its file; its {motions} were measured anew."
 
 
-def generate(request: GenerateRequest, ear: Ear = DEAF) -> Done:
+def generate(request: GenerateRequest, ear: RunCallbacks = NO_CALLBACKS) -> RunResult:
     """Generate motion for a speech with several systems, and write motions, metrics and figures.
 
     The results are published in the request's folder all together or not at all.
@@ -68,15 +68,15 @@ def generate(request: GenerateRequest, ear: Ear = DEAF) -> Done:
             CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence
             for the user.
     """
-    return _run(request, ear, made_rows)
+    return _run(request, ear, generate_motions)
 
 
-def diagnose(request: DiagnoseRequest, ear: Ear = DEAF) -> Done:
+def diagnose(request: DiagnoseRequest, ear: RunCallbacks = NO_CALLBACKS) -> RunResult:
     """Measure imported motions, and write metrics, videos and figures; raises as `generate`."""
-    return _run(request, ear, given_rows)
+    return _run(request, ear, import_motions)
 
 
-def run(request: AnyRun, ear: Ear = DEAF) -> Done:
+def run(request: AnyRun, ear: RunCallbacks = NO_CALLBACKS) -> RunResult:
     """Run a request to generate or to measure; raises as `generate`."""
     return (
         generate(request, ear) if isinstance(request, GenerateRequest) else diagnose(request, ear)
@@ -84,16 +84,18 @@ def run(request: AnyRun, ear: Ear = DEAF) -> Done:
 
 
 def _run(
-    request: Request, ear: Ear, rows_of: Callable[[Request, SpokenWords, RunWriter], Rows]
-) -> Done:
+    request: Request,
+    ear: RunCallbacks,
+    rows_of: Callable[[Request, WordSearch, RunWriter], RunMotions],
+) -> RunResult:
     request.check()
     _return_large_blocks()
     started = time.monotonic()
     source = _source_run(request)
-    transcript = said_in(source) if source else request.speech.transcript
+    transcript = read_transcript_of_run(source) if source else request.speech.transcript
     with (
-        SpokenWords(transcript, request.speech.words) as words,
-        writing_run(
+        WordSearch(transcript, request.speech.words) as words,
+        open_run_writer(
             request.output.out, record_of(request), ear, is_kept=request.output.is_kept
         ) as run,
     ):
@@ -115,7 +117,7 @@ def _run(
             _draw_videos(request, rows, run)
         beside = nullcontext()
         if output.has_video and rows.is_made:
-            beside = joined_side_by_side(list(rows.drawn), rows.sound, run.folder, run, run.file)
+            beside = comparison_video(list(rows.drawn), rows.sound, run.folder, run, run.file)
         with beside:
             if output.has_figures:
                 _draw_figures(request, rows, diagnostics, run)
@@ -133,7 +135,7 @@ def _run(
             run.file(path)
         num_frames = max(motion.num_frames for motion in rows.staged.values())
         run.finish(_line(request, len(rows.measured), num_frames, time.monotonic() - started))
-        return Done(output.out, diagnostics, tuple(run.notes), said)
+        return RunResult(output.out, diagnostics, tuple(run.notes), said)
 
 
 def _source_run(request: RunRequest) -> Path | None:
@@ -146,9 +148,9 @@ def record_of(request: RunRequest) -> RunRecord:
     is_generated = isinstance(request, GenerateRequest)
     run = RunRecord(
         kind="generated" if is_generated else "given",
-        title=cut(title_of(request)),
+        title=truncate(run_title(request)),
         request=request_json(request),
-        settings={key: cut(value) for key, value in settings_of(request).items()},
+        settings={key: truncate(value) for key, value in settings_summary(request).items()},
         point=request.joint,
     )
     source = _source_run(request)
@@ -166,12 +168,12 @@ def _as_far_as_anything_draws(output: OutputOptions, run: RunWriter) -> OutputOp
     """Disable videos and poses if OpenGL does not work; nothing else needs it."""
     if not (output.has_video or (output.has_poses and output.has_figures)):
         return output
-    missing = nothing_draws()
+    missing = rendering_unavailable_reason()
     run.note(*filter(None, [missing]))
     return replace(output, has_video=False, has_poses=False) if missing else output
 
 
-def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
+def _measure(rows: RunMotions, run: RunWriter) -> Diagnostics:
     """Compute and publish the metrics."""
     on_share = run.share("numbers")
     on_share(0.0)
@@ -185,14 +187,14 @@ def _measure(rows: Rows, run: RunWriter) -> Diagnostics:
         mean_speeds=rows.mean_speeds,
     )
     if rows.readings:
-        diagnostics = as_read(diagnostics, rows)
+        diagnostics = with_import_notes(diagnostics, rows)
     run.note(*diagnostics.notes)
     run.progress("numbers", 1.0)
     run.measured(diagnostics)
     return diagnostics
 
 
-def _draw_videos(request: RunRequest, rows: Rows, run: RunWriter) -> None:
+def _draw_videos(request: RunRequest, rows: RunMotions, run: RunWriter) -> None:
     on_share = run.share("video")
     on_share(0.0)
     placed = {name: _placed(motion, rows) for name, motion in rows.staged.items()}
@@ -201,13 +203,13 @@ def _draw_videos(request: RunRequest, rows: Rows, run: RunWriter) -> None:
     )
 
 
-def _placed(motion: Motion, rows: Rows) -> Motion:
+def _placed(motion: Motion, rows: RunMotions) -> Motion:
     """Align generated motion for pictures."""
-    return in_register(motion) if rows.is_made else motion
+    return align_to_origin(motion) if rows.is_made else motion
 
 
 def _draw_figures(
-    request: RunRequest, rows: Rows, diagnostics: Diagnostics, run: RunWriter
+    request: RunRequest, rows: RunMotions, diagnostics: Diagnostics, run: RunWriter
 ) -> None:
     """Draw Figure 6, with poses if they are rendered, and the jitter sheet."""
     snapshots, on_share = _draw_poses(request, rows, run), run.share("figure")
@@ -217,13 +219,13 @@ def _draw_figures(
     run.figure("figure6", contents, contents.caption, request.figures.figure_forms)
     on_share((_POSES + 1) / 2)
     systems = [name for name in rows.drawn if name != REFERENCE_NAME]
-    sheet, said = jitter_of(diagnostics, rows.tip, systems), sentences_of(diagnostics)
+    sheet, said = make_jitter_sheet(diagnostics, rows.tip, systems), sentences_of(diagnostics)
     told = f"{said['trajectory']} {said['depth']}"
     run.figure("jitter", sheet, sheet_caption(sheet, clip, told), request.figures.figure_forms)
     run.progress("figure", 1.0)
 
 
-def _draw_poses(request: RunRequest, rows: Rows, run: RunWriter) -> Snapshots:
+def _draw_poses(request: RunRequest, rows: RunMotions, run: RunWriter) -> Snapshots:
     """Render the poses of Figure 6; without poses, only the frames are chosen."""
     figures, video = request.figures, request.video
     shortest = min(motion.num_frames for motion in rows.drawn.values())

@@ -15,31 +15,31 @@ from app.errors import Cancelled, sentence_of
 from app.findings.measure_rows import numbers_of, parts_apart
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
-from app.run.bodies import Register, TipSource, register_of
-from app.run.callbacks import DEAF, Ear, Grown
+from app.run.bodies import RootTransform, TrackedPoint, root_transform_of
+from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks
 from app.run.frame_packets import MAX_FRAMES, frames_message
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import (
+    MAX_FINDINGS,
     MAX_ROWS,
-    MAX_TOLD,
     RUN,
     SPEECH,
     TIMELINE,
     AssumedTold,
+    FindingRecord,
+    FramesAvailable,
     Row,
-    RowKind,
+    RowFileKind,
     RunRecord,
-    There,
-    Told,
-    ToldVerdict,
-    cut,
+    VerdictRecord,
     rows_of,
-    shown_file,
+    truncate,
+    viewer_file_name,
 )
 from app.run.timeline import (
     make_timeline,
-    tiers_of,
-    waveform_of,
+    padded_waveform,
+    transcript_tiers,
 )
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, listed, short_names
 from model.diagnostics import Diagnostics
@@ -68,23 +68,23 @@ class _Growing:
     """Motion of one row that is being generated."""
 
     path: Path
-    register: Register | None
+    register: RootTransform | None
     is_placed: bool
     parts: list[Motion] = field(default_factory=list)
     end: int = 0
     register_at: int = 0
 
-    def placed(self, num_frames: int) -> Register:
+    def placed(self, num_frames: int) -> RootTransform:
         """Return the alignment of the motion, computed anew as it grows and at its end."""
         is_due = self.end >= min(_GROWN * self.register_at, num_frames)
         if self.register is None or (is_due and not self.is_placed):
-            self.register = register_of(put_together(self.parts))
+            self.register = root_transform_of(put_together(self.parts))
             self.register_at = self.end
         return self.register
 
 
 @dataclass(frozen=True)
-class Rows:
+class RunMotions:
     """Motions of one run with all data needed to measure them, by name, the reference last."""
 
     measured: Mapping[str, Motion]
@@ -95,7 +95,7 @@ class Rows:
     """Motions in figures, as many as fit."""
     timeline: dict[str, Any]
     body: Body
-    tip: TipSource
+    tip: TrackedPoint
     sound: Path | None
     """Audio of videos; None without speech."""
     onsets_s: np.ndarray | None
@@ -118,10 +118,10 @@ class Rows:
 
 
 @contextmanager
-def writing_run(
+def open_run_writer(
     out: Path,
     record: RunRecord,
-    ear: Ear = DEAF,
+    ear: RunCallbacks = NO_CALLBACKS,
     *,
     is_kept: bool = False,
 ) -> Iterator[RunWriter]:
@@ -133,16 +133,18 @@ def writing_run(
         except BaseException as error:
             is_cancelled = isinstance(error, Cancelled)
             record.state = "cancelled" if is_cancelled else "failed"
-            record.sentence = "" if is_cancelled else cut(sentence_of(error) or FAULT)
+            record.sentence = "" if is_cancelled else truncate(sentence_of(error) or FAULT)
             with suppress(Exception):
                 run.tell()
             raise
 
 
-class RunWriter(Ear):
+class RunWriter(RunCallbacks):
     """Writer of the folder and record of a run; its caller is notified of all changes."""
 
-    def __init__(self, folder: ResultFolder, record: RunRecord, ear: Ear = DEAF) -> None:
+    def __init__(
+        self, folder: ResultFolder, record: RunRecord, ear: RunCallbacks = NO_CALLBACKS
+    ) -> None:
         super().__init__(ear.hear, ear.should_cancel)
         self.notes: list[str] = []
         self.folder = folder
@@ -157,13 +159,13 @@ class RunWriter(Ear):
 
     def tell(self) -> None:
         """Write the record, and notify the caller."""
-        self.record.notes = [cut(note) for note in self.notes[:MAX_TOLD]]
+        self.record.notes = [truncate(note) for note in self.notes[:MAX_FINDINGS]]
         self.record.write(self._path)
-        self.hear(Grown(self._path.parent))
+        self.hear(FolderUpdated(self._path.parent))
 
     def finish(self, sentence: str) -> None:
         """Mark the run as done, and publish its files."""
-        self.record.state, self.record.sentence = "done", cut(sentence)
+        self.record.state, self.record.sentence = "done", truncate(sentence)
         self.tell()
         self.folder.publish()
 
@@ -176,7 +178,7 @@ class RunWriter(Ear):
         assert row is not None
         return row
 
-    def file(self, *paths: Path, row: str = "", kind: RowKind | None = None) -> None:
+    def file(self, *paths: Path, row: str = "", kind: RowFileKind | None = None) -> None:
         """Add complete files to the record.
 
         Args:
@@ -208,7 +210,7 @@ class RunWriter(Ear):
         places: Places = []
         files = written(lambda: kept.DRAW[name](contents), stem, caption, forms, places)
         if set(forms) != set(FORMS):
-            path = self.folder.path(shown_file(name, CONTENTS_ENDING))
+            path = self.folder.path(viewer_file_name(name, CONTENTS_ENDING))
             kept.save_contents(path, name, contents, caption, places)
             self.file(path)
         self.file(*(self.folder.path(path.name) for path in files))
@@ -223,9 +225,9 @@ class RunWriter(Ear):
             return
         row = self._row(name)
         if name not in self._growing:
-            path = self.folder.path(shown_file(name, ".frames"), grows=True)
+            path = self.folder.path(viewer_file_name(name, ".frames"), grows=True)
             path.unlink(missing_ok=True)
-            register = None if like is None else register_of(like)
+            register = None if like is None else root_transform_of(like)
             self._growing[name] = _Growing(path, register, like is not None)
         growing = self._growing[name]
         with growing.path.open("ab") as file:
@@ -235,7 +237,7 @@ class RunWriter(Ear):
         growing.end += motion.num_frames
         place = growing.placed(num_frames)
         row.files["frames"] = self.folder.whole(growing.path)
-        row.there = There(
+        row.there = FramesAvailable(
             end=growing.end,
             num_frames=num_frames,
             bytes=size,
@@ -249,7 +251,7 @@ class RunWriter(Ear):
         Args:
             file_name: file of the motion; by default one that only the player uses.
         """
-        path = self.folder.path(file_name or shown_file(name, ".npz"))
+        path = self.folder.path(file_name or viewer_file_name(name, ".npz"))
         save_motion(motion, path)
         if name not in self._growing:
             self.grow(name, motion, motion.num_frames)
@@ -267,7 +269,7 @@ class RunWriter(Ear):
         self,
         motions: Mapping[str, Motion],
         speech: Speech | None,
-        tip: TipSource,
+        tip: TrackedPoint,
         weights: Path | None = None,
         plans: Mapping[str, Path] | None = None,
     ) -> dict[str, Any]:
@@ -278,7 +280,7 @@ class RunWriter(Ear):
             plans: files of gesture plans that the motions follow, by name.
         """
         self.rows(motions)
-        self.sound(waveform_of(speech, motions))
+        self.sound(padded_waveform(speech, motions))
         for name in sorted(motions.keys() & (plans or {}).keys()):
             self.performed(name, read_plan_file((plans or {})[name]).plan)
         for name, motion in motions.items():
@@ -288,7 +290,7 @@ class RunWriter(Ear):
     def timeline(self, timeline: Mapping[str, Any], said: Transcript) -> None:
         """Write the timeline; it is written again when words have been recognised."""
         path = self.folder.path(TIMELINE)
-        whole = {**timeline, **tiers_of(said)}
+        whole = {**timeline, **transcript_tiers(said)}
         path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
         self.record.timeline = TIMELINE
         self.file(path)
@@ -306,7 +308,7 @@ class RunWriter(Ear):
         """Detect and write the gesture plans of rows that have none."""
         for name, motion in motions.items():
             if "plan" not in self._row(name).files:
-                path = self.folder.path(shown_file(name, ".plan.json"))
+                path = self.folder.path(viewer_file_name(name, ".plan.json"))
                 write_plan_file(found_plan(motion, open_body_skeleton()), path)
                 self.file(path, row=name, kind="plan")
 
@@ -325,10 +327,10 @@ class RunWriter(Ear):
         record.findings = findings_told(diagnostics.findings)
         verdict = verdict_of(record.point, [record.numbers], is_made)
         if verdict is not None and (is_made or len(of_all) > 1):
-            record.verdict = ToldVerdict(
-                numbers=cut(verdict.numbers), judgement=cut(verdict.judgement)
+            record.verdict = VerdictRecord(
+                numbers=truncate(verdict.numbers), judgement=truncate(verdict.judgement)
             )
-        record.says = {key: cut(said) for key, said in sentences_of(diagnostics).items()}
+        record.says = {key: truncate(said) for key, said in sentences_of(diagnostics).items()}
         for row in record.rows:
             row.assumed = cast(list[AssumedTold], diagnostics.assumed.get(row.name, []))
         self.tell()
@@ -339,20 +341,24 @@ def draw_figure(asked: tuple[Path, Path], *_: object) -> None:
     kept.draw_saved(*asked)
 
 
-def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[Told]:
+def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRecord]:
     """Return the findings of several motions, the most severe first, then those without any.
 
     The normal range of a metric is named only once.
     """
-    told: list[Told] = []
+    told: list[FindingRecord] = []
     norms: set[str] = set()
-    for name, finding in ranked(findings)[: MAX_TOLD - 1]:
+    for name, finding in ranked(findings)[: MAX_FINDINGS - 1]:
         sentence = finding.said if finding.people in norms else finding.sentence
         norms.add(finding.people)
-        told.append(Told(name=name, kind=finding.kind, sentence=cut(sentence), at=finding.worst_s))
+        told.append(
+            FindingRecord(
+                name=name, kind=finding.kind, sentence=truncate(sentence), at=finding.worst_s
+            )
+        )
     labels = short_names(name for name in findings if name != REFERENCE_NAME)
     clean = [label for name, label in labels.items() if not findings[name]]
     if clean:
         which = f" in {listed(clean)}" if len(labels) > 1 else ""
-        told.append(Told(sentence=cut(f"Nothing stands out{which}.")))
+        told.append(FindingRecord(sentence=truncate(f"Nothing stands out{which}.")))
     return told

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.run.callbacks import Ear
+from app.run.callbacks import RunCallbacks
 from app.run.requests.requests import DiagnoseRequest
 from model.speech.transcript import NOTHING_SAID, Transcript
 
@@ -26,26 +26,26 @@ class Task:
     def __name__(self) -> str:
         return self.name
 
-    def __call__(self, request: Any, ear: Ear) -> Any:
+    def __call__(self, request: Any, ear: RunCallbacks) -> Any:
         return getattr(import_module(self.module), self.name)(request, ear)
 
 
 DIAGNOSE = Task("app.run.pipeline", "diagnose")
-DRAW_BEHIND = Task("app.run.videos.videos", "draw_behind")
+DRAW_VIDEOS = Task("app.run.videos.videos", "draw_videos_in_background")
 DRAW_FIGURE = Task("app.run.run_writer", "draw_figure")
-DRAW_SEEN = Task("app.run.videos.viewer_recording", "draw_seen")
+DRAW_VIEWER_VIDEO = Task("app.run.videos.viewer_recording", "draw_viewer_video")
 GENERATE = Task("app.run.pipeline", "generate")
-MAKE_TAKE = Task("app.run.plan_edits.edited_motion", "make_take")
-MEASURE_HEARING = Task("app.run.experiments.speech_effect", "measure_hearing")
+REGENERATE_EDITED = Task("app.run.plan_edits.edited_motion", "regenerate_edited")
+MEASURE_SPEECH_EFFECT = Task("app.run.experiments.speech_effect", "measure_speech_effect")
 MEASURE_SETS = Task("app.run.batch.motion_sets", "measure_sets")
-MEASURE_STEPS = Task("app.run.experiments.step_sweep", "measure_step_curve")
+MEASURE_STEPS = Task("app.run.experiments.step_sweep", "measure_step_sweep")
 RENDER = Task("app.run.videos.export", "render_motion")
-SHOW_MECHANISM = Task("app.run.experiments.rotation_noise", "show_mechanism")
+COMPARE_ROTATION_NOISE = Task("app.run.experiments.rotation_noise", "compare_rotation_noise")
 WRITE_PLAN = Task("app.run.videos.export", "write_plan")
 
 
 @dataclass(frozen=True)
-class Done:
+class RunResult:
     """Result of a run."""
 
     out: Path
@@ -57,7 +57,7 @@ class Done:
 
 
 @dataclass(frozen=True)
-class SeenVideo:
+class ViewerVideo:
     """Video of the viewer."""
 
     path: Path
@@ -67,7 +67,7 @@ class SeenVideo:
 
 
 @dataclass(frozen=True)
-class Sets:
+class SetResults:
     """Metrics of folders of motions."""
 
     request: DiagnoseRequest

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, Field
 
-from app.run.bodies import TipSource
+from app.run.bodies import TrackedPoint
 from app.run.diagnostics import onsets_of
 from app.run.output.run_folder import Text, file_of, read_run
 from app.run.requests.parts import NUM_WORST_SECONDS, WordSource
@@ -151,7 +151,7 @@ def make_timeline(
     speech: Speech | None,
     motions: Mapping[str, Motion],
     shown: Version,
-    tip: TipSource,
+    tip: TrackedPoint,
     weights: Path | None = None,
 ) -> dict[str, Any]:
     """Make the timeline of a run as JSON.
@@ -181,7 +181,7 @@ def make_timeline(
     return {
         "duration_s": round(max(longest_s(motions), speech.duration_s if speech else 0.0), 4),
         "fps": FPS,
-        "peaks": [] if speech is None else waveform_peaks(waveform_of(speech, motions)),
+        "peaks": [] if speech is None else waveform_peaks(padded_waveform(speech, motions)),
         "onsets_s": [] if speech is None else np.round(onsets_of(speech), 3).tolist(),
         "heard_accents": [(accent.time_s, accent.strength) for accent in accents],
         "point": tip.title,
@@ -190,7 +190,7 @@ def make_timeline(
     }
 
 
-def tiers_of(said: Transcript) -> dict[str, Any]:
+def transcript_tiers(said: Transcript) -> dict[str, Any]:
     """Return the tiers of a transcript as JSON.
 
     ``words``, their source ``words_origin``, and ``phones``; ``gestures`` by name of the tier, with
@@ -234,8 +234,8 @@ class _Line(BaseModel):
         )
 
 
-def said_in(folder: Path) -> Transcript:
-    """Return the transcript that `tiers_of` stored in a run's timeline; empty if it is damaged."""
+def read_transcript_of_run(folder: Path) -> Transcript:
+    """Return the transcript in a run's timeline; empty if it is damaged."""
     path = file_of(folder, read_run(folder).timeline)
     try:
         return NOTHING_SAID if path is None else read_checked(path, _Line, _MAX_LINE_BYTES).said
@@ -243,7 +243,7 @@ def said_in(folder: Path) -> Transcript:
         return NOTHING_SAID
 
 
-class SpokenWords:
+class WordSearch:
     """Words of a run's speech, from a TextGrid, else aligned text, else recognised on request.
 
     As a context manager, it stops the recognition at the end of the block.
@@ -258,7 +258,7 @@ class SpokenWords:
         self._asked: WordSource = asked
         self._hearing: Hearing | None = None
 
-    def __enter__(self) -> SpokenWords:
+    def __enter__(self) -> WordSearch:
         return self
 
     def __exit__(self, *_: Any) -> None:
@@ -351,7 +351,7 @@ def longest_s(motions: Mapping[str, Motion]) -> float:
     return max(motion.duration_s for motion in motions.values())
 
 
-def waveform_of(speech: Speech | None, motions: Mapping[str, Motion]) -> np.ndarray:
+def padded_waveform(speech: Speech | None, motions: Mapping[str, Motion]) -> np.ndarray:
     """Return the speech, or silence without one, padded with zeros to the longest motion."""
     waveform = np.zeros(0, np.float32) if speech is None else speech.waveform
     missing = round(longest_s(motions) * SAMPLE_RATE) - len(waveform)

@@ -19,7 +19,7 @@ from conventions.names import printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.storage.files import opened_zip
 
-PACKED = (".zip", ".tar.gz", ".tgz", ".tar")
+ARCHIVE_SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar")
 """Suffixes of archives."""
 TOO_MANY_CLIPS = "At most {limit} clips go into one run; {count} were given."
 TOO_LONG = (
@@ -50,7 +50,7 @@ def kind_of(path: Path) -> FileKind:
     Nothing is unpacked.
     """
     name = path.name.lower()
-    if name.endswith(PACKED):
+    if name.endswith(ARCHIVE_SUFFIXES):
         inside = [each.lower() for each in _names_in(path)]
         has_motions = any(each.endswith(MOTIONS) for each in inside)
         has_sounds = any(each.endswith(SOUNDS) for each in inside)
@@ -76,7 +76,7 @@ def _names_in(path: Path) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Given:
+class Upload:
     """Files in an upload field, and their intended use."""
 
     kind: UploadKind
@@ -84,7 +84,7 @@ class Given:
     max_speech_s: float
 
 
-def refusal_of(given: Given, *_: object) -> str:
+def rejection_reason(given: Upload, *_: object) -> str:
     """Return why the first unusable file cannot be used, in one sentence; empty if all can."""
     try:
         if given.kind == "clips":
@@ -120,7 +120,7 @@ def check_clips(speeches: Sequence[Path], max_s: float) -> float:
 
 def _read(kind: UploadKind, path: Path, max_speech_s: float) -> None:
     match kind:
-        case "motions" | "sounds" if path.name.lower().endswith(PACKED):
+        case "motions" | "sounds" if path.name.lower().endswith(ARCHIVE_SUFFIXES):
             if path.suffix.lower() == ".zip" and not is_zipfile(path):
                 raise RunError(NO_ZIP.format(name=printable(path.name)))
         case "speech" | "sounds":

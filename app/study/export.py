@@ -11,11 +11,11 @@ from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
-from app.run.callbacks import DEAF, Ear
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.models import get_body, get_system
-from app.run.output.result_folder import held_folder, zip_folder
+from app.run.output.result_folder import lock_folder, zip_folder
 from app.run.requests.parts import VideoOptions
-from app.run.videos.videos import picture_of
+from app.run.videos.videos import render_settings
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, Stimulus, read_key, write_key
 from app.study.design.plan import Plan, read_plan
@@ -35,7 +35,7 @@ Draw = Callable[..., object]
 """Function with the parameters of `renderer.video.workers.draw_jobs`."""
 
 
-def export_planned(request: ExportRequest, ear: Ear) -> Workspace:
+def export_planned(request: ExportRequest, ear: RunCallbacks) -> Workspace:
     """Export the study of a plan file and zip both folders, see `export_study`."""
     asked = request.out, request.weights, request.body
     return zipped(export_study(read_plan(request.plan), *asked, ear), request)
@@ -54,7 +54,7 @@ def export_study(
     out: Path,
     weights: Path = BUNDLED_WEIGHTS,
     body: Path | None = None,
-    ear: Ear = DEAF,
+    ear: RunCallbacks = NO_CALLBACKS,
     draw: Draw = draw_jobs,
 ) -> Workspace:
     """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish an interrupted export.
@@ -75,7 +75,7 @@ def export_study(
     sources = read_sources(plan)
     workspace = Workspace(out)
     made_of = _fingerprint(plan, sources, weights, body)
-    with held_folder(out):
+    with lock_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
         maker = _Maker(plan, workspace, weights, body, draw, ear)
@@ -113,7 +113,7 @@ class _Maker:
     weights: Path
     body: Path | None
     draw: Draw
-    ear: Ear
+    ear: RunCallbacks
 
     def make_all(self, key: Key, sources: tuple[Source, ...]) -> Key:
         """Make all missing videos, scene by scene (a clip from one view); return the updated key.
@@ -191,7 +191,7 @@ class _Maker:
     ) -> dict[str, Path]:
         """Encode each system's picture as a stream; the n-th frames have equally many bytes."""
         video = VideoOptions(size=self.plan.size, framing="whole", close_ups=())
-        settings = picture_of(video, view, crf=0)  # encoded again later
+        settings = render_settings(video, view, crf=0)  # encoded again later
         stage = set_stage(get_body(self.body), list(motions.values()), view, settings.aspect)
         work = self.workspace.work
         drawn = {name: work / f"drawn-{n}.mp4" for n, name in enumerate(motions)}

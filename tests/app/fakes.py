@@ -22,15 +22,15 @@ from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.runner import Services
 from app.page.visitors.files import Jobs
 from app.page.worker import Task, Worker
-from app.run.bodies import TipSource
-from app.run.callbacks import DEAF, Ear, Grown, Progress
+from app.run.bodies import TrackedPoint
+from app.run.callbacks import NO_CALLBACKS, FolderUpdated, Progress, RunCallbacks
 from app.run.generated_motions import row_names
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, read_run
 from app.run.pipeline import MEASURED, record_of
 from app.run.requests.requests import AnyRun
-from app.run.run_writer import RunWriter, writing_run
-from app.run.timeline import SpokenWords, make_timeline
+from app.run.run_writer import RunWriter, open_run_writer
+from app.run.timeline import WordSearch, make_timeline
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
 from model.diagnostics import Versions
@@ -56,7 +56,7 @@ def catalogue_of(*speeches: Path) -> Catalogue:
 
 def does(task: Callable[..., Any], request: Any) -> Any:
     """As `Worker.do`, in this process."""
-    return task(request, DEAF)
+    return task(request, NO_CALLBACKS)
 
 
 class FakeWorker(Worker):
@@ -73,7 +73,7 @@ class FakeWorker(Worker):
     def start(self) -> None:
         """There is no process."""
 
-    def do(self, task: Task[Any, Any], request: Any, ear: Ear = DEAF) -> Any:
+    def do(self, task: Task[Any, Any], request: Any, ear: RunCallbacks = NO_CALLBACKS) -> Any:
         return self._does.get(task.__name__, task)(request, ear)
 
 
@@ -165,18 +165,18 @@ def make_generate(
     before_figures: threading.Event | None = None,
     plan: GesturePlan | None = None,
     late_error: BaseException | None = None,
-) -> Callable[[AnyRun, Ear], None]:
+) -> Callable[[AnyRun, RunCallbacks], None]:
     """A pipeline without models, which writes a run's folder as the real one does; it can be told
     to fail, at once or with all motion there; with ``before_window`` motion comes in windows, held
     before each; figures wait for ``before_figures``; the first system performs ``plan``."""
 
-    def generate(request: AnyRun, ear: Ear) -> None:
+    def generate(request: AnyRun, ear: RunCallbacks) -> None:
         if on_start is not None:
             on_start(request)
         names, num_frames = row_names(request, request.sampling.systems), round(30 * seconds)
         systems = [name for name in names if name != REFERENCE_NAME]
         how = request.output.out, record_of(request), ear
-        with writing_run(*how, is_kept=request.output.is_kept) as run:
+        with open_run_writer(*how, is_kept=request.output.is_kept) as run:
             run.progress("speech", 1.0)
             run.progress("motion", 0.4, names[0])
             if error is not None:
@@ -203,11 +203,11 @@ def make_generate(
             run.progress("motion", 1.0)
             if late_error is not None:
                 raise late_error
-            tip = TipSource()
+            tip = TrackedPoint()
             said = (
                 RECOGNISED
                 if request.speech.words == "recognise"
-                else SpokenWords(request.speech.transcript, "none").given
+                else WordSearch(request.speech.transcript, "none").given
             )
             run.timeline(make_timeline(speech, motions | recorded, "raw", tip), said)
             run.find_plans(motions | recorded)
@@ -229,10 +229,10 @@ def make_generate(
     return generate
 
 
-def diagnose(request: AnyRun, ear: Ear) -> None:
+def diagnose(request: AnyRun, ear: RunCallbacks) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
     ear.hear(Progress("numbers", 0.5))
-    with writing_run(
+    with open_run_writer(
         request.output.out, record_of(request), ear, is_kept=request.output.is_kept
     ) as run:
         motions = {name: made_motion(30) for name in request.motions.names}
@@ -254,10 +254,10 @@ def diagnose(request: AnyRun, ear: Ear) -> None:
 
 def make_draw(
     before_video: Callable[[int], threading.Event] | None = None, seconds: float = 1.0
-) -> Callable[[AnyRun, Ear], None]:
+) -> Callable[[AnyRun, RunCallbacks], None]:
     """Draws test pictures as the videos of a run; it can be told to wait before each."""
 
-    def draw(request: AnyRun, ear: Ear) -> None:
+    def draw(request: AnyRun, ear: RunCallbacks) -> None:
         run = request.run
         names = [row.name for row in read_run(run).rows]
         with ResultFolder(request.out) as folder:
@@ -269,10 +269,10 @@ def make_draw(
                 write_video(video, seconds)
                 ear.hear(Progress("video", (i + 1) / len(names)))
                 add_file(run, video, name, "video")
-                ear.hear(Grown(run))
+                ear.hear(FolderUpdated(run))
             comparison = folder.path("comparison.mp4")
             write_video(comparison, seconds)
             add_file(run, comparison)
-            ear.hear(Grown(run))
+            ear.hear(FolderUpdated(run))
 
     return draw

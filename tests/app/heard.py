@@ -1,12 +1,12 @@
 """What a task of `app.page.worker` tells while it works."""
 
-from app.run.callbacks import Ear, Event, Progress, Stage
+from app.run.callbacks import Progress, RunCallbacks, RunEvent, RunStage
 
 
-class Heard(Ear):
+class Heard(RunCallbacks):
     """Takes its events, and says when it shall stop."""
 
-    def __init__(self, stop_at: float = 2.0, count: int = 1, stage: Stage | None = None) -> None:
+    def __init__(self, stop_at: float = 2.0, count: int = 1, stage: RunStage | None = None) -> None:
         """
         Args:
             stop_at: share from which on so many have been told when it stops.
@@ -17,7 +17,7 @@ class Heard(Ear):
         self._stage = stage
         self._stop_at, self._count = stop_at, count
 
-    def take(self, event: Event) -> None:
+    def take(self, event: RunEvent) -> None:
         if isinstance(event, Progress):
             self.told.append(event)
 
@@ -29,5 +29,5 @@ class Heard(Ear):
     def shares(self) -> list[float]:
         return [each.fraction for each in self.told]
 
-    def shares_of(self, stage: Stage) -> list[float]:
+    def shares_of(self, stage: RunStage) -> list[float]:
         return [each.fraction for each in self.told if each.stage == stage]

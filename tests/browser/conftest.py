@@ -27,8 +27,8 @@ from playwright.sync_api import TimeoutError as TimedOut
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
-from app.run.batch.saved_run import do_in_folder
-from app.run.callbacks import Ear
+from app.run.batch.saved_run import run_in_folder
+from app.run.callbacks import RunCallbacks
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, DiagnoseRequest
 from app.study.design.plan import read_plan
@@ -238,7 +238,7 @@ def served(
         os.environ["GRADIO_TEMP_DIR"] = before
 
 
-def _of_noise(request: ExportRequest, ear: Ear) -> Any:
+def _of_noise(request: ExportRequest, ear: RunCallbacks) -> Any:
     """A study of small noise."""
     plan = replace(read_plan(request.plan), size=64)
     asked = (request.out, request.weights, request.body)
@@ -277,21 +277,21 @@ class Fake:
 
     def generate(self, *arguments: Any) -> Any:
         if isinstance(arguments[0], DiagnoseRequest):
-            return do_in_folder(*arguments)
+            return run_in_folder(*arguments)
         before = self.windows.__getitem__ if self.comes_in_windows else None
         given: dict[str, Any] = {"before_window": before, "before_figures": self.figures}
         run = fakes.make_generate(self.asked.append, seconds=self.seconds, plan=PLAN, **given)
         return run(*arguments)
 
-    def draw_behind(self, *arguments: Any) -> Any:
+    def draw_videos_in_background(self, *arguments: Any) -> Any:
         draw = fakes.make_draw(before_video=self.videos.__getitem__, seconds=self.seconds)
         return draw(*arguments)
 
     @property
     def does(self) -> dict[str, Any]:
         return {
-            "do_in_folder": self.generate,
-            "draw_behind": self.draw_behind,
+            "run_in_folder": self.generate,
+            "draw_videos_in_background": self.draw_videos_in_background,
             "export_planned": _of_noise,
         }
 
@@ -328,14 +328,14 @@ def page_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _without_figures(ask: AnyRun, *told: Any) -> None:
     """They are three quarters of a short run's time, and looked at where `Fake` makes one."""
-    do_in_folder(replace_fields(ask, has_figures=False), *told)
+    run_in_folder(replace_fields(ask, has_figures=False), *told)
 
 
 @pytest.fixture(scope="session")
 def real_address(all_weights: Path, page_files: Path) -> Iterator[str]:
     """Of the real page, with a system that performs plans among its tiny ones."""
     config = AppConfig(port=0, weights=all_weights, temp=page_files)
-    with served(config, do_in_folder=_without_figures, export_planned=_of_noise) as url:
+    with served(config, run_in_folder=_without_figures, export_planned=_of_noise) as url:
         yield url
 
 

@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from app import text
 from app.page.tabs.own_motion import CLIP_LABEL, TAB
-from app.run.bodies import in_register
+from app.run.bodies import align_to_origin
 from app.run.examples import CLEAN, slide
 from conventions.joints import HANDS
 from model.formats.convention_detection import RELAXED_HANDS
@@ -355,7 +355,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
         shown.append(saved(page, files.locator(f"a[download$='{ending}']").first, tmp_path))
     npz, bvh = shown
     wanted = joints_of(load_motion(npz))
-    np.testing.assert_allclose(wanted, joints_of(in_register(truth)), atol=1e-3)
+    np.testing.assert_allclose(wanted, joints_of(align_to_origin(truth)), atol=1e-3)
 
     # What was said of that file is not said of this one.
     give_motions(page, bvh.rename(tmp_path / "again.bvh"))

@@ -15,7 +15,7 @@ from app import text
 from app.page.tabs import live, own_motion
 from app.run import display
 from app.run.bodies import body_motion
-from app.run.display import Seen
+from app.run.display import ViewerState
 from app.run.frame_packets import frames_message
 from model.motion.motion import Motion
 from model.motion.transforms import exaggerate, smooth_motion
@@ -168,7 +168,7 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(page: 
 
     # What the browser tells of it is what the server reads.
     page.evaluate(f"{LOOK}.set('trailFrames', 12)")
-    seen = Seen.read(page.evaluate("document.querySelector('.lockstep').seen()"))
+    seen = ViewerState.read(page.evaluate("document.querySelector('.lockstep').seen()"))
     assert seen.mode == "wipe" and seen.look.display.trail_frames == 12
     assert [[panel.view for panel in each] for each in seen.panels] == 2 * [[None, "face"]]
     assert (seen.look.build, seen.look.tone, seen.look.is_whole) == ("broad", "dark", True)
@@ -484,7 +484,7 @@ RANGES = """() => Object.fromEntries(Object.entries(modules.DISPLAYS)
 
 
 def test_limits_and_cameras_are_those_of_videos(page: Page) -> None:
-    told = display.Look.model_fields
+    told = display.ViewerSettings.model_fields
     limits = {told[name].alias: [*limits[:2]] for name, limits in display.LIMITS.items()}
     assert page.evaluate(RANGES) == limits
     rng = np.random.default_rng(1)

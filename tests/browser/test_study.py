@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
 from app.notebook import show
-from app.run.batch.leaderboard import Entry, Value, board_page
+from app.run.batch.leaderboard import Entry, MetricValue, leaderboard_html
 from app.study.design.key import Key, read_key
 from app.study.design.plan import wording
 from app.study.leaks import check_study
@@ -512,12 +512,12 @@ def test_a_leaderboard_sorts_by_the_distance_to_recorded(
     visitor: Callable[..., BrowserContext], tmp_path: Path
 ) -> None:
     def entry(system: str, jerk: float) -> Entry:
-        value = Value(jerk, jerk - 1, jerk + 1, "m/s³", 9)
+        value = MetricValue(jerk, jerk - 1, jerk + 1, "m/s³", 9)
         return Entry(system, "t", system, 9, "2026", "p", {"All joints: Mean jerk": value}, {})
 
     path = tmp_path / "board.html"
     numbers = {"a": 30.0, "b": 11.0, "c": 1.0, "reference": 10.0}
-    path.write_text(board_page([entry(name, jerk) for name, jerk in numbers.items()]))
+    path.write_text(leaderboard_html([entry(name, jerk) for name, jerk in numbers.items()]))
     page = watched(visitor().new_page())
     page.goto(path.as_uri())
     names = page.locator("tbody th")

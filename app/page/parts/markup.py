@@ -10,7 +10,7 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.run.callbacks import STAGES, Stage
+from app.run.callbacks import RUN_STAGES, RunStage
 
 WORDS = {
     "jerk": "Change of acceleration: how much it trembles and jolts. Lower is smoother.",
@@ -88,7 +88,10 @@ def table(name: str, corner: str, head: str, body: str, foot: str = "") -> str:
 
 
 def status(
-    line: str, fractions: Mapping[Stage, float], details: Mapping[Stage, str], stages=STAGES
+    line: str,
+    fractions: Mapping[RunStage, float],
+    details: Mapping[RunStage, str],
+    stages=RUN_STAGES,
 ) -> str:
     """Format a status line and the progress of a run's stages."""
     rows = []

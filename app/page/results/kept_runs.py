@@ -30,7 +30,7 @@ from app.page.results.tables import clips_html, measures_table, title_of
 from app.page.routes.media import GONE, MadeFiles, Media
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept, is_same
-from app.run.batch.saved_run import copied_run
+from app.run.batch.saved_run import copy_run
 from app.run.output.run_folder import TABLES, RunRecord, file_of
 
 PARAMETER = "run"
@@ -195,7 +195,7 @@ def keep_own(kept: KeptRuns, path: Path, temp: Path, media: Media) -> str:
     Raises:
         RunError: if there is no run.
     """
-    folder = copied_run(path, temp)
+    folder = copy_run(path, temp)
     showings = showings_in(folder, media.share(folder, ""), temp.name)
     is_made = next(iter(showings.values())).record.kind == "generated"
     job = Job("", EDITED if is_made else "own_motion", temp)

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any
 from app import text
 from app.errors import RunError, page_sentence
 from app.page.routes.media import Address, Media
-from app.run.examples import FACTS, FIRST_LOOK, STEADY, TREMBLING
+from app.run.examples import FIRST_LOOK, FIRST_LOOK_METADATA, STEADY, TREMBLING
 from app.run.output.run_folder import (
     DAMAGED,
     MAX_RUN_BYTES,
     RUN,
     TIMELINE,
+    EditInfo,
     Row,
-    RowKind,
+    RowFileKind,
     RunRecord,
-    TakeOf,
     file_of,
-    noise_of,
+    noise_group,
     read_run,
     runs_in,
 )
@@ -32,10 +32,10 @@ from conventions.names import REFERENCE_NAME, file_stem
 from model.storage.json_validation import FieldError, read_checked
 
 if TYPE_CHECKING:
-    from app.run.plan_edits.edits import Offer
+    from app.run.plan_edits.edits import EditSuggestion
 
 NOTHING: dict[str, Any] = {}
-_SHOWN: tuple[RowKind, ...] = ("motion", "frames", "plan", "video")
+_SHOWN: tuple[RowFileKind, ...] = ("motion", "frames", "plan", "video")
 
 
 @dataclass(eq=False)
@@ -65,7 +65,7 @@ class Showing:
     def has_begun(self) -> bool:
         return (self.folder / RUN).is_file()
 
-    def file(self, kind: RowKind, name: str) -> Path | None:
+    def file(self, kind: RowFileKind, name: str) -> Path | None:
         """Return the path of a row's file of a kind, or None."""
         row = self.record.row(name)
         return None if row is None else file_of(self.folder, row.files.get(kind))
@@ -90,7 +90,7 @@ class Showing:
         *,
         is_refused: bool = False,
         state: str = "",
-        offers: Sequence[Offer] = (),
+        offers: Sequence[EditSuggestion] = (),
     ) -> None:
         """Set the message, state (``working`` during a take) and offers of the plan editor."""
         told = [{"label": one.label, "edits": [e.told() for e in one.edits]} for one in offers]
@@ -125,7 +125,7 @@ class Showing:
         known = {}
         for row in self.record.rows:
             if told := self.file("told", row.name):
-                take = row.take or TakeOf(number=0, of=row.name, start=row.name)
+                take = row.take or EditInfo(number=0, of=row.name, start=row.name)
                 known[row.name] = {
                     "of": take.of,
                     "from": take.start if row.take else "",
@@ -144,7 +144,7 @@ class Showing:
             **({"there": row.there.model_dump()} if row.there else {}),
             "stem": file_stem(row.name),
             "is_reference": row.name == REFERENCE_NAME,
-            "noise": noise_of(row.take.of if row.take else row.name),
+            "noise": noise_group(row.take.of if row.take else row.name),
             "is_drawn": self.is_drawn,
             "is_planned": "performed" in row.files,
             **({"assumed": _assumed(row)} if row.assumed else {}),
@@ -173,7 +173,7 @@ def first_look(media: Media) -> tuple[dict[str, Any], str]:
     """Return the player's value and the HTML question of the example on a newly opened page."""
     value = Showing(FIRST_LOOK, media.share(FIRST_LOOK, "")).value()
     plays = {**value, "plays": True, "guess": True, "running": False, "begins": False}
-    return plays, question(json.loads((FIRST_LOOK / FACTS).read_text()))
+    return plays, question(json.loads((FIRST_LOOK / FIRST_LOOK_METADATA).read_text()))
 
 
 def question(facts: dict[str, Any]) -> str:

@@ -18,7 +18,7 @@ from app.page.results.player import Showing
 from app.page.results.result_parts import ResultParts
 from app.page.results.tables import Column, table_of
 from app.page.routes.media import Media
-from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing
+from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing_settings
 from app.run.output.run_folder import RunRecord
 from app.run.requests.parts import NUM_WORST_SECONDS
 from conventions.colors import colors_of
@@ -79,7 +79,7 @@ class RunPair:
         first, second = a.get(SPEECH, NONE), b.get(SPEECH, NONE)
         if not self.has_one_speech:
             return text.PAIR_OTHER_SPEECH.format(first=first, second=second)
-        only_chance = list(differing(a, b)) == [SEED]
+        only_chance = list(differing_settings(a, b)) == [SEED]
         return text.PAIR_ONLY_SEED if only_chance else text.PAIR_ONE_SPEECH.format(speech=first)
 
     def table(self) -> str:
@@ -170,7 +170,7 @@ class RunPair:
 
 
 def told_settings(a: RunRecord, b: RunRecord) -> str:
-    differ = differing(a.settings, b.settings)
+    differ = differing_settings(a.settings, b.settings)
     brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
     if len(brought) != 1:
         return _against(differ) or text.PAIR_SAME_SETTINGS

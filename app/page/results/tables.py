@@ -25,8 +25,8 @@ from app.findings.measure_rows import (
 )
 from app.findings.verdict import verdict_of
 from app.page.parts import markup
-from app.run.batch.table import cells_of, interval, star_told
-from app.run.output.run_folder import RunRecord, Told
+from app.run.batch.table import cells_of, interval, star_legend
+from app.run.output.run_folder import FindingRecord, RunRecord
 from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
 from model.storage.escaping import csv_text
 
@@ -149,7 +149,7 @@ def _cell(measure: Measure, column: Column, near: Mapping[Version, Sequence[str]
     return f"<td{column.of_kind}>{spans}</td>"
 
 
-def _finding(found: Told, label: str) -> str:
+def _finding(found: FindingRecord, label: str) -> str:
     """Format a finding, with a button that seeks to its worst time."""
     go = ""
     if found.at is not None:
@@ -278,7 +278,7 @@ def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips
         body = "".join(markup.row(title, cells) for title, cells in told.items())
         return markup.table(SETS_TABLE, SETS_TABLE, head, body)
 
-    star = f"<p>{escape(star_told(systems, clips))}</p>" if len(systems) > 1 else ""
+    star = f"<p>{escape(star_legend(systems, clips))}</p>" if len(systems) > 1 else ""
     first = table([row for row in rows if row["measure"] in firsts])
     return (
         f'<div class="measures all">{first}{star}'

@@ -33,7 +33,7 @@ from starlette.staticfiles import StaticFiles
 from app.errors import visitor_sentence
 from app.page.parts.catalogue import point_choices
 from app.page.visitors.visitors import Kept, cookie_of
-from app.run.frame_packets import body_glb, builds, face_names, reaches_message
+from app.run.frame_packets import body_glb, body_shapes_bytes, encode_camera_bound_poses, face_names
 from app.run.requests.requests import MARKERS_SUFFIX, RenderRequest
 from app.run.tasks import DRAW_FIGURE, RENDER, WRITE_PLAN
 from renderer.figures.style import CONTENTS_ENDING
@@ -277,7 +277,7 @@ def stage_facts() -> bytes:
     told = {
         **drawing_facts(),
         "faces": list(face_names()),
-        "reaches": base64.b64encode(reaches_message()).decode("ascii"),
+        "reaches": base64.b64encode(encode_camera_bound_poses()).decode("ascii"),
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_TURN_RAD},
         "scales": {"speed": FULL_SPEED_M_S},
         "points": {name: title for title, name in point_choices()},
@@ -291,6 +291,6 @@ def stage_facts() -> bytes:
 OF_STAGES: Mapping[str, tuple[Callable[[], bytes], str]] = {
     "live/body.glb": (body_glb, "model/gltf-binary"),
     "stage/facts.json": (stage_facts, "application/json"),
-    "stage/builds.bin": (builds, "application/octet-stream"),
+    "stage/builds.bin": (body_shapes_bytes, "application/octet-stream"),
 }
 """Functions that make the data which every viewer fetches once, and MIME types, by route."""

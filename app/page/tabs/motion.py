@@ -28,7 +28,7 @@ from app.page.parts.catalogue import (
 )
 from app.page.parts.markup import AT_ONCE, arrange_chips
 from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
-from app.run.batch.saved_run import SPEECHES
+from app.run.batch.saved_run import SPEECH_FOLDER
 from app.run.batch.speech_batch import ENDINGS
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_CLIPS, MAX_SAMPLES
 from app.run.requests.requests import GenerateRequest
@@ -61,7 +61,7 @@ def ask_from_form(
     if len(speeches) > 1:
         _check_clips(speeches, told)
         told["has_video"] = False
-    told["speech"] = speeches[0] if len(speeches) == 1 else folder / SPEECHES
+    told["speech"] = speeches[0] if len(speeches) == 1 else folder / SPEECH_FOLDER
     if not told["systems"]:
         raise RunError("No system is chosen: tick at least one.")
     # In the catalogue's order, so that rows have the same order in every run; an unknown system is
@@ -98,7 +98,7 @@ def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, 
         for name, value in sent.items()
         if not isinstance(form[name], gr.File | gr.Audio)
     }
-    beside = folder / SPEECHES
+    beside = folder / SPEECH_FOLDER
     beside.mkdir(exist_ok=True)
     speeches = [Path(path) for path in (sent["speech"], *(sent.get("clips") or ())) if path]
     copies = [str(shutil.copyfile(path, beside / path.name)) for path in speeches]

@@ -27,13 +27,13 @@ from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import VideosBehind
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import cookie_of, is_same, visitor_of
-from app.run.batch.saved_run import OPENED, do_in_folder
-from app.run.callbacks import Ear, Event, Grown, Progress, Stage
+from app.run.batch.saved_run import OPENED, run_in_folder
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent, RunStage
 from app.run.output.run_folder import end_run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest
 
-STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
+STAGES_OF_STAGE: tuple[RunStage, ...] = ("speech", "motion", "numbers", "figure")
 """Stages that a run shows; videos are rendered in the background."""
 
 
@@ -41,14 +41,14 @@ STAGES_OF_STAGE: tuple[Stage, ...] = ("speech", "motion", "numbers", "figure")
 class StageLine:
     """Progress of a run by stage, formatted as a status line with bars."""
 
-    stages: Sequence[Stage] = STAGES_OF_STAGE
+    stages: Sequence[RunStage] = STAGES_OF_STAGE
     started: float = field(default_factory=time.monotonic)
-    fractions: dict[Stage, float] = field(default_factory=dict)
-    details: dict[Stage, str] = field(default_factory=dict)
+    fractions: dict[RunStage, float] = field(default_factory=dict)
+    details: dict[RunStage, str] = field(default_factory=dict)
     clip: str = ""
     """Number of clips, if there are several."""
 
-    def html(self, events: Sequence[Event]) -> str:
+    def html(self, events: Sequence[RunEvent]) -> str:
         """Update the progress with events, and format it as HTML."""
         for event in events:
             if isinstance(event, Progress):
@@ -146,9 +146,9 @@ class RunRunner(TabRunner):
         )
         so_far: Updates = {}
 
-        def told(events: list[Event]) -> Updates:
+        def told(events: list[RunEvent]) -> Updates:
             updates: Updates = {parts.status: line.html(events)}
-            if any(isinstance(event, Grown) for event in events):
+            if any(isinstance(event, FolderUpdated) for event in events):
                 begun = showings()
                 moving = [each for each in begun.values() if each.record.is_moving]
                 updates |= told_so_far(moving[0], parts) if moving else {}
@@ -163,9 +163,9 @@ class RunRunner(TabRunner):
         try:
             asked = replace_fields(request, has_video=False, is_kept=True)
 
-            def do(ear: Ear) -> None:
+            def do(ear: RunCallbacks) -> None:
                 try:
-                    services.worker.do(do_in_folder, asked, ear)
+                    services.worker.do(run_in_folder, asked, ear)
                 finally:  # after the end of its process, maybe later than that of the generator
                     opened = request.output.out.with_name(OPENED)
                     shutil.rmtree(opened, ignore_errors=True)

@@ -25,13 +25,13 @@ from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept
 from app.run.batch.archives import UNPACKED, is_packed, stem_of
-from app.run.batch.saved_run import is_one_run
-from app.run.callbacks import Ear
-from app.run.examples import RECORDED, planted_files
+from app.run.batch.saved_run import is_saved_run
+from app.run.callbacks import RunCallbacks
+from app.run.examples import RECORDED, faulty_example_files
 from app.run.requests.convert import replace_fields, request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest
-from app.run.tasks import MEASURE_SETS, Sets
+from app.run.tasks import MEASURE_SETS, SetResults
 from app.run.upload_check import FileKind, kind_of
 from conventions.names import REFERENCE_NAME, counted, printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
@@ -86,7 +86,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
     motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
     reveal_on_click(planted, parts.status)
     filled = planted.click(
-        lambda: (planted_files(services.config.temp / "planted"), RECORDED),
+        lambda: (faulty_example_files(services.config.temp / "planted"), RECORDED),
         outputs=[motions, recorded],
         **PRIVATE,
         trigger_mode="once",
@@ -206,7 +206,7 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRe
     motions, reference, speech = told["motions"], told["reference"], told["speech"]
     if not motions:
         raise RunError("Choose at least one motion file (.npz, .npy or .bvh), or a zip of many.")
-    if is_one_run(motions):
+    if is_saved_run(motions):
         return asked_of({"run": motions[0]}, None, job, config)
     limit = MAX_COMPARED - (reference is not None)
     if has_sets(motions):
@@ -260,7 +260,7 @@ def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
 
 def has_sets(motions: Sequence[Path]) -> bool:
     """Check whether archives of clips are measured."""
-    return any(map(is_packed, motions)) and not is_one_run(motions)
+    return any(map(is_packed, motions)) and not is_saved_run(motions)
 
 
 def display_names(stems: Sequence[str]) -> tuple[str, ...]:
@@ -288,7 +288,7 @@ class OwnMotionRunner(RunRunner):
         super().__init__(services, form, parts)
         self._of_sets = of_sets
         self.outputs += of_sets
-        self.sets: Kept[Sets] = Kept()
+        self.sets: Kept[SetResults] = Kept()
 
     def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
         told = values_of(DiagnoseRequest, self._form.fields, values)
@@ -302,7 +302,7 @@ class OwnMotionRunner(RunRunner):
             yield from super().perform(job, request, form)
             return
 
-        def do(ear: Ear) -> Sets:
+        def do(ear: RunCallbacks) -> SetResults:
             try:
                 return self._services.worker.do(MEASURE_SETS, request, ear)
             except BaseException:  # clips can only be opened after a complete run

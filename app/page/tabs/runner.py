@@ -29,10 +29,10 @@ from app.page.routes.media import Media
 from app.page.visitors.files import Job, Jobs
 from app.page.visitors.visitors import CHECKS, RUNS, Kept, cookie_of, visitor_of
 from app.page.worker import Task, Worker
-from app.run.callbacks import Ear, Event, Grown, Progress
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from app.run.display import Display
 from app.run.requests.convert import all_names, request_from
-from app.run.upload_check import Given, UploadKind, refusal_of
+from app.run.upload_check import Upload, UploadKind, rejection_reason
 from conventions.views import CLOSE_UPS
 
 log = logging.getLogger(__name__)
@@ -109,8 +109,8 @@ class Services:
         given = [value] if isinstance(value, str) else value or ()
         paths = [Path(path) for path in dict.fromkeys(given)]  # without duplicates
         try:
-            given = Given(kind, paths, self.config.max_speech_s)
-            sentence = self.gate.do(refusal_of, given) if paths else ""
+            given = Upload(kind, paths, self.config.max_speech_s)
+            sentence = self.gate.do(rejection_reason, given) if paths else ""
         except Exception as error:  # the check itself failed or timed out
             log.warning("an upload could not be checked: %s", error)
             return ""
@@ -121,24 +121,24 @@ Asked = TypeVar("Asked")
 Found = TypeVar("Found")
 _REFRESH_S = 0.25
 _SOON_S = 0.05
-Told = Callable[[list[Event]], Updates]
+Told = Callable[[list[RunEvent]], Updates]
 """Function from a batch of events to updates; empty ones leave the tab unchanged."""
 
 
 def follow(
-    do: Callable[[Ear], Found], job: Job, told: Told, as_it_is: Updates
+    do: Callable[[RunCallbacks], Found], job: Job, told: Told, as_it_is: Updates
 ) -> Generator[Updates, None, Found]:
     """Do a run in a thread, and yield updates several times a second until its end.
 
     Returns the result, or raises the run's exception. Closing the generator, as Gradio does when
     the visitor has cancelled or gone, cancels the run with its job.
     """
-    events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+    events: queue.SimpleQueue[RunEvent | None] = queue.SimpleQueue()
     outcome: dict[str, Any] = {}
 
     def run() -> None:
         try:
-            outcome["result"] = do(Ear(events.put, job.is_cancelled))
+            outcome["result"] = do(RunCallbacks(events.put, job.is_cancelled))
         except BaseException as error:
             outcome["error"] = error
         finally:
@@ -156,9 +156,9 @@ def follow(
     return outcome["result"]
 
 
-def _batch(events: queue.SimpleQueue[Event | None]) -> tuple[list[Event], bool]:
+def _batch(events: queue.SimpleQueue[RunEvent | None]) -> tuple[list[RunEvent], bool]:
     """Return the events of a quarter of a second, and whether the run has ended."""
-    batch: list[Event] = []
+    batch: list[RunEvent] = []
     deadline = time.monotonic() + _REFRESH_S
     while (left := deadline - time.monotonic()) > 0:
         try:
@@ -168,12 +168,12 @@ def _batch(events: queue.SimpleQueue[Event | None]) -> tuple[list[Event], bool]:
         if event is None:
             return batch, True
         batch.append(event)
-        if isinstance(event, Grown):  # the visitor waits for motion
+        if isinstance(event, FolderUpdated):  # the visitor waits for motion
             deadline = min(deadline, time.monotonic() + _SOON_S)
     return batch, False
 
 
-def last_share(events: Sequence[Event]) -> float | None:
+def last_share(events: Sequence[RunEvent]) -> float | None:
     """Return the fraction done of a run with one stage; None without any progress event."""
     shares = [event.fraction for event in events if isinstance(event, Progress)]
     return shares[-1] if shares else None
@@ -283,9 +283,9 @@ class TabRunner(ABC):
         return self.followed(job, partial(self._services.worker.do, task, asked), told)
 
     def followed(
-        self, job: Job, do: Callable[[Ear], Found], told: Told | str
+        self, job: Job, do: Callable[[RunCallbacks], Found], told: Told | str
     ) -> Generator[Updates, None, Found]:
-        def line(events: list[Event]) -> Updates:
+        def line(events: list[RunEvent]) -> Updates:
             share = last_share(events) if told else None
             if share is None:
                 return {}

@@ -22,13 +22,13 @@ from app.page.results.result_parts import ResultParts, saved_link
 from app.page.tabs.runner import Services, TabRunner, follow, last_share
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import visitor_of
-from app.run.callbacks import Event, Grown
-from app.run.display import Seen
+from app.run.callbacks import FolderUpdated, RunEvent
+from app.run.display import ViewerState
 from app.run.output.run_folder import drop_unfinished, expect_videos
-from app.run.plan_edits.edits import MAX_PLAN_CHARACTERS, PlanEditRequest, edits_of
+from app.run.plan_edits.edits import MAX_PLAN_CHARACTERS, PlanEditRequest, parse_edits
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import RunVideosRequest, ViewerVideoRequest
-from app.run.tasks import DRAW_BEHIND, DRAW_SEEN, MAKE_TAKE
+from app.run.tasks import DRAW_VIDEOS, DRAW_VIEWER_VIDEO, REGENERATE_EDITED
 from conventions.rates import FPS
 
 MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
@@ -43,7 +43,7 @@ class Asked(BaseModel):
     start: Annotated[str, Field(max_length=MAX_NAME)]
     """Name of the row with the plan to edit."""
     edits: Any = None
-    """Edits as for `edits_of`; an empty list only prepares the row for editing."""
+    """Edits as for `parse_edits`; an empty list only prepares the row for editing."""
 
     @classmethod
     def of(cls, told: object) -> Asked:
@@ -87,8 +87,8 @@ class TakesRunner(TabRunner):
             showing.say(sentence, **how)
             return {self._parts.player: showing.value() | {"begins": False}}
 
-        def coming(events: list[Event]) -> Updates:
-            if not any(isinstance(event, Grown) for event in events):
+        def coming(events: list[RunEvent]) -> Updates:
+            if not any(isinstance(event, FolderUpdated) for event in events):
                 return {}
             number = max(row.take.number for row in showing.record.rows if row.take)
             return said(text.TAKE_COMING.format(number=number), state="working")
@@ -100,9 +100,9 @@ class TakesRunner(TabRunner):
                 run=showing.folder,
                 weights=self._services.config.weights,
                 start=asked.start,
-                edits=edits_of(asked.edits),
+                edits=parse_edits(asked.edits),
             )
-            take = yield from self.done(job, MAKE_TAKE, wanted, coming)
+            take = yield from self.done(job, REGENERATE_EDITED, wanted, coming)
         except Exception as error:
             drop_unfinished(showing.folder)
             yield said(visitor_sentence(error), is_refused=True)
@@ -140,7 +140,7 @@ class SeenRunner(TabRunner):
         self.ends_on(parts.seen_cancel, run, outputs)
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        seen = Seen.read(values[0])
+        seen = ViewerState.read(values[0])
         request = ViewerVideoRequest(
             seen=seen,
             motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),
@@ -153,13 +153,13 @@ class SeenRunner(TabRunner):
             self._parts.seen_cancel: gr.update(visible=True),
         }
 
-        def told(events: list[Event]) -> Updates:
+        def told(events: list[RunEvent]) -> Updates:
             share = last_share(events)
             if share is None:
                 return {}
             return {self._status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
 
-        video = yield from self.done(job, DRAW_SEEN, request, told)
+        video = yield from self.done(job, DRAW_VIEWER_VIDEO, request, told)
         count = len(seen.shown)
         line = text.SEEN_DONE.format(
             bodies="one body" if count == 1 else f"{count} bodies",
@@ -278,9 +278,9 @@ class VideosBehind:
     def _drawn(self, job: Job, run: KeptRun, video: VideoOptions) -> Iterator[Updates]:
         remaining = Remaining()
 
-        def told(events: list[Event]) -> Updates:
+        def told(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
-            if any(isinstance(event, Grown) for event in events):
+            if any(isinstance(event, FolderUpdated) for event in events):
                 updates[self._parts.player] = run.showing.value()
             share = last_share(events)
             if share is not None:
@@ -290,7 +290,7 @@ class VideosBehind:
             return updates
 
         request = RunVideosRequest(run=run.showing.folder, out=job.folder / "drawn", video=video)
-        do = partial(self._services.videos.do, DRAW_BEHIND, request)
+        do = partial(self._services.videos.do, DRAW_VIDEOS, request)
         yield from follow(do, job, told, {self._parts.status: gr.skip()})
         downloads = shown(run.downloads(run.showing))
         yield {self._parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}

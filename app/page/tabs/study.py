@@ -25,7 +25,7 @@ from app.page.tabs.motion import SEED_LIMIT, fresh_copy
 from app.page.tabs.runner import Services, TabRunner
 from app.page.visitors.files import Job
 from app.page.visitors.uploads import MAX_FILES
-from app.run.callbacks import Ear
+from app.run.callbacks import RunCallbacks
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import Plan, read_plan, wording
 from app.study.design.trials import make_design, size_of
@@ -370,7 +370,7 @@ class StudyRunner(TabRunner):
         job.beside += [work, waiting]
         bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
 
-        def make(ear: Ear) -> Path:
+        def make(ear: RunCallbacks) -> Path:
             """Make the participants' page, and clean up when the process has ended."""
             try:
                 for folder in (work, waiting):

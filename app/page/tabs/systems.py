@@ -19,7 +19,7 @@ from app.page.results.player import NOTHING, Showing
 from app.page.results.result_parts import figures_html
 from app.page.tabs.runner import Services, TabRunner, last_share, page_request
 from app.page.visitors.files import Job
-from app.run.callbacks import Event, Grown
+from app.run.callbacks import FolderUpdated, RunEvent
 from app.run.examples import CLEAN
 from app.run.requests.requests import (
     MAX_NOISE_RAD,
@@ -28,7 +28,7 @@ from app.run.requests.requests import (
     SpeechEffectRequest,
     StepSweepRequest,
 )
-from app.run.tasks import MEASURE_HEARING, MEASURE_STEPS, SHOW_MECHANISM, Task
+from app.run.tasks import COMPARE_ROTATION_NOISE, MEASURE_SPEECH_EFFECT, MEASURE_STEPS, Task
 from model.generation.family import Beside, ExplainedSystem, Ladder, Use
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.registry import families, family_of, usual_systems
@@ -155,9 +155,9 @@ class FigureRunner(TabRunner):
         address = self._services.media.share(job.folder, job.cookie)
         showing = Showing(asked.out, address, job.folder.name)
 
-        def told(events: list[Event]) -> Updates:
+        def told(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
-            has_grown = any(isinstance(event, Grown) for event in events)
+            has_grown = any(isinstance(event, FolderUpdated) for event in events)
             if has_grown and showing.has_begun and showing.record.is_moving:
                 updates[self.player] = showing.value() | {"plays": True}
             share = last_share(events)
@@ -199,7 +199,7 @@ class MechanismRunner(FigureRunner):
         "its parent and once in the world. No network takes part. Look at the fingertips, then "
         "move the slider."
     )
-    asks, measure = RotationNoiseRequest, SHOW_MECHANISM
+    asks, measure = RotationNoiseRequest, COMPARE_ROTATION_NOISE
 
     def __init__(self, tab: gr.Tab, services: Services) -> None:
         """Lay out the part, and start the experiment when ``tab`` is first selected."""
@@ -237,7 +237,7 @@ class HearingRunner(FigureRunner):
         "Two speeches by two noise seeds, four motions of each system: where it hears, motions of "
         "one speech rise and fall together; where it is deaf, those of one seed."
     )
-    asks, measure = SpeechEffectRequest, MEASURE_HEARING
+    asks, measure = SpeechEffectRequest, MEASURE_SPEECH_EFFECT
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         systems = self.systems(catalogue, "hearing-tab")

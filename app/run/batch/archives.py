@@ -26,12 +26,12 @@ from typing import IO, cast
 from app.errors import DiskFullError, RunError, disk_full_sentence, is_disk_full
 from app.run.batch.pairing import is_hidden
 from app.run.output.result_folder import require_free_space
-from app.run.upload_check import PACKED
+from app.run.upload_check import ARCHIVE_SUFFIXES
 from conventions.names import file_stem, printable
 from model.storage.files import LongDirectoryError, opened_zip, write_error
 from model.storage.npz import MAX_FILE_BYTES
 
-TARS = PACKED[1:]
+TARS = ARCHIVE_SUFFIXES[1:]
 UNPACKED = "unpacked"
 """Folder of the results with a visitor's unpacked sets."""
 _MAX_NESTED = 2
@@ -59,7 +59,7 @@ class UnpackLimits:
     """Disk space (bytes) that stays free."""
 
 
-def unpack_sets(
+def unpack_archives(
     sets: Sequence[tuple[Path, tuple[str, ...]]], top: Path, together: UnpackLimits | None = None
 ) -> dict[Path, Path]:
     """Extract the archives among some sets into ``top``, and return their folders by archive.
@@ -69,14 +69,14 @@ def unpack_sets(
         together: limits of all archives; by default each has its own.
 
     Raises:
-        RunError: as `unpacked`.
+        RunError: as `unpack_archive`.
     """
     folders: dict[Path, Path] = {}
     for path, endings in sets:
         if is_packed(path) and path not in folders:
             folder = top / str(len(folders)) / file_stem(stem_of(path))
             folder.mkdir(parents=True)
-            unpacked(path, folder, endings, together)
+            unpack_archive(path, folder, endings, together)
             folders[path] = folder
     return folders
 
@@ -92,10 +92,10 @@ def stem_of(path: Path) -> str:
 
 
 def _ending_of(name: str) -> str | None:
-    return next((each for each in PACKED if name.lower().endswith(each)), None)
+    return next((each for each in ARCHIVE_SUFFIXES if name.lower().endswith(each)), None)
 
 
-def unpacked(
+def unpack_archive(
     archive: Path,
     folder: Path,
     endings: Sequence[str],

@@ -36,7 +36,7 @@ _CLIPS_AT_ONCE = 50
 
 
 @dataclass(frozen=True)
-class Judge:
+class FeatureEncoder:
     """Encoder of the features that are compared."""
 
     metric: str
@@ -48,18 +48,18 @@ class Judge:
 
 
 @cache
-def judges_of(emage_weights: Path | None) -> tuple[Judge, ...]:
+def judges_of(emage_weights: Path | None) -> tuple[FeatureEncoder, ...]:
     """Load our encoder, and EMAGE's if there is one, once per process.
 
     Raises:
         CheckpointError: for a file that is not EMAGE's.
     """
     ours = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
-    judges = [Judge(FGD, partial(motion_features, ours), max(ours.network.config.scales))]
+    judges = [FeatureEncoder(FGD, partial(motion_features, ours), max(ours.network.config.scales))]
     if emage_weights is not None:
         theirs = emage.load_emage_encoder(emage_weights)
         codes = partial(emage.emage_codes, theirs)
-        judges.append(Judge(FGD_EMAGE, codes, emage.FRAMES_A_CODE, emage.ROOT_OFFSET))
+        judges.append(FeatureEncoder(FGD_EMAGE, codes, emage.FRAMES_A_CODE, emage.ROOT_OFFSET))
     return tuple(judges)
 
 
@@ -85,7 +85,7 @@ def codes_path(record: Path) -> Path:
     return record.with_suffix(".codes.npz")
 
 
-def keep_codes(
+def save_codes(
     record: Path, motions: Mapping[str, Sequence[Motion]], emage_weights: Path | None
 ) -> None:
     """Write the features of all samples of one clip, by system, atomically next to its record."""
@@ -135,7 +135,7 @@ def _codes_of(judge: int, records: Sequence[Path], name: str) -> Iterator[np.nda
 
 
 def _rows(
-    judge: Judge,
+    judge: FeatureEncoder,
     systems: Sequence[str],
     num_clips: int,
     clips: Callable[[str], Iterator[np.ndarray]],

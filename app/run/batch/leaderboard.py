@@ -41,7 +41,7 @@ _CONFIG = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, str_max_l
 
 
 @dataclass(frozen=True)
-class Value:
+class MetricValue:
     """Mean of one metric over clips, with its 95 % bootstrap interval."""
 
     __pydantic_config__ = _CONFIG
@@ -67,7 +67,7 @@ class Entry:
     """Time of the measurement in ISO 8601."""
     project: str
     """Version of this program that measured."""
-    measures: Annotated[dict[str, Value], AfterValidator(by_key)]
+    measures: Annotated[dict[str, MetricValue], AfterValidator(by_key)]
     findings: dict[str, int]
     """Number of clips by kind of finding."""
     note: str = ""
@@ -88,7 +88,7 @@ class Entry:
         return [f"{kinds_told([kind])} {count}" for kind, count in kinds]
 
 
-class Board(BaseModel):
+class Leaderboard(BaseModel):
     """Content of a leaderboard file, which may be from another lab."""
 
     format: Literal[1, 2] = FORMAT
@@ -141,7 +141,9 @@ def _entries(told: dict[str, Any], folder: Path, note: str, names: set[str]) -> 
         raise RunError(f"A note has at most {MAX_NOTE} letters; this one has {len(note)}.")
     taken = wanted | {REFERENCE_NAME}
     entries = [_entry(told, where, name, note) for name in where["systems"] if name in taken]
-    return Board.model_validate_json(json.dumps({"entries": list(map(asdict, entries))})).entries
+    return Leaderboard.model_validate_json(
+        json.dumps({"entries": list(map(asdict, entries))})
+    ).entries
 
 
 def _entry(told: dict[str, Any], where: dict[str, Any], name: str, note: str) -> Entry:
@@ -154,7 +156,9 @@ def _entry(told: dict[str, Any], where: dict[str, Any], name: str, note: str) ->
         made_at=where["made_at"],
         project=where["project"],
         measures={
-            row["measure"]: Value(row["mean"], row["low"], row["high"], row["unit"], row["clips"])
+            row["measure"]: MetricValue(
+                row["mean"], row["low"], row["high"], row["unit"], row["clips"]
+            )
             for row in rows
         },
         findings=told["clips_with_finding"].get(name, {}),
@@ -168,7 +172,7 @@ def _test_of(where: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def merged(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
+def merge_entries(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
     """Merge entries; of those with the same files and test, the latest measurement wins.
 
     If it has no note, it gets the earlier one's.
@@ -187,15 +191,15 @@ def merged(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
     )
 
 
-def write_board(entries: Iterable[Entry], path: Path) -> None:
+def write_leaderboard(entries: Iterable[Entry], path: Path) -> None:
     """Write a leaderboard atomically; raises WriteError."""
-    write_atomically(path, f"{Board(entries=list(entries)).model_dump_json(indent=1)}\n")
+    write_atomically(path, f"{Leaderboard(entries=list(entries)).model_dump_json(indent=1)}\n")
 
 
-def read_board(path: Path) -> list[Entry]:
+def read_leaderboard(path: Path) -> list[Entry]:
     """Read a leaderboard; raises RunError if it is not valid."""
     try:
-        return read_checked(path, Board, MAX_BYTES).entries
+        return read_checked(path, Leaderboard, MAX_BYTES).entries
     except FieldError as error:
         raise RunError(f"{path.name} is no leaderboard of format {FORMAT}: {error}.") from None
 
@@ -207,11 +211,11 @@ _WITHOUT_AIM = {row.key for row in MEASURES if not row.has_target}
 _FIRST = {row.key for row in MEASURES if row.is_first or row.key == FAST_POWER}
 
 
-def board_page(entries: Sequence[Entry]) -> str:
+def leaderboard_html(entries: Sequence[Entry]) -> str:
     """Format the page with a table for each test, from the template in this folder.
 
     Args:
-        entries: entries in the order of `merged`.
+        entries: entries in the order of `merge_entries`.
     """
     folder = Path(__file__).parent
     env = jinja2.Environment(
@@ -239,7 +243,7 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
     keys = dict.fromkeys(key for entry in entries for key in entry.measures)
     recorded = next((entry.measures for entry in entries if entry.is_recorded), {})
 
-    def apart(key: str, value: Value) -> float | None:
+    def apart(key: str, value: MetricValue) -> float | None:
         """Return the distance to the recorded motion; None if the metric has no target."""
         if key in _TO_RECORDED:
             return abs(value.mean)

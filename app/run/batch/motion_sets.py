@@ -19,18 +19,18 @@ from typing import Any
 
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, numbers_of, parts_apart
-from app.run.batch.archives import UNPACKED, UnpackLimits, unpack_sets
-from app.run.batch.frechet_distances import check_weights, codes_path, distance_rows, keep_codes
-from app.run.batch.pairing import Samples, first_of, no_pair, paired_files, some_of
+from app.run.batch.archives import UNPACKED, UnpackLimits, unpack_archives
+from app.run.batch.frechet_distances import check_weights, codes_path, distance_rows, save_codes
+from app.run.batch.pairing import Samples, first_sample, no_common_clips, pair_files, shorten_list
 from app.run.batch.speech_batch import ENDINGS as SOUND_ENDINGS
-from app.run.batch.speech_batch import do_jobs, stamp_of
+from app.run.batch.speech_batch import inputs_digest, run_jobs
 from app.run.batch.table import draw_spread, mean_of_samples, write_tables
-from app.run.callbacks import DEAF, Ear
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import onsets_of
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.convert import replace_fields, with_paths
 from app.run.requests.requests import DiagnoseRequest
-from app.run.tasks import Sets
+from app.run.tasks import SetResults
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import raw_evidence
 from model.faults.table import find_faults, without
@@ -61,7 +61,7 @@ MAX_BYTES, MAX_FILES = 10**9, 1500
 """Limits of all archives of a visitor's request, unpacked."""
 
 
-def measure_sets(request: DiagnoseRequest, ear: Ear = DEAF) -> Sets:
+def measure_sets(request: DiagnoseRequest, ear: RunCallbacks = NO_CALLBACKS) -> SetResults:
     """Measure archives of sets as `diagnose_folders`; they stay unpacked in the output folder.
 
     Raises:
@@ -69,7 +69,7 @@ def measure_sets(request: DiagnoseRequest, ear: Ear = DEAF) -> Sets:
         RunError: also if the archives exceed the limits.
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
-    folders = unpack_sets(sets_of(request), request.output.out / UNPACKED, limits)
+    folders = unpack_archives(sets_of(request), request.output.out / UNPACKED, limits)
     found = diagnose_folders(in_folders(request, folders), ear.share("numbers"))
     return replace(found, request=request)
 
@@ -78,7 +78,7 @@ def diagnose_folders(
     request: DiagnoseRequest,
     on_progress: Callable[[float], None] = lambda share: None,
     pool: JobPool | None = None,
-) -> Sets:
+) -> SetResults:
     """Measure all clips that every folder has, and write the tables of `write_tables`.
 
     Args:
@@ -93,7 +93,7 @@ def diagnose_folders(
     """
     check_weights(request.metrics.emage_weights, request.imports.reference)
     with ResultFolder(request.output.out, is_kept=True) as results:
-        folders = unpack_sets(sets_of(request), results.scratch("sets"))
+        folders = unpack_archives(sets_of(request), results.scratch("sets"))
         return _diagnose_sets(in_folders(request, folders), on_progress, pool or JobPool(1))
 
 
@@ -124,21 +124,21 @@ def in_folders(request: DiagnoseRequest, folders: Mapping[Path, Path]) -> Diagno
 
 def _diagnose_sets(
     request: DiagnoseRequest, on_progress: Callable[[float], None], pool: JobPool
-) -> Sets:
+) -> SetResults:
     folders = _named_folders(request)
     of_sets: dict[str, tuple[Path, tuple[str, ...]]] = {
         name: (folder, ENDINGS) for name, folder in folders.items()
     }
     if (speech := _speech_folder(request)) is not None:
         of_sets[_SPEECH] = speech, SOUND_ENDINGS
-    files = paired_files(of_sets, (REFERENCE_NAME, _SPEECH))
-    sounds = {clip: first_of(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
+    files = pair_files(of_sets, (REFERENCE_NAME, _SPEECH))
+    sounds = {clip: first_sample(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
     clips = sorted(set.intersection(*(set(found) for found in files.values())))
     if not clips:
-        raise no_pair(files)
+        raise no_common_clips(files)
     notes = [
         f"{name}: {len(found) - len(clips)} of {len(found)} clips have no partner of that name:"
-        f" {some_of(set(found) - set(clips))}."
+        f" {shorten_list(set(found) - set(clips))}."
         for name, found in files.items()
         if len(found) > len(clips)
     ]
@@ -163,7 +163,7 @@ def _diagnose_clips(
     notes: list[str],
     on_progress: Callable[[float], None],
     pool: JobPool,
-) -> Sets:
+) -> SetResults:
     kept, here = request.output.out.absolute() / "clips", with_paths(request, Path.absolute)
     measured = {
         clip: _Clip(
@@ -178,7 +178,7 @@ def _diagnose_clips(
         for clip in clips
     }
     jobs = [Job(clip, each.is_measured, each.measure) for clip, each in measured.items()]
-    known, left_out = do_jobs(jobs, pool, lambda clip, share: on_progress(share))
+    known, left_out = run_jobs(jobs, pool, lambda clip, share: on_progress(share))
     if known:
         notes.append(f"{known} clips had been measured before and were kept.")
     if len(left_out) == len(jobs):
@@ -198,13 +198,14 @@ def _diagnose_clips(
         request.output.out, list(files), numbers, above, left_out, origin=origin, more=distances
     )
     drawn, said = draw_spread(request.output.out, list(files), list(numbers.values()))
-    return Sets(
+    return SetResults(
         request,
         files=(*written, *drawn),
         notes=(*notes, *unsaid, *said),
         told=told,
         clips={
-            name: {clip: first_of(found[clip]) for clip in numbers} for name, found in files.items()
+            name: {clip: first_sample(found[clip]) for clip in numbers}
+            for name, found in files.items()
         },
         sounds={clip: sounds[clip] for clip in numbers if clip in sounds},
     )
@@ -268,7 +269,7 @@ class _Clip:
             for name, path in files.items()
             for part, each in parameter_files(path).items()
         } | {name: path for name, path in beside.items() if path is not None}
-        return stamp_of(
+        return inputs_digest(
             files,
             [
                 *(FORMAT, METRICS_VERSION),
@@ -324,7 +325,7 @@ class _Clip:
             assumed = [assumed_in(each) for each in readings[name].values()]
             systems[name] = {**mean_of_samples(told), "assumed": assumed}
         self.record.parent.mkdir(parents=True, exist_ok=True)
-        keep_codes(self.record, motions, self.request.metrics.emage_weights)
+        save_codes(self.record, motions, self.request.metrics.emage_weights)
         told = {"frames": shortest, "systems": systems, "unread": unread}
         write_atomically(
             self.record, json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n"

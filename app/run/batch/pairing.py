@@ -37,7 +37,7 @@ class _Found:
     sample: str = ""
 
 
-def paired_files(
+def pair_files(
     folders: Mapping[str, tuple[Path, tuple[str, ...]]], recorded: Iterable[str] = ()
 ) -> dict[str, dict[str, Samples]]:
     """Pair the files of several sets, by set, clip and sample.
@@ -79,7 +79,7 @@ def paired_files(
     return {name: found for name, (found, _) in clips.items()}
 
 
-def no_pair(files: Mapping[str, Mapping[str, Samples]]) -> RunError:
+def no_common_clips(files: Mapping[str, Mapping[str, Samples]]) -> RunError:
     """Return the error for sets without a common clip, naming some clips of each."""
     some = "; ".join(
         f"{name} has {', '.join(sorted(clips)[:3]) or 'none'}" for name, clips in files.items()
@@ -89,12 +89,12 @@ def no_pair(files: Mapping[str, Mapping[str, Samples]]) -> RunError:
     )
 
 
-def first_of(samples: Samples) -> Path:
+def first_sample(samples: Samples) -> Path:
     """Return the file of the first sample."""
     return samples[min(samples, key=lambda sample: (len(sample), sample))]
 
 
-def some_of(names: Iterable[str]) -> str:
+def shorten_list(names: Iterable[str]) -> str:
     """Format a few of many names."""
     names = sorted(names)
     more = f" and {len(names) - 5} more" if len(names) > 5 else ""
@@ -103,13 +103,13 @@ def some_of(names: Iterable[str]) -> str:
 
 def _files(folder: Path, kind: str, endings: tuple[str, ...]) -> list[_Found]:
     """Find the files of a set; of results and recordings side by side, those of one kind."""
-    files = [(path, name) for path, name in motion_files(folder) if ends_in(endings, name)]
+    files = [(path, name) for path, name in motion_files(folder) if has_suffix(endings, name)]
     if any(name.name.startswith(kind) for _, name in files):
         files = [(path, name) for path, name in files if name.name.startswith(kind)]
     return [_read(path, name) for path, name in files]
 
 
-def ends_in(endings: tuple[str, ...], path: PurePath) -> bool:
+def has_suffix(endings: tuple[str, ...], path: PurePath) -> bool:
     """Check whether a file has one of these suffixes, and is not hidden."""
     return path.suffix.lower() in endings and not is_hidden(path)
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.batch.archives import UnpackLimits, is_packed, unpacked
-from app.run.batch.speech_batch import clip_requests, do_clips
-from app.run.callbacks import Ear
+from app.run.batch.archives import UnpackLimits, is_packed, unpack_archive
+from app.run.batch.speech_batch import clip_requests, run_batch
+from app.run.callbacks import RunCallbacks
 from app.run.output.run_folder import (
     MAX_RUN_BYTES,
     NO_RUN,
@@ -38,11 +38,11 @@ SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pd
 OPENED = "opened"
 """Folder next to the results in which a visitor's archive is unpacked during the run."""
 RUN_ENDING = Path(RUN).suffix
-SPEECHES = "form"
+SPEECH_FOLDER = "form"
 """Folder next to the results with the speech files of several clips."""
 
 
-def do_in_folder(request: AnyRun, ear: Ear) -> None:
+def run_in_folder(request: AnyRun, ear: RunCallbacks) -> None:
     """Run a request, also one for a run's zip, or for several clips in the folder of the form.
 
     The motions in a zip are measured again. No list of paths is read, as it might name any file.
@@ -57,9 +57,9 @@ def do_in_folder(request: AnyRun, ear: Ear) -> None:
     out, speech = request.output.out, request.speech.path
     pool = JobPool(1)
     if isinstance(request, DiagnoseRequest):
-        if is_one_run(request.motions.motions):
+        if is_saved_run(request.motions.motions):
             requests = {**opened(request, out.with_name(OPENED))}
-    elif speech == out.with_name(SPEECHES):
+    elif speech == out.with_name(SPEECH_FOLDER):
         requests = {**clip_requests(request)}
         paths = [each.speech.path for each in requests.values() if each.speech.path]
         seconds = check_clips(paths, request.speech.max_speech_s)
@@ -67,12 +67,12 @@ def do_in_folder(request: AnyRun, ear: Ear) -> None:
     if "" in requests:
         run(requests[""], ear)
         return
-    done = do_clips(requests, pool, ear=ear)
+    done = run_batch(requests, pool, ear=ear)
     if not done.clips:
         raise RunError(next(iter(done.failed.values())))
 
 
-def is_one_run(motions: Sequence[Path]) -> bool:
+def is_saved_run(motions: Sequence[Path]) -> bool:
     """Check whether the motions are a single zip of a run, or of those of several clips."""
     return len(motions) == 1 and is_run_zip(motions[0])
 
@@ -118,7 +118,7 @@ def run_folder(
     """Return the folder of a run, or of those of several clips, unpacking a zip.
 
     Raises:
-        RunError: as `unpacked`, or if there is none.
+        RunError: as `unpack_archive`, or if there is none.
     """
     folders = [path]
     if is_packed(path):
@@ -135,7 +135,7 @@ def run_folder(
 def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackLimits) -> None:
     """Unpack each ``run.json`` of a zip, and then the files that they name."""
     most = min(limits.total_bytes, MAX_CLIPS * MAX_RUN_BYTES)
-    unpacked(path, into, (RUN_ENDING,), replace(limits, total_bytes=most), _is_run)
+    unpack_archive(path, into, (RUN_ENDING,), replace(limits, total_bytes=most), _is_run)
     names: set[str] = set()
     for run in into.rglob(RUN):
         below, record = run.parent.relative_to(into), read_run(run.parent)
@@ -143,7 +143,7 @@ def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackL
         own = filter(None, (*record.named, *of_rows, record.sound, record.timeline))
         names.update((below / name).as_posix() for name in own if name != RUN)
         names.update((below.parent / name).as_posix() for name in TABLES if below.parts)
-    unpacked(path, into, endings, replace(limits), names.__contains__)
+    unpack_archive(path, into, endings, replace(limits), names.__contains__)
 
 
 def _is_run(path: str) -> bool:
@@ -152,7 +152,7 @@ def _is_run(path: str) -> bool:
     return parts[-1] == RUN and len(parts) <= 3
 
 
-def copied_run(path: Path, into: Path) -> Path:
+def copy_run(path: Path, into: Path) -> Path:
     """Copy a run of the page's owner, or its zip, into a new folder.
 
     Raises:

@@ -16,10 +16,10 @@ from typing import Any
 
 from app.errors import RunError, sentence_of
 from app.findings.verdict import verdict_of
-from app.run.batch.pairing import ends_in
+from app.run.batch.pairing import has_suffix
 from app.run.batch.table import write_tables
-from app.run.callbacks import DEAF, Ear, Event, Progress, Stage
-from app.run.output.result_folder import held_folder
+from app.run.callbacks import NO_CALLBACKS, Progress, RunCallbacks, RunEvent, RunStage
+from app.run.output.result_folder import lock_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from app.run.requests.convert import flat_json, replace_fields, with_paths
 from app.run.requests.requests import AnyRun, GenerateRequest
@@ -33,7 +33,7 @@ ENDINGS = SOUNDS
 
 
 @dataclass(frozen=True)
-class ManyRuns:
+class BatchResult:
     """Result of runs over several clips."""
 
     clips: tuple[str, ...]
@@ -48,7 +48,7 @@ class ManyRuns:
     """Verdict over all clips."""
 
 
-def is_many(speech: Path) -> bool:
+def is_batch_input(speech: Path) -> bool:
     """Check whether a path is a folder or list of several speeches."""
     return speech.is_dir() or speech.suffix.lower() == LIST_ENDING
 
@@ -82,12 +82,12 @@ def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
     }
 
 
-def do_clips(
+def run_batch(
     requests: Mapping[str, AnyRun],
     pool: JobPool,
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
-    ear: Ear = DEAF,
-) -> ManyRuns:
+    ear: RunCallbacks = NO_CALLBACKS,
+) -> BatchResult:
     """Run each clip in its own folder, and write the tables and the verdict over finished ones.
 
     Args:
@@ -103,8 +103,8 @@ def do_clips(
         stamp = _stamp(request)
         done = partial(_is_done, request.output.out, stamp)
         jobs.append(Job(clip, done, partial(_do_clip, request, stamp), has_news=True))
-    with held_folder(out):
-        kept, failed = do_jobs(
+    with lock_folder(out):
+        kept, failed = run_jobs(
             jobs,
             pool,
             lambda clip, share: on_done(requests[clip].output.out, share),
@@ -121,14 +121,14 @@ def do_clips(
             names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
             numbers = dict(zip(clips, map(_kept, runs), strict=True))
             files, _ = write_tables(out, names, numbers, notes, failed)
-    return ManyRuns(tuple(clips), kept, failed, files, tuple(notes))
+    return BatchResult(tuple(clips), kept, failed, files, tuple(notes))
 
 
-def _mean_progress(ear: Ear, num_clips: int) -> Callable[[str, Event], None]:
+def _mean_progress(ear: RunCallbacks, num_clips: int) -> Callable[[str, RunEvent], None]:
     """Return a callback for the events of clips that may run at the same time."""
-    fractions: dict[tuple[Stage, str], float] = {}
+    fractions: dict[tuple[RunStage, str], float] = {}
 
-    def on_event(clip: str, event: Event) -> None:
+    def on_event(clip: str, event: RunEvent) -> None:
         if isinstance(event, Progress):
             fractions[event.stage, clip] = event.fraction
             done = sum(each for (stage, _), each in fractions.items() if stage == event.stage)
@@ -138,7 +138,7 @@ def _mean_progress(ear: Ear, num_clips: int) -> Callable[[str, Event], None]:
     return on_event
 
 
-def do_jobs(
+def run_jobs(
     jobs: Sequence[Job], pool: JobPool, on_done: Callable[[str, float], None], **further: Any
 ) -> tuple[int, dict[str, str]]:
     """Run jobs, and return how many had been done before, and the errors of failed ones.
@@ -169,7 +169,7 @@ def find_speeches(source: Path) -> dict[str, Path]:
     """
     if source.is_dir():
         inside = sorted(path for path in source.iterdir() if path.is_file())
-        found = [path for path in inside if ends_in(ENDINGS, Path(path.name))]
+        found = [path for path in inside if has_suffix(ENDINGS, Path(path.name))]
         if not found:
             raise RunError(f"{source} has no sound file ({', '.join(ENDINGS)}).")
     else:
@@ -220,7 +220,7 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
     found = {
         file_stem(path.stem): path.absolute()
         for path in sorted(folder.iterdir())
-        if ends_in(known, Path(path.name))
+        if has_suffix(known, Path(path.name))
     }
     missing = [clip for clip in clips if clip not in found]
     if missing:
@@ -240,10 +240,10 @@ def _stamp(request: AnyRun) -> str:
     files |= {path.name: path for path in weights}
     body = request.video.body
     asked = flat_json(request) | {name: None for name in read}
-    return stamp_of(files if body is None else files | {"body": body}, asked)
+    return inputs_digest(files if body is None else files | {"body": body}, asked)
 
 
-def stamp_of(files: Mapping[str, Path], said: object) -> str:
+def inputs_digest(files: Mapping[str, Path], said: object) -> str:
     """Return the digest of a request and its files, by name, size and modification time."""
     of_files = {}
     for name, path in files.items():
@@ -256,13 +256,13 @@ def stamp_of(files: Mapping[str, Path], said: object) -> str:
 def _do_clip(
     request: AnyRun,
     stamp: str,
-    on_event: Callable[[Event], None],
+    on_event: Callable[[RunEvent], None],
     should_cancel: Callable[[], bool],
 ) -> None:
     from app.run import pipeline
 
     (request.output.out / RUN).unlink(missing_ok=True)  # of earlier files, which will be replaced
-    pipeline.run(request, Ear(on_event, should_cancel))
+    pipeline.run(request, RunCallbacks(on_event, should_cancel))
     record = read_run(request.output.out)
     record.whole = stamp
     record.write(request.output.out / RUN)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.batch.archives import stem_of, unpack_sets
-from app.run.batch.pairing import Samples, paired_files, some_of
+from app.run.batch.archives import stem_of, unpack_archives
+from app.run.batch.pairing import Samples, pair_files, shorten_list
 from app.run.output.result_folder import ResultFolder
 from conventions.names import REFERENCE_NAME, printable
 from conventions.rates import FPS
@@ -29,7 +29,7 @@ _MOST_FRAMES_APART = 1
 
 
 @dataclass(frozen=True)
-class Checked:
+class SubmissionReport:
     """Result of the check of one set."""
 
     told: list[str]
@@ -39,7 +39,9 @@ class Checked:
     is_right: bool
 
 
-def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> dict[str, Checked]:
+def check_sets(
+    folders: tuple[Path, ...], reference: Path | None, out: Path
+) -> dict[str, SubmissionReport]:
     """Check sets against the leaderboard's rules, write ``check.md``, and return results by set.
 
     Args:
@@ -56,7 +58,7 @@ def check_sets(folders: tuple[Path, ...], reference: Path | None, out: Path) -> 
         )
     sets = [(path, ENDINGS) for path in (*folders, reference)]
     with ResultFolder(out) as results:
-        opened = unpack_sets(sets, results.scratch("sets"))
+        opened = unpack_archives(sets, results.scratch("sets"))
         recorded = opened.get(reference, reference)
         named = {_name_of(path): opened.get(path, path) for path in folders}
         if len(named) < len(folders) or REFERENCE_NAME in named:
@@ -90,9 +92,9 @@ def _of_test_split(clips: Mapping[str, Samples], folder: Path) -> dict[str, Path
     return wanted
 
 
-def _checked(name: str, folder: Path, recorded: Path) -> Checked:
+def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
     sets = {name: (folder, ENDINGS), REFERENCE_NAME: (recorded, ENDINGS)}
-    files_of = paired_files(sets, (REFERENCE_NAME,))
+    files_of = pair_files(sets, (REFERENCE_NAME,))
     found, wanted = files_of[name], _of_test_split(files_of[REFERENCE_NAME], recorded)
     counts = {clip: len(found[clip]) for clip in sorted(found.keys() & wanted.keys())}
     most = max(counts.values(), default=0)
@@ -104,22 +106,23 @@ def _checked(name: str, folder: Path, recorded: Path) -> Checked:
             files.setdefault(why, []).append(file)
     told = []
     if uneven:
-        told.append(f"{some_of(uneven)} have fewer samples than the {most} of others.")
+        told.append(f"{shorten_list(uneven)} have fewer samples than the {most} of others.")
     if most not in (0, 1, SAMPLES):
         told.append(
             f"it has {most} samples of a clip; a system that draws hands in {SAMPLES}, one that "
             "does not hands in 1."
         )
     if missing:
-        told.append(f"clips that are missing: {len(missing)}: {some_of(missing)}.")
+        told.append(f"clips that are missing: {len(missing)}: {shorten_list(missing)}.")
     if extra:
         told.append(
-            f"clips that are none of the test set, to be left out: {len(extra)}: {some_of(extra)}."
+            f"clips that are none of the test set, to be left out: {len(extra)}: "
+            f"{shorten_list(extra)}."
         )
-    told += [f"{some_of(named)}: {why}" for why, named in files.items()]
+    told += [f"{shorten_list(named)}: {why}" for why, named in files.items()]
     random = f", {most} samples of each" if most > 1 else ""
     right = f"all {len(counts)} clips are as the leaderboard asks{random}."
-    return Checked(
+    return SubmissionReport(
         [f"{name}: {sentence}" for sentence in told or [right]],
         [*(f"Missing: {clip}" for clip in missing), *(f"Extra: {clip}" for clip in extra)],
         is_right=not told,

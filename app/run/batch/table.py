@@ -190,7 +190,7 @@ def _spread_lines(of_systems: OfSystems) -> list[str]:
         known = [[each[row.key] for each in of if row.key in each] for of in spreads.values()]
         if any(known):
             cells = (written(float(np.mean(each)) if each else None) for each in known)
-            rows.append((titled(row), *cells))
+            rows.append((title_with_unit(row), *cells))
     title = "How far samples of one clip lie apart: their standard deviation, mean over clips."
     return ["", title, "", *_grid(("measure", *spreads), rows)] if spreads else []
 
@@ -198,7 +198,7 @@ def _spread_lines(of_systems: OfSystems) -> list[str]:
 def _latex(systems: list[str], clips: int, means: Cells) -> str:
     lines = [
         "% Needs \\usepackage{booktabs}. Means, 95 % bootstrap intervals over "
-        f"{clips} clips. {star_told(systems, clips)}",
+        f"{clips} clips. {star_legend(systems, clips)}",
         f"\\begin{{tabular}}{{l{'c' * len(systems)}}}",
         "\\toprule",
         " & ".join(["Measure", *map(tex, systems)]) + " \\\\",
@@ -231,7 +231,7 @@ def _rows(of_systems: OfSystems) -> Iterator[Row]:
 
 
 def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
-    """Format means with their intervals, and stars as explained by `star_told`."""
+    """Format means with their intervals, and stars as explained by `star_legend`."""
     told: Cells = {}
     for key in dict.fromkeys(row["measure"] for row in rows):
         own = [row for row in rows if row["measure"] == key]
@@ -240,7 +240,7 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     return told
 
 
-def star_told(systems: Sequence[str], clips: int) -> str:
+def star_legend(systems: Sequence[str], clips: int) -> str:
     """Return the explanation of stars; with few clips there are none."""
     if clips < ENOUGH_CLIPS:
         return f"With fewer than {ENOUGH_CLIPS} clips no difference is starred."
@@ -267,7 +267,7 @@ def _sheet(systems: list[str], told: Mapping[str, Any], means: Cells) -> list[st
         *noted,
         *([""] if noted else []),
         "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered."
-        f" {markdown(star_told(systems, len(told['clips'])))} Differences of all pairs are in"
+        f" {markdown(star_legend(systems, len(told['clips'])))} Differences of all pairs are in"
         " `many.csv`.",
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
@@ -329,7 +329,7 @@ def _whose(row: Measure) -> str:
     return " of the point" if row.key.startswith("tracked_point") else ""
 
 
-def titled(row: Measure) -> str:
+def title_with_unit(row: Measure) -> str:
     return _with_unit(row.full_title, row.unit)
 
 

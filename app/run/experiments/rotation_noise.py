@@ -8,8 +8,8 @@ from pathlib import Path
 from pandas import DataFrame
 
 from app.errors import RunError
-from app.run.bodies import choose_tip_source
-from app.run.callbacks import DEAF, Ear
+from app.run.bodies import make_tracked_point
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.models import get_body
 from app.run.output.run_folder import RunRecord
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
@@ -17,7 +17,7 @@ from app.run.requests.requests import (
     ROTATION_NOISE_VIDEO,
     RotationNoiseRequest,
 )
-from app.run.run_writer import RunWriter, writing_run
+from app.run.run_writer import RunWriter, open_run_writer
 from app.run.videos.videos import jobs_of
 from model.formats.read import read_any_motion
 from model.metrics.error_growth import ErrorGrowth, growth_sentence, measure_error_growth
@@ -36,7 +36,7 @@ _DRAWN = 0.85
 """Fraction of the work that is done when both bodies are rendered."""
 
 
-def show_mechanism(request: RotationNoiseRequest, ear: Ear = DEAF) -> None:
+def compare_rotation_noise(request: RotationNoiseRequest, ear: RunCallbacks = NO_CALLBACKS) -> None:
     """Add noise to two copies of a motion, and show both, with a video if requested.
 
     Raises:
@@ -56,8 +56,8 @@ def show_mechanism(request: RotationNoiseRequest, ear: Ear = DEAF) -> None:
         zip(NAMES, noisy_motions(found.motion, request.noise_rad, request.seed), strict=True)
     )
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
-    with writing_run(request.out, record, ear, is_kept=request.is_kept) as run:
-        tip = choose_tip_source(request.body, DEFAULT_TRACKED_POINT)
+    with open_run_writer(request.out, record, ear, is_kept=request.is_kept) as run:
+        tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
         run.note(*found.notes, *_growth_told(growth, request.noise_rad))
         run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
         _draw_growth(request, growth, run)
@@ -85,7 +85,7 @@ def _draw_bodies(
     request: RotationNoiseRequest, clean: Motion, noisy: Mapping[str, Motion], run: RunWriter
 ) -> None:
     body = get_body(request.body)
-    tip = choose_tip_source(request.body, request.joint)
+    tip = make_tracked_point(request.body, request.joint)
     drawn = run.folder.scratch("bodies")
     drawn.mkdir()
     paths = {name: drawn / f"{number}.mp4" for number, name in enumerate(noisy)}

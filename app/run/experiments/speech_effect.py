@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.callbacks import DEAF, Ear
-from app.run.generated_motions import load_beginning, options_of
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks
+from app.run.generated_motions import generation_options, load_beginning
 from app.run.models import get_system, pool_for
 from app.run.output.run_folder import RunRecord, check_file_stems
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
@@ -23,7 +23,7 @@ from app.run.requests.requests import (
     SpeechEffectRequest,
     systems_of,
 )
-from app.run.run_writer import RunWriter, writing_run
+from app.run.run_writer import RunWriter, open_run_writer
 from conventions.names import file_stem, short_names
 from model.evaluation.classifiers import manner_of, wrist_speeds
 from model.formats.read import read_any_motion
@@ -60,7 +60,7 @@ class _Made:
     """Motions for the first speech, by speaker and seed."""
 
 
-def measure_hearing(request: SpeechEffectRequest, ear: Ear = DEAF) -> None:
+def measure_speech_effect(request: SpeechEffectRequest, ear: RunCallbacks = NO_CALLBACKS) -> None:
     """Generate each speech with each seed, or read a folder of motions, and compare the motions.
 
     The motions, the metrics, the figure, and sentences as notes are written.
@@ -74,7 +74,7 @@ def measure_hearing(request: SpeechEffectRequest, ear: Ear = DEAF) -> None:
     record = RunRecord(
         kind="given" if request.is_of_motions else "generated", point=DEFAULT_TRACKED_POINT
     )
-    with writing_run(request.out, record, ear) as run:
+    with open_run_writer(request.out, record, ear) as run:
         if request.is_of_motions:
             of_system = {
                 name: _Made(grid) for name, grid in _read_grids(request.speeches[0]).items()
@@ -122,13 +122,16 @@ def _generated(
     def motion_file(system: System, speech: str, **asked: Any) -> Path:
         nonlocal seconds_of_motion
         seconds_of_motion += speeches[speech].duration_s
-        path, options = folder / f"{len(jobs)}.npz", options_of(request.sampling, system, **asked)
+        path, options = (
+            folder / f"{len(jobs)}.npz",
+            generation_options(request.sampling, system, **asked),
+        )
         weights = request.weights.absolute()
         work = partial(_generate_to, path, system.name, weights, speeches[speech], options)
         jobs.append(Job(path.stem, path.is_file, work))
         return path
 
-    guidance = {each.name: options_of(request.sampling, each).guidance for each in systems}
+    guidance = {each.name: generation_options(request.sampling, each).guidance for each in systems}
     files = {
         system.name: (
             {(name, n): motion_file(system, name, seed=n) for name in speeches for n in seeds},

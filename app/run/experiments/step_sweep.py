@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from pandas import DataFrame
 
-from app.run.callbacks import DEAF, Ear
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.generated_motions import load_beginning
 from app.run.models import get_system
 from app.run.output.run_folder import RunRecord
@@ -18,7 +18,7 @@ from app.run.requests.requests import (
     StepSweepRequest,
     systems_of,
 )
-from app.run.run_writer import writing_run
+from app.run.run_writer import open_run_writer
 from conventions.names import short_names
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
@@ -51,7 +51,7 @@ class StepPoint:
     """Mean distance of all joints (cm) to the motion with the most steps and the same noise."""
 
 
-def measure_step_curve(request: StepSweepRequest, ear: Ear = DEAF) -> None:
+def measure_step_sweep(request: StepSweepRequest, ear: RunCallbacks = NO_CALLBACKS) -> None:
     """Generate with each system and number of steps; write the table, the plot, and notes.
 
     Raises:
@@ -63,7 +63,7 @@ def measure_step_curve(request: StepSweepRequest, ear: Ear = DEAF) -> None:
     systems = [get_system(name, request.weights) for name in systems_of(request)]
     record = RunRecord(kind="generated", point=DEFAULT_TRACKED_POINT)
     points: list[StepPoint] = []
-    with writing_run(request.out, record, ear) as run:
+    with open_run_writer(request.out, record, ear) as run:
         part = 1 / len(systems)
         for number, system in enumerate(systems):
             points += _points_of(system, speech, request, run.share("numbers", part, number * part))

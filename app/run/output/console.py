@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from app import text
-from app.run.callbacks import Event, Progress
+from app.run.callbacks import Progress, RunEvent
 from conventions.names import printable
 
 
-class Bars:
+class ProgressBars:
     """Progress bars of a terminal or notebook cell, one below the other; a context manager."""
 
     def __init__(self, *, is_shown: bool | None = None, stays: bool = True) -> None:
@@ -26,7 +26,7 @@ class Bars:
         self._is_shown, self._stays = is_shown, stays
         self._bars: dict[str, Any] = {}
 
-    def __enter__(self) -> Bars:
+    def __enter__(self) -> ProgressBars:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -50,17 +50,17 @@ class Bars:
         bar.n = round(100 * min(1.0, share))
         bar.refresh()
 
-    def take(self, event: Event) -> None:
+    def take(self, event: RunEvent) -> None:
         if isinstance(event, Progress):
             self.show(text.STAGE_NAMES[event.stage], event.fraction)
 
 
-def say(sentence: str) -> None:
+def print_message(sentence: str) -> None:
     """Write one line for the user to standard error."""
     sys.stderr.write(f"{printable(sentence)}\n")
 
 
-def name_file(path: Path) -> None:
+def print_path(path: Path) -> None:
     """Write the path of a file to standard output; a terminal gets no control characters."""
     out = sys.stdout
     if isinstance(out, io.TextIOWrapper):
@@ -69,7 +69,7 @@ def name_file(path: Path) -> None:
     out.flush()
 
 
-class LogLines(logging.Formatter):
+class SafeLogFormatter(logging.Formatter):
     """Log formatter that replaces control characters."""
 
     def format(self, record: logging.LogRecord) -> str:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from model.speech.audio import Speech
     from renderer.body.body import Body
 
-PROVENANCE, ARE = "provenance.json", "weights_are"
+PROVENANCE, WEIGHTS_ARE_KEY = "provenance.json", "weights_are"
 WEIGHTS_ARE = "demonstration weights of this project, not those of the paper"
 _PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmpeg", "pocketsphinx")
 
@@ -55,7 +55,7 @@ def _describe(system: Any) -> dict[str, Any]:
     }
 
 
-def origin_of(
+def make_provenance(
     request: GenerateRequest,
     speech: Speech,
     systems: Sequence[System],
@@ -97,7 +97,7 @@ def origin_of(
             "look": body.look,
             "backend": backend,
         },
-        ARE: "; ".join(dict.fromkeys(weights_are)),
+        WEIGHTS_ARE_KEY: "; ".join(dict.fromkeys(weights_are)),
     }
 
 
@@ -113,7 +113,7 @@ _MAX_NAMED = 3
 _FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
 
 
-def settings_of(request: RunRequest) -> Settings:
+def settings_summary(request: RunRequest) -> Settings:
     """Return all settings that can distinguish two runs."""
     speech, reference = request.speech.path, request.imports.reference
     first = {SPEECH: speech.stem if speech else NONE}
@@ -125,7 +125,7 @@ def settings_of(request: RunRequest) -> Settings:
     if isinstance(request, DiagnoseRequest):
         motions = request.motions
         windows = f"{motions.window} frames, {motions.overlap} shared" if motions.window else NONE
-        names = ", ".join(names_of_motions(motions))
+        names = ", ".join(motion_labels(motions))
         return {**first, MOTIONS: names, **last, "windows": windows}
     assert isinstance(request, GenerateRequest)
     sampling = request.sampling
@@ -141,7 +141,7 @@ def settings_of(request: RunRequest) -> Settings:
     }
 
 
-def title_of(request: RunRequest, systems: Sequence[str] = ()) -> str:
+def run_title(request: RunRequest, systems: Sequence[str] = ()) -> str:
     """Return a short title of a run, composed from its inputs.
 
     Args:
@@ -154,14 +154,14 @@ def title_of(request: RunRequest, systems: Sequence[str] = ()) -> str:
         named = short_names(systems or request.sampling.systems).values()
         return f"{request.speech.path.stem}: {', '.join(named)}; seed {request.sampling.seed}"
     assert isinstance(request, DiagnoseRequest)
-    names = names_of_motions(request.motions)
+    names = motion_labels(request.motions)
     more = len(names) - _MAX_NAMED
     others = f" and {more} more" if more > 0 else ""
     beside = f" beside {reference.stem}" if reference else ""
     return f"{', '.join(names[:_MAX_NAMED])}{others}{beside}"
 
 
-def names_of_motions(motions: MotionInput) -> Sequence[str]:
+def motion_labels(motions: MotionInput) -> Sequence[str]:
     """Return the names of imported motions: by default the printable stem of each file.
 
     Two files with the same stem are named with their folders.
@@ -178,7 +178,7 @@ def names_of_motions(motions: MotionInput) -> Sequence[str]:
     ]
 
 
-def differing(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
+def differing_settings(first: Settings, second: Settings) -> dict[str, tuple[str, str]]:
     """Return the settings that differ, except for the speech, with both values."""
     names = [name for name in {**first, **second} if name != SPEECH]
     pairs = {name: (first.get(name, NONE), second.get(name, NONE)) for name in names}

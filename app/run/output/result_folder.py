@@ -32,7 +32,7 @@ _NO_LOCKS = {errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL}
 
 
 @contextmanager
-def held_folder(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Lock a folder for the block, creating it if needed.
 
     A folder that was created here and is empty in the end is removed.
@@ -141,7 +141,7 @@ class ResultFolder:
         self.out = out
         self.is_kept = is_kept
         self._names: list[str] = []
-        self._held = held_folder(out)
+        self._held = lock_folder(out)
         self._staging = out / f"{UNFINISHED}{os.getpid()}-{secrets.token_hex(4)}"
 
     def __enter__(self) -> ResultFolder:

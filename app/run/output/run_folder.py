@@ -44,7 +44,7 @@ NO_RUN = (
 )
 DAMAGED = "{name} of this run is damaged: {why}; take the run's folder or zip as it was written."
 MAX_RUN_BYTES = 20_000_000
-MAX_ROWS, MAX_TOLD, MAX_TEXT = 512, 5_000, 2_000
+MAX_ROWS, MAX_FINDINGS, MAX_TEXT = 512, 5_000, 2_000
 GRAVEST = 3
 _MAX_LIST_BYTES = 300_000
 """Maximum size (bytes) of the directory of a zip that is read."""
@@ -70,7 +70,7 @@ _ENDING, _SHA256 = r"^(\.[a-z0-9]{1,8})?$", r"^([0-9a-f]{64})?$"
 FileName = Annotated[str, Field(max_length=300), AfterValidator(_stays_inside)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
-RowKind = Literal["motion", "frames", "plan", "performed", "video", "told", "windows"]
+RowFileKind = Literal["motion", "frames", "plan", "performed", "video", "told", "windows"]
 """Kind of a row's file. ``plan`` is the plan in the player, ``performed`` the plan that the system
 followed; ``told`` is the data of the plan editor; ``windows``, which stay in their folder, are the
 generation state that a take starts from."""
@@ -82,7 +82,7 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
-class There(_Strict):
+class FramesAvailable(_Strict):
     """Number of frames of a row so far, and their root transform."""
 
     end: Count
@@ -92,14 +92,14 @@ class There(_Strict):
     """Rotation about the vertical (rad), then translation (m)."""
 
 
-class TakeOf(_Strict):
+class EditInfo(_Strict):
     """Origin of a motion with an edited plan."""
 
     number: Count
     of: Name
     """Name of the run's original row."""
     start: Name
-    """Name of the row with the plan that was changed."""
+    """Name of the row with the plan that was edited."""
     fresh: Annotated[list[tuple[Number, Number]], Field(max_length=5_000)] = []
     """Time spans (s) that were generated again."""
 
@@ -120,16 +120,16 @@ class Row(_Strict):
     name: Name
     label: Name
     color: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
-    files: dict[RowKind, FileName] = {}
-    there: There | None = None
-    take: TakeOf | None = None
+    files: dict[RowFileKind, FileName] = {}
+    there: FramesAvailable | None = None
+    take: EditInfo | None = None
     assumed: Annotated[list[AssumedTold], Field(max_length=40)] = []
     """Interpretation of the motion's file, if it was imported."""
     ending: Annotated[str, Field(pattern=_ENDING)] = ""
-    """Suffix of the imported file; see `ending_of`."""
+    """Suffix of the imported file; see `safe_suffix`."""
 
 
-class Told(_Strict):
+class FindingRecord(_Strict):
     """Finding of a motion; without a name, a statement on the motions that have none."""
 
     name: Annotated[str, Field(max_length=520), AfterValidator(printable)] = ""
@@ -139,7 +139,7 @@ class Told(_Strict):
     """Time (s) at which it is worst."""
 
 
-class ToldVerdict(_Strict):
+class VerdictRecord(_Strict):
     numbers: Text
     judgement: Text
 
@@ -170,8 +170,8 @@ class RunRecord(_Strict):
     rows: Annotated[list[Row], Field(max_length=MAX_ROWS)] = []
     sound: FileName | None = None
     timeline: FileName | None = None
-    verdict: ToldVerdict | None = None
-    findings: Annotated[list[Told], Field(max_length=MAX_TOLD)] = []
+    verdict: VerdictRecord | None = None
+    findings: Annotated[list[FindingRecord], Field(max_length=MAX_FINDINGS)] = []
     """Findings, the most severe first."""
     says: dict[Name, Text] = {}
     """Sentences on the metrics, by figure."""
@@ -179,10 +179,10 @@ class RunRecord(_Strict):
         dict[Name, dict[Version, dict[Name, Number]]], Field(max_length=MAX_ROWS)
     ] = {}
     """Metrics by motion, filter and key of the metric; missing ones were not computed."""
-    notes: Annotated[list[Text], Field(max_length=MAX_TOLD)] = []
-    files: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
+    notes: Annotated[list[Text], Field(max_length=MAX_FINDINGS)] = []
+    files: Annotated[list[FileName], Field(max_length=MAX_FINDINGS)] = []
     """Complete files."""
-    missing: Annotated[list[FileName], Field(max_length=MAX_TOLD)] = []
+    missing: Annotated[list[FileName], Field(max_length=MAX_FINDINGS)] = []
     """Videos that are rendered after the run and are not complete yet, nor in a zip saved
     meanwhile. They remain listed if the rendering is abandoned."""
 
@@ -222,7 +222,7 @@ class RunRecord(_Strict):
         self.rows[at : at + 1] = [row]
 
     @property
-    def gravest(self) -> list[Told]:
+    def gravest(self) -> list[FindingRecord]:
         """The most severe findings, and the statement on motions that have none."""
         return [
             *self.findings[:GRAVEST],
@@ -266,7 +266,7 @@ def _numbers_by_key(numbers: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def noise_of(name: str) -> str | None:
+def noise_group(name: str) -> str | None:
     """Return a key that rows with the same noise share, or None if the noise is not known.
 
     It consists of the system's family, before the slash, and the number of the sample.
@@ -330,14 +330,14 @@ def file_of(folder: Path, name: str | None) -> Path | None:
     return path if path.resolve().is_relative_to(folder.resolve()) else None
 
 
-def row_files(folder: Path, kind: RowKind) -> dict[str, Path]:
+def row_files(folder: Path, kind: RowFileKind) -> dict[str, Path]:
     """Return the files of one kind by row; raises RunError as `read_run`."""
     found = ((row.name, file_of(folder, row.files.get(kind))) for row in read_run(folder).rows)
     return {name: path for name, path in found if path is not None}
 
 
 @contextmanager
-def changed(folder: Path) -> Iterator[RunRecord]:
+def edit_record(folder: Path) -> Iterator[RunRecord]:
     """Lock and read the record of a run's folder, and write its changes at the end of the block.
 
     Raises:
@@ -353,10 +353,10 @@ def changed(folder: Path) -> Iterator[RunRecord]:
         os.close(place)
 
 
-def add_file(folder: Path, path: Path, row: str = "", kind: RowKind | None = None) -> None:
+def add_file(folder: Path, path: Path, row: str = "", kind: RowFileKind | None = None) -> None:
     """Add a file made after the end of a run to its folder; see `RunWriter.file`."""
     own = path.name
-    with changed(folder) as record:
+    with edit_record(folder) as record:
         (folder / own).unlink(missing_ok=True)
         os.link(path, folder / own)
         of = record.row(row)
@@ -369,7 +369,7 @@ def add_file(folder: Path, path: Path, row: str = "", kind: RowKind | None = Non
 
 def expect_videos(folder: Path, views: Sequence[str]) -> None:
     """Record in `RunRecord.missing` the videos that will be rendered of a run's motions."""
-    with changed(folder) as record:
+    with edit_record(folder) as record:
         names = [row.name for row in record.rows if row.take is None and "motion" in row.files]
         videos = [video_file(name, view, views) for view in views for name in names]
         record.missing = videos + [f"{COMPARISON}.mp4"] * (len(names) > 1)
@@ -377,7 +377,7 @@ def expect_videos(folder: Path, views: Sequence[str]) -> None:
 
 def drop_unfinished(folder: Path) -> None:
     """Remove takes that are incomplete."""
-    with changed(folder) as record:
+    with edit_record(folder) as record:
         for row in [row for row in record.rows if row.take and "told" not in row.files]:
             record.rows.remove(row)
             for name in row.files.values():
@@ -388,8 +388,8 @@ def drop_unfinished(folder: Path) -> None:
 def end_run(folder: Path, sentence: str) -> bool:
     """Record the reason of a failure as visitors see it; return whether any motion was written."""
     try:
-        with changed(folder) as record:
-            record.state, record.sentence = "failed", cut(sentence)
+        with edit_record(folder) as record:
+            record.state, record.sentence = "failed", truncate(sentence)
     except (RunError, OSError):
         return False  # the run had not started
     return any("motion" in row.files for row in record.rows)
@@ -425,12 +425,12 @@ def is_run_zip(path: Path) -> bool:
     return 0 < found <= MAX_CLIPS
 
 
-def cut(told: str) -> str:
+def truncate(told: str) -> str:
     """Shorten a text to the maximum length in ``run.json``."""
     return printable(told)[:MAX_TEXT]
 
 
-def ending_of(path: Path) -> str:
+def safe_suffix(path: Path) -> str:
     """Return the suffix of a file if it is plausible for a file type, otherwise ""."""
     ending = path.suffix.lower()
     return ending if re.fullmatch(_ENDING, ending) else ""
@@ -441,6 +441,6 @@ def video_file(name: str, view: str, views: Sequence[str]) -> str:
     return f"{file_stem(name)}{'' if view == views[0] else f'.{view}'}.mp4"
 
 
-def shown_file(name: str, ending: str) -> str:
+def viewer_file_name(name: str, ending: str) -> str:
     """Return the name of a row's file that only a player uses."""
     return f"{SHOWN}/{file_stem(name)}{ending}"

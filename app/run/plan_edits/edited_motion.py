@@ -12,24 +12,24 @@ from pydantic import ValidationError
 
 from app import text
 from app.errors import RunError
-from app.run.callbacks import Ear, Grown
-from app.run.generated_motions import options_of
+from app.run.callbacks import FolderUpdated, RunCallbacks
+from app.run.generated_motions import generation_options
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.run_folder import (
+    EditInfo,
     Row,
     RunRecord,
-    TakeOf,
-    changed,
+    edit_record,
     file_of,
     read_run,
     rows_of,
-    shown_file,
+    viewer_file_name,
 )
-from app.run.plan_edits.edits import MadeTake, PlanEditRequest, edited, offers_for
+from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, suggest_edits
 from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
-from app.run.timeline import said_in
+from app.run.timeline import read_transcript_of_run
 from conventions.names import SampleName, file_stem
 from conventions.rates import FPS
 from model.generation.base import System
@@ -64,14 +64,14 @@ class _TakeWriter(RunWriter):
     """Writer of one more row into the folder of a finished run."""
 
     def tell(self) -> None:
-        with changed(self.folder.out) as record:
+        with edit_record(self.folder.out) as record:
             for row in self.record.rows:
                 record.put(row)
             record.files += [name for name in self.record.files if name not in record.files]
-        self.hear(Grown(self.folder.out))
+        self.hear(FolderUpdated(self.folder.out))
 
 
-def make_take(request: PlanEditRequest, ear: Ear) -> MadeTake:
+def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
     """Apply edits to a plan, and generate its motion again, published window by window.
 
     Raises:
@@ -84,7 +84,7 @@ def make_take(request: PlanEditRequest, ear: Ear) -> MadeTake:
     performed = start and file_of(request.run, start.files.get("performed"))
     if start is None or performed is None:
         raise RunError(text.EDITS_GONE)
-    plan, words = read_plan_file(performed).plan, said_in(request.run).words
+    plan, words = read_plan_file(performed).plan, read_transcript_of_run(request.run).words
     if plan.duration_s > MAX_EDITED_S:
         raise RunError(
             f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
@@ -99,22 +99,22 @@ def make_take(request: PlanEditRequest, ear: Ear) -> MadeTake:
     system = get_system(sample.system, sampling.weights)
     speech = load_speech(sound, SpeechLimits(max_s=request.max_speech_s))
     with ResultFolder(request.run, is_kept=True) as folder:
-        options = options_of(sampling, system, samples=1, first_sample=sample.number - 1)
+        options = generation_options(sampling, system, samples=1, first_sample=sample.number - 1)
         before = _ready(request.run, start, system, speech, options, plan, words, ear)
         if not request.edits:
-            return MadeTake(0)
+            return EditResult(0)
         try:
-            done = edited(plan, request.edits, words)
+            done = apply_edits(plan, request.edits, words)
         except PlanError as error:
-            offers = offers_for(plan, request.edits[-1], words)
+            offers = suggest_edits(plan, request.edits[-1], words)
             if len(request.edits) > 1 or not offers:
                 raise
-            return MadeTake(0, (str(error),), offers)
+            return EditResult(0, (str(error),), offers)
         number = 1 + max(numbers, default=0)
         name = f"{of}.take{number}"
         row = rows_of([*(each.name for each in record.rows), name])[-1]
         row.label = f"take {number}"
-        row.take = take = TakeOf(number=number, of=of, start=start.name)
+        row.take = take = EditInfo(number=number, of=of, start=start.name)
         alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
         (row,) = alone.rows
         run = _TakeWriter(folder, alone, ear)
@@ -128,14 +128,14 @@ def make_take(request: PlanEditRequest, ear: Ear) -> MadeTake:
         options = replace(options, conditions=(written,))
         made = perform(system, speech, options, before, ear.should_cancel, on_piece)
         take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
-        row.files["windows"] = shown_file(name, ENDING)
+        row.files["windows"] = viewer_file_name(name, ENDING)
         save_performance(made, request.run / row.files["windows"])
         shown = filtered(made.motion, sampling.post_filter)
         run.motion(name, shown, f"{file_stem(name)}.npz")
         _tell(request.run, row, written, words)
         run.file(request.run / row.files["told"])
         run.finish("")
-    return MadeTake(number, done.notes)
+    return EditResult(number, done.notes)
 
 
 def _ready(
@@ -146,7 +146,7 @@ def _ready(
     options: GenerateOptions,
     plan: GesturePlan,
     words: Sequence[Word],
-    ear: Ear,
+    ear: RunCallbacks,
 ) -> KeptPerformance:
     """Return the motion that a take starts from, generated again if its windows are missing."""
     windows = file_of(folder, row.files.get("windows"))
@@ -155,18 +155,20 @@ def _ready(
         return load_performance(windows, system, plan, motion)
     performed = replace(options, conditions=(plan,))
     made = perform(system, speech, performed, None, ear.should_cancel)
-    row.files["windows"] = shown_file(row.name, ENDING)
+    row.files["windows"] = viewer_file_name(row.name, ENDING)
     save_performance(made, folder / row.files["windows"])
     _tell(folder, row, plan, words)
-    with changed(folder) as record:
+    with edit_record(folder) as record:
         record.put(row)
     return made
 
 
 def _tell(folder: Path, row: Row, plan: GesturePlan, words: Sequence[Word]) -> None:
     """Write the editor's data of a row, which can be edited from then on."""
-    row.files["told"] = shown_file(row.name, ".told.json")
-    (folder / row.files["told"]).write_text(json.dumps(told_of(plan, words), allow_nan=False))
+    row.files["told"] = viewer_file_name(row.name, ".told.json")
+    (folder / row.files["told"]).write_text(
+        json.dumps(request_as_json(plan, words), allow_nan=False)
+    )
 
 
 def _there(folder: Path, record: RunRecord, name: str) -> Path:
@@ -177,7 +179,7 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
     return path
 
 
-def told_of(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
+def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     """Return the plan editor's JSON: gestures, style parameters and available gesture types."""
     gestures = []
     for stroke in strokes_of(plan):

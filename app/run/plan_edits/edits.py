@@ -58,7 +58,7 @@ class Edit:
 
 
 @dataclass(frozen=True)
-class Offer:
+class EditSuggestion:
     """Alternative to an edit that cannot be done."""
 
     label: str
@@ -66,7 +66,7 @@ class Offer:
 
 
 @dataclass(frozen=True)
-class Kind:
+class EditKind:
     """Kind of edit: its function, and the validator of its values."""
 
     reader: TypeAdapter
@@ -90,7 +90,7 @@ class PlanEditRequest:
 
 
 @dataclass(frozen=True)
-class MadeTake:
+class EditResult:
     """Result of a plan edit."""
 
     number: int
@@ -98,10 +98,10 @@ class MadeTake:
     notes: tuple[str, ...] = ()
     """Sentences on corrections of the plan, or on why the edit was not done if there are
     alternatives."""
-    offers: tuple[Offer, ...] = ()
+    offers: tuple[EditSuggestion, ...] = ()
 
 
-def edits_of(told: object) -> tuple[Edit, ...]:
+def parse_edits(told: object) -> tuple[Edit, ...]:
     """Parse a list of edits.
 
     Args:
@@ -115,7 +115,7 @@ def edits_of(told: object) -> tuple[Edit, ...]:
     return tuple(_edit(one) for one in told)
 
 
-def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
+def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
     """Apply all edits in order, and return the plan with notes on corrections.
 
     Args:
@@ -130,7 +130,7 @@ def edited(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
     return done
 
 
-def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
+def suggest_edits(plan: GesturePlan, edit: Edit, words: Said) -> tuple[EditSuggestion, ...]:
     """Return alternatives to an edit that has no time for its gesture; empty if it can be done.
 
     They are the nearest free place, and the replacement of the gesture in the way, as far as each
@@ -139,13 +139,13 @@ def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
 
     def can_be(*edits: Edit) -> bool:
         try:
-            edited(plan, edits, words)
+            apply_edits(plan, edits, words)
         except (PlanError, RunError):
             return False
         return True
 
     try:
-        edited(plan, (edit,), words)
+        apply_edits(plan, (edit,), words)
     except NoTimeError as error:
         offers = []
         if edit.do in ("add", "move"):
@@ -156,11 +156,13 @@ def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
             moved = (Edit(edit.do, {**others, "at": at}) for at in places if at >= 0)
             found = next((each for each in moved if can_be(each)), None)
             if found is not None:
-                offers.append(Offer(f"Nearest free place, {found.values['at']:.1f} s", (found,)))
+                offers.append(
+                    EditSuggestion(f"Nearest free place, {found.values['at']:.1f} s", (found,))
+                )
         if error.gesture is not None:
             one = {"side": error.gesture.side, "lands": error.gesture.lands_s}
             kind = error.kind.replace("_", " ") or "what is there"
-            instead = Offer(f"In place of {kind}", (Edit("delete", one), edit))
+            instead = EditSuggestion(f"In place of {kind}", (Edit("delete", one), edit))
             offers += [instead] if can_be(*instead.edits) else []
         return tuple(offers)
     except (PlanError, RunError):
@@ -168,7 +170,7 @@ def offers_for(plan: GesturePlan, edit: Edit, words: Said) -> tuple[Offer, ...]:
     return ()
 
 
-def as_long_as(plan: GesturePlan, duration_s: float) -> GesturePlan:
+def check_duration(plan: GesturePlan, duration_s: float) -> GesturePlan:
     """Return the plan if it has the length of the speech; raises PlanError otherwise."""
     if abs(plan.duration_s - duration_s) > 0.5:
         raise PlanError(
@@ -290,16 +292,16 @@ def _plan(plan: GesturePlan, told: Values, words: Said) -> Noted:
     name = f"plan{printable(Path(told['name']).suffix.lower())[:12]}"
     check_ending(Path(name))
     read = plan_in(told["text"].encode("utf-8", "replace"), name)
-    return Noted(as_long_as(read.plan, plan.duration_s), read.notes)
+    return Noted(check_duration(read.plan, plan.duration_s), read.notes)
 
 
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 _Second = Annotated[float, Field(ge=0, le=3600, strict=True)]
 
 
-def _kind(does: Does, **values: Any) -> Kind:
+def _kind(does: Does, **values: Any) -> EditKind:
     told = with_config(_STRICT)(TypedDict("Values", values))  # pyright: ignore
-    return Kind(TypeAdapter(told), does)
+    return EditKind(TypeAdapter(told), does)
 
 
 def _within(least: float, most: float) -> Any:
@@ -314,7 +316,7 @@ _one: dict[str, Any] = {"side": Side, "lands": _Second}
 _where: dict[str, Any] = {
     "at": NotRequired[_Second], "word": NotRequired[Annotated[int, Field(ge=0, lt=200_000)]],
 }  # fmt: skip
-KINDS: Mapping[str, Kind] = {
+KINDS: Mapping[str, EditKind] = {
     "move": _kind(_move, **_one, **_where),
     "delete": _kind(_of_both(editing.deleted), **_one),
     "add": _kind(_add, kind=_text(40), hands=NotRequired[Hands], **_where),

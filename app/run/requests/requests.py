@@ -11,7 +11,7 @@ from tyro.conf import Positional, Suppress, arg
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 from app.flags import File, Names, Text, parse_count, text_type
-from app.run.display import Display, Seen
+from app.run.display import Display, ViewerState
 from app.run.requests.parts import (
     DEFAULT_TRACKED_POINT,
     MAX_STEPS,
@@ -408,7 +408,7 @@ class StepSweepRequest:
 class ViewerVideoRequest:
     """Request to render a video of the page's viewer."""
 
-    seen: Seen
+    seen: ViewerState
     """State of the viewer: bodies, camera and display options."""
     motions: tuple[Path, ...]
     """Motion file of each body."""

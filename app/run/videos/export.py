@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image
 
 from app.errors import RunError
-from app.run.bodies import body_motion, choose_tip_source
-from app.run.callbacks import DEAF, Ear
+from app.run.bodies import body_motion, make_tracked_point
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.models import get_body
 from app.run.requests.requests import MARKERS_SUFFIX, MAX_STILLS, SHEET_POSES, RenderRequest
 from app.run.videos.videos import jobs_of
@@ -30,7 +30,7 @@ from renderer.video.workers import draw_jobs
 
 
 def render_motion(
-    request: RenderRequest, ear: Ear = DEAF
+    request: RenderRequest, ear: RunCallbacks = NO_CALLBACKS
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Render or export a motion file.
 
@@ -118,7 +118,7 @@ def _draw(
         {"": read},
         request.video,
         body,
-        choose_tip_source(request.video.body, request.joint),
+        make_tracked_point(request.video.body, request.joint),
         lambda _, view: named(view) if request.suffix == ".mp4" else None,
         speech=request.speech,
         frames=(*stills, *sheet),

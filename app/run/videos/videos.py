@@ -15,12 +15,12 @@ import numpy as np
 from scipy import ndimage
 
 from app.errors import RunError
-from app.run.bodies import TipSource, body_motion, choose_tip_source, picture_motions
-from app.run.callbacks import Ear, Grown
+from app.run.bodies import TrackedPoint, body_motion, make_tracked_point, picture_motions
+from app.run.callbacks import FolderUpdated, RunCallbacks
 from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import RowKind, add_file, file_of, read_run, video_file
+from app.run.output.run_folder import RowFileKind, add_file, file_of, read_run, video_file
 from app.run.requests.parts import MAX_COMPARED, VideoOptions
 from app.run.requests.requests import RunVideosRequest
 from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
@@ -46,7 +46,7 @@ OnFile = Callable[..., None]
 """Callback with the signature of `app.run.run_writer.RunWriter.file`."""
 
 
-def picture_of(
+def render_settings(
     video: VideoOptions, view: View, layout: tuple[Panel, ...] | None = None, **others: Any
 ) -> RenderSettings:
     """Return the render settings of a view, with close-ups if it is the first.
@@ -85,7 +85,7 @@ def jobs_of(
     motions: Mapping[str, Motion],
     video: VideoOptions,
     body: Body,
-    tip: TipSource,
+    tip: TrackedPoint,
     out: Callable[[str, View], Path | None],
     speech: Path | None = None,
     frames: tuple[int, ...] = (),
@@ -101,7 +101,7 @@ def jobs_of(
         speech: sound of the videos.
         frames: frames to return as pictures.
         staged: motions that the camera frames, if they are other ones.
-        how: further arguments of `picture_of`.
+        how: further arguments of `render_settings`.
     """
     posed = [body_motion(motion) for motion in staged or motions.values()]
     looks = {
@@ -113,7 +113,7 @@ def jobs_of(
     }
     jobs = {}
     for view in video.views:
-        settings = picture_of(video, view, **how)
+        settings = render_settings(video, view, **how)
         stage = stage_for(body, posed, settings)
         for name in motions:
             jobs[name, view] = RenderJob(
@@ -133,7 +133,7 @@ def draw_rows(
     motions: Mapping[str, Motion],
     video: VideoOptions,
     body: Body,
-    tip: TipSource,
+    tip: TrackedPoint,
     on_share: Callable[[float], None],
     folder: ResultFolder,
     speech: Path | None,
@@ -181,7 +181,7 @@ def draw_poses(
         GLError: if the driver renders no picture.
     """
     whole = replace(video, framing="whole", close_ups=(), views=video.views[:1])
-    settings = picture_of(whole, whole.views[0])
+    settings = render_settings(whole, whole.views[0])
     posed = {name: body_motion(motion) for name, motion in motions.items()}
     stage = stage_for(body, [*posed.values()], settings)
     groups: dict[Any, list[str]] = {}
@@ -214,7 +214,7 @@ def displayed(motion: Motion, display: Display) -> Motion:
     return exaggerate(motion, display.exaggeration, display.cutoff_hz)
 
 
-def marks_of(motion: Motion, display: Display, tip: TipSource, body: Body) -> Marks | None:
+def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> Marks | None:
     """Return the overlays of a motion's pictures; None if nothing is displayed.
 
     Jerk and speed are those of the original motion, also if it is exaggerated.
@@ -231,7 +231,7 @@ def marks_of(motion: Motion, display: Display, tip: TipSource, body: Body) -> Ma
     )
 
 
-def _trail(motion: Motion, display: Display, tip: TipSource) -> Trail:
+def _trail(motion: Motion, display: Display, tip: TrackedPoint) -> Trail:
     track = tip.track(motion)
     speed = _by_frame(derivative_magnitudes(track, 1), len(track))
     jerk = _by_frame(derivative_magnitudes(track, 3), len(track))
@@ -312,7 +312,7 @@ def _round_up(value: float) -> float:
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
 
 
-def names_that_fit(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
+def limit_compared(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
     """Return the motions that fit a comparison, and a note if some are omitted.
 
     If there are too many, these are the first sample of each system and the reference.
@@ -327,11 +327,11 @@ def names_that_fit(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
 
 
 @contextmanager
-def joined_side_by_side(
+def comparison_video(
     names: Sequence[str],
     wav: Path | None,
     folder: ResultFolder,
-    ear: Ear,
+    ear: RunCallbacks,
     on_file: OnFile,
 ) -> Iterator[None]:
     """Join the videos of rows side by side, with one sound track, while the block runs.
@@ -361,7 +361,7 @@ def joined_side_by_side(
     ear.progress("comparison", 1.0)
 
 
-def draw_behind(request: RunVideosRequest, ear: Ear) -> None:
+def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> None:
     """Render the videos of a run's motions and ``comparison.mp4``, and add them to its folder.
 
     Raises:
@@ -371,9 +371,9 @@ def draw_behind(request: RunVideosRequest, ear: Ear) -> None:
     run, video = request.run, request.video
     record = read_run(run)
 
-    def add(path: Path, row: str = "", kind: RowKind | None = None) -> None:
+    def add(path: Path, row: str = "", kind: RowFileKind | None = None) -> None:
         add_file(run, path, row, kind)
-        ear.hear(Grown(run))
+        ear.hear(FolderUpdated(run))
 
     motions = {
         row.name: load_motion(file)
@@ -387,13 +387,13 @@ def draw_behind(request: RunVideosRequest, ear: Ear) -> None:
             picture_motions(motions)[0],
             video,
             body,
-            choose_tip_source(video.body, record.point),
+            make_tracked_point(video.body, record.point),
             ear.share("video"),
             folder,
             speech,
             add,
         )
         if len(motions) > 1:
-            names = names_that_fit(list(motions))[0]
-            with joined_side_by_side(names, speech, folder, ear, add):
+            names = limit_compared(list(motions))[0]
+            with comparison_video(names, speech, folder, ear, add):
                 pass

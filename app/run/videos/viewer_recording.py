@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from app.errors import RunError
-from app.run.bodies import MAX_FRAMES, body_motion, choose_tip_source, in_register
-from app.run.callbacks import Ear
-from app.run.display import Seen, SeenPanel
+from app.run.bodies import MAX_FRAMES, align_to_origin, body_motion, make_tracked_point
+from app.run.callbacks import RunCallbacks
+from app.run.display import ViewerPanel, ViewerState
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import ViewerVideoRequest
-from app.run.tasks import SeenVideo
+from app.run.tasks import ViewerVideo
 from app.run.videos.videos import jobs_of
 from conventions.rates import FPS
 from conventions.views import LOOKS
@@ -41,7 +41,7 @@ _FINE_CRF = 14
 """CRF of intermediate videos, which are encoded again."""
 
 
-def draw_seen(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
+def draw_viewer_video(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerVideo:
     """Render a video of the viewer.
 
     Raises:
@@ -50,7 +50,7 @@ def draw_seen(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
     """
     seen = request.seen
     ear.share("video")(0.0)
-    motions = [in_register(load_motion(path)) for path in request.motions]
+    motions = [align_to_origin(load_motion(path)) for path in request.motions]
     longest, notes = _longest(motions, seen)
     motions = [motion.part(slice(longest)) for motion in motions]
     shown = {str(i): motions[number] for i, number in enumerate(seen.shown)}
@@ -58,7 +58,7 @@ def draw_seen(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
         i: smooth_motion(motion) if seen.is_smoothed else motion for i, motion in shown.items()
     }
     body = get_body(request.body)
-    tip = choose_tip_source(request.body, seen.look.point)
+    tip = make_tracked_point(request.body, seen.look.point)
     room = _Room.of(seen)
     with ResultFolder(request.out) as folder:
         parts = folder.scratch("parts")
@@ -84,14 +84,14 @@ def draw_seen(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
         )
         (video,) = folder.publish()
     ear.progress("video", 1.0)
-    return SeenVideo(
+    return ViewerVideo(
         video,
         max(motion.num_frames for motion in shown.values()),
         (*notes, NO_LINES) if seen.look.has_bones or seen.look.has_axes else notes,
     )
 
 
-def _longest(motions: Sequence[Motion], seen: Seen) -> tuple[int, tuple[str, ...]]:
+def _longest(motions: Sequence[Motion], seen: ViewerState) -> tuple[int, tuple[str, ...]]:
     """Return the number of frames that can be rendered in reasonable time, and notes on the cut."""
     limit = MAX_FRAMES // len(seen.shown)
     if max(motions[i].num_frames for i in seen.shown) <= limit:
@@ -114,7 +114,7 @@ def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
 
 
 def _seen_from_there(
-    jobs: dict[str, RenderJob], raw: dict[str, BodyMotion], body: Body, seen: Seen
+    jobs: dict[str, RenderJob], raw: dict[str, BodyMotion], body: Body, seen: ViewerState
 ) -> dict[str, RenderJob]:
     """Move the jobs to the viewer's camera, which follows the raw motions.
 
@@ -162,7 +162,7 @@ class _Room:
     columns: int
 
     @classmethod
-    def of(cls, seen: Seen) -> _Room:
+    def of(cls, seen: ViewerState) -> _Room:
         width, height = seen.size
         columns = min(seen.columns, len(seen.shown)) if seen.mode == "grid" else 1
         rows = -(-len(seen.shown) // columns) if seen.mode == "grid" else 1
@@ -173,7 +173,7 @@ class _Room:
         def even(value: float) -> int:
             return max(0, 2 * round(scale * value / 2))
 
-        def placed(panel: SeenPanel) -> Panel:
+        def placed(panel: ViewerPanel) -> Panel:
             left, top, width, height = panel.rect
             at = even(left), even(top)
             size = even(left + width) - at[0], even(top + height) - at[1]

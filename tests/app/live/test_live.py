@@ -20,15 +20,15 @@ from app.live import session_process as module
 from app.live import sessions as sounds
 from app.live.session import (
     KEPT_FRAMES,
-    LastMinute,
     LiveSession,
+    RecordingBuffer,
     check_live,
     performed,
     told_plan,
     why_less,
 )
-from app.live.session_process import Performers, live_options
-from app.live.sessions import MAX_SOUND_BYTES, LiveSessions, Microphone, read_sound
+from app.live.session_process import SessionScheduler, live_options
+from app.live.sessions import MAX_SOUND_BYTES, AudioGuard, LiveSessions, decode_audio
 from app.run.frame_packets import HEADER, NUM_FACES, frames_message
 from app.run.models import get_system
 from app.run.requests.parts import SamplingOptions
@@ -88,17 +88,17 @@ def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSessio
 def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) -> None:
     for block in sound(seconds, size):
         clock.now += len(block) / 32_000
-        session.put(read_sound(block))
+        session.put(decode_audio(block))
         while session.has_work:
             session.work()
 
 
 @pytest.fixture
-def microphone(clock: Clock) -> Microphone:
-    return Microphone(clock)
+def microphone(clock: Clock) -> AudioGuard:
+    return AudioGuard(clock)
 
 
-def put(at: Microphone, clock: Clock, seconds: float, block: bytes, every_s: float) -> None:
+def put(at: AudioGuard, clock: Clock, seconds: float, block: bytes, every_s: float) -> None:
     """The same block again and again."""
     for _ in range(round(seconds / every_s)):
         clock.now += every_s
@@ -189,7 +189,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
 ):
     for block in sound(9.5):
         clock.now += 0.25
-        session.put(read_sound(block))
+        session.put(decode_audio(block))
     with pytest.raises(RunError, match="cannot keep up with 3 visitors at once"):
         session.work(visitors=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
@@ -224,12 +224,12 @@ def test_what_asks_for_nothing_is_refused(weights, told):
 
 def test_sound_is_read_as_it_was_written_and_other_bytes_are_refused():
     samples = np.array([0, 16384, -32768, 32767], "<i2")
-    np.testing.assert_array_equal(read_sound(samples.tobytes()), samples / 32_768)
-    assert len(read_sound(bytes(MAX_SOUND_BYTES))) == 16_000
+    np.testing.assert_array_equal(decode_audio(samples.tobytes()), samples / 32_768)
+    assert len(decode_audio(bytes(MAX_SOUND_BYTES))) == 16_000
     too_much = bytes(MAX_SOUND_BYTES + 2)
     for content, words in ((b"", "damaged"), (b"abc", "damaged"), (too_much, "at most 32000")):
         with pytest.raises(RunError, match=words):
-            read_sound(content)
+            decode_audio(content)
 
 
 def test_frames_can_be_read_back_as_the_format_says():
@@ -309,9 +309,9 @@ def motion():
     return smooth_motion_example(3000)
 
 
-def spoken(motion, seconds: float, piece: int = 13) -> LastMinute:
+def spoken(motion, seconds: float, piece: int = 13) -> RecordingBuffer:
     """Sound whose samples count, a second ahead of frames that count."""
-    minute = LastMinute()
+    minute = RecordingBuffer()
     sound = np.arange(round(16_000 * (seconds + 1)), dtype=np.float32)
     for first in range(0, len(sound), 640):
         minute.add_sound(sound[first : first + 640])
@@ -342,7 +342,7 @@ def test_what_is_kept_is_the_last_minute_with_its_own_sound_and_little_more_is_h
 
 
 def test_too_little_is_told(motion):
-    minute = LastMinute()
+    minute = RecordingBuffer()
     minute.add_sound(np.zeros(64_000, np.float32))
     for count in (0, 59):
         if count:
@@ -389,7 +389,7 @@ class ByHand(LiveSessions):
 
     def __init__(self, weights: Path) -> None:
         super().__init__(weights)
-        self.performers = Performers(weights, self._hear)
+        self.performers = SessionScheduler(weights, self._hear)
         self._child: Any = self  # it is there
 
     def begin(self, cookie: str, tell: Callable[[object], None] | None = None, **more: Any) -> int:

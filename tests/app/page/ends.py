@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import RunError
-from app.run.callbacks import Ear, Grown, Progress
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
 from app.run.output.result_folder import require_free_space
 
 
@@ -19,10 +19,10 @@ def carry_on(request: str, *_: Any) -> str:
     return request
 
 
-def leave(path: Path, ear: Ear) -> Path:
+def leave(path: Path, ear: RunCallbacks) -> Path:
     ear.hear(Progress("numbers", 0.5))
     path.touch()
-    ear.hear(Grown(path.parent))
+    ear.hear(FolderUpdated(path.parent))
     return path
 
 
@@ -32,7 +32,7 @@ def wait(*_: Any) -> None:
         signal.pause()
 
 
-def wait_for_stop(request: str, ear: Ear) -> None:
+def wait_for_stop(request: str, ear: RunCallbacks) -> None:
     while not ear.should_cancel():
         pass
 

@@ -16,7 +16,7 @@ from starlette.testclient import TestClient
 from app.page.visitors.files import Jobs
 from app.page.visitors.turns import HEARD_WITHIN_S, MAX_OF_ADDRESS, Turns
 from app.page.visitors.visitors import CHECKS, COOKIE, leaving_route
-from app.run.callbacks import Ear
+from app.run.callbacks import RunCallbacks
 from tests.app.page.test_runner import Runner
 from tests.waiting import wait_for
 
@@ -57,7 +57,7 @@ class Page:
         )
         self.blocks, (self.fn, *_, self.check_fn) = blocks, blocks.fns
 
-    def work(self, ear: Ear) -> str:
+    def work(self, ear: RunCallbacks) -> str:
         self.begun.append(self.jobs._jobs[-1].visitor)
         while not self.may_end.acquire(timeout=0.02):
             if ear.should_cancel():

@@ -17,13 +17,13 @@ from app.page.parts.markup import Updates
 from app.page.tabs.runner import TabRunner, follow
 from app.page.visitors.files import Job, Jobs, sweep
 from app.page.visitors.quota import Quota
-from app.run.callbacks import Ear, Event, Grown, Progress
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from tests.app import fakes
 from tests.app.page.made import browser
 from tests.app.requests import generate_request
 
 VISITOR = browser("cookie")
-Do = Callable[[Ear], str]
+Do = Callable[[RunCallbacks], str]
 
 
 class Runner(TabRunner):
@@ -44,7 +44,7 @@ class Runner(TabRunner):
             raise RunError("The form is empty.")
         self.begun.append((job.cookie, values))
 
-        def shares(events: list[Event]) -> Updates:
+        def shares(events: list[RunEvent]) -> Updates:
             found = [event.fraction for event in events if isinstance(event, Progress)]
             return {self._status: found} if events else {}
 
@@ -66,7 +66,7 @@ def jobs(tmp_path: Path) -> Jobs:
     return Jobs(tmp_path / "jobs")
 
 
-def half_done(ear: Ear) -> str:
+def half_done(ear: RunCallbacks) -> str:
     ear.hear(Progress("numbers", 0.5))
     return "done"
 
@@ -76,7 +76,7 @@ def news(updates: Iterable[Updates]) -> list[Any]:
     return [each["status"] for each in updates if each["status"] != gr.skip()]
 
 
-def wait_to_stop(ear: Ear) -> str:
+def wait_to_stop(ear: RunCallbacks) -> str:
     moment = threading.Event()
     while not ear.should_cancel():
         moment.wait(0.01)
@@ -90,7 +90,7 @@ def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs):
 
 
 def test_what_goes_wrong_is_told_in_a_sentence_and_ends_what_was_begun(jobs):
-    def do(ear: Ear) -> str:
+    def do(ear: RunCallbacks) -> str:
         raise RunError("It is <broken>.")
 
     runner = Runner(jobs, do)
@@ -136,16 +136,16 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
             speech=speech, out=job.folder / "out", systems=fakes.CATALOGUE.systems, is_kept=True
         )
 
-        def do(ear: Ear) -> str:
+        def do(ear: RunCallbacks) -> str:
             fakes.make_generate()(asked, ear)
             return "done"
 
-        events: list[Event] = []
+        events: list[RunEvent] = []
         following = follow(do, job, lambda batch: {"news": events.extend(batch)}, {})
         with pytest.raises(StopIteration, match="done"):
             while True:
                 next(following)
-        assert Grown in {type(event) for event in events}
+        assert FolderUpdated in {type(event) for event in events}
         last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
         assert set(last.values()) == {1.0} and not job.is_cancelled()
         shutil.rmtree(asked.output.out)
@@ -169,7 +169,7 @@ def test_jobs_have_folders_of_their_own_and_are_stopped_by_tab_and_page(jobs):
 
 
 def test_an_address_that_has_left_too_much_begins_no_run_and_behind_a_proxy_a_browser(tmp_path):
-    def leave(ear: Ear) -> str:
+    def leave(ear: RunCallbacks) -> str:
         (jobs._jobs[-1].folder / "unpacked").write_bytes(bytes(2_000_000))
         return "done"
 

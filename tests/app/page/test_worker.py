@@ -11,7 +11,7 @@ import pytest
 from app import text
 from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of, visitor_sentence
 from app.page.worker import Limits, Worker
-from app.run.callbacks import Ear, Event, Grown, Progress
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from processes import exit_report
 from tests.app.page import ends
 from tests.processes.made import kill, run_out_of_memory
@@ -33,9 +33,9 @@ def pid_of(worker: Worker) -> int:
 def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_faults(
     worker, tmp_path
 ):
-    events: list[Event] = []
-    assert worker.do(ends.leave, tmp_path / "left", Ear(events.append)).is_file()
-    assert events == [Progress("numbers", 0.5), Grown(tmp_path)]
+    events: list[RunEvent] = []
+    assert worker.do(ends.leave, tmp_path / "left", RunCallbacks(events.append)).is_file()
+    assert events == [Progress("numbers", 0.5), FolderUpdated(tmp_path)]
     first = pid_of(worker)
     with pytest.raises(RunError, match=r"^It is no <good>\.$"):
         worker.do(ends.say_no, "")
@@ -83,10 +83,10 @@ def test_cancel_ends_a_process_that_does_not_hear_it_and_a_successor_is_there_at
     worker.do(ends.carry_on, "")
     first, asked = pid_of(worker), iter([False] * 3)
     with pytest.raises(Cancelled):
-        worker.do(ends.wait, "", Ear(should_cancel=lambda: next(asked, True)))
+        worker.do(ends.wait, "", RunCallbacks(should_cancel=lambda: next(asked, True)))
     assert pid_of(worker) != first and worker.do(ends.carry_on, "said") == "said"
     with pytest.raises(Cancelled):
-        worker.do(ends.carry_on, "", Ear(should_cancel=lambda: True))
+        worker.do(ends.carry_on, "", RunCallbacks(should_cancel=lambda: True))
 
 
 def test_a_cancel_that_comes_with_the_work_is_heard(worker, monkeypatch):
@@ -95,7 +95,11 @@ def test_a_cancel_that_comes_with_the_work_is_heard(worker, monkeypatch):
     first = pid_of(worker)
     for _ in range(20):
         asked = iter([False])
-        worker.do(ends.wait_for_stop, "", Ear(should_cancel=lambda asked=asked: next(asked, True)))
+        worker.do(
+            ends.wait_for_stop,
+            "",
+            RunCallbacks(should_cancel=lambda asked=asked: next(asked, True)),
+        )
     assert pid_of(worker) == first
 
 
@@ -174,7 +178,7 @@ def test_memory_is_named_where_the_kernel_has_ended_it(worker, tmp_path, monkeyp
         return False
 
     with pytest.raises(RunError, match=r"want of memory, as the system says; .* 4\.0 GB"):
-        worker.do(ends.wait, "", Ear(should_cancel=strike))
+        worker.do(ends.wait, "", RunCallbacks(should_cancel=strike))
 
 
 @pytest.mark.slow

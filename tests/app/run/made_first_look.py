@@ -7,12 +7,12 @@ import tempfile
 from pathlib import Path
 
 from app.config import EXAMPLES
-from app.run.bodies import TipSource, picture_motions
-from app.run.examples import FACTS, FIRST_LOOK, NOISE_RAD, STEADY, TREMBLING, tremble
+from app.run.bodies import TrackedPoint, picture_motions
+from app.run.examples import FIRST_LOOK, FIRST_LOOK_METADATA, NOISE_RAD, STEADY, TREMBLING, tremble
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.pipeline import generate
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
-from app.run.run_writer import writing_run
+from app.run.run_writer import open_run_writer
 from conventions.names import file_stem
 from conventions.rates import SAMPLE_RATE
 from model.metrics.smoothness import derivative_magnitudes
@@ -28,7 +28,7 @@ LOOK_S = 6.7
 
 def make_first_look(out: Path) -> None:
     """What the best system makes of the beginning of an example, and the same with a tremble."""
-    tip = TipSource()
+    tip = TrackedPoint()
     with tempfile.TemporaryDirectory() as temporary:
         beginning = Path(temporary, SPEECH)
         waveform = load_speech(EXAMPLES / "three_reasons.wav").waveform
@@ -42,7 +42,7 @@ def make_first_look(out: Path) -> None:
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions = {STEADY: motion, TREMBLING: tremble(motion)}
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
-    with writing_run(out, record) as run:
+    with open_run_writer(out, record) as run:
         jerk = {
             name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))
             for name, each in motions.items()
@@ -51,7 +51,7 @@ def make_first_look(out: Path) -> None:
         run.timeline(run.show(shown, speech, tip, ask.sampling.weights), NOTHING_SAID)
         run.find_plans(shown)
         facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
-        path = run.folder.path(FACTS)
+        path = run.folder.path(FIRST_LOOK_METADATA)
         path.write_text(json.dumps(facts, indent=1) + "\n")
         run.file(path)
         run.finish("")

@@ -14,10 +14,10 @@ from PIL import Image
 from app.commands.cli import main
 from app.errors import Cancelled, RunError
 from app.run import models
-from app.run.callbacks import Ear
-from app.run.experiments.rotation_noise import NAMES, show_mechanism
-from app.run.experiments.speech_effect import _heard_sentence, measure_hearing
-from app.run.experiments.step_sweep import MAX_S, measure_step_curve
+from app.run.callbacks import RunCallbacks
+from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
+from app.run.experiments.speech_effect import _heard_sentence, measure_speech_effect
+from app.run.experiments.step_sweep import MAX_S, measure_step_sweep
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.requests.convert import replace_fields
@@ -61,7 +61,9 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     out = tmp_path / "out"
     asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "guidance": 4.0}
     both = ("bob", "ann")
-    measure_hearing(SpeechEffectRequest(out=out, speeches=speeches, speakers=both, **asked), heard)
+    measure_speech_effect(
+        SpeechEffectRequest(out=out, speeches=speeches, speakers=both, **asked), heard
+    )
     assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     record = read_run(out)
     assert sorted(record.results) == [
@@ -89,7 +91,9 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     (tmp_path / "motions").mkdir()
     for path in out.glob("*.npz"):
         path.rename(tmp_path / "motions" / path.name)
-    measure_hearing(SpeechEffectRequest(out=tmp_path / "again", speeches=(tmp_path / "motions",)))
+    measure_speech_effect(
+        SpeechEffectRequest(out=tmp_path / "again", speeches=(tmp_path / "motions",))
+    )
     (again,) = json.loads((tmp_path / "again" / "hearing.json").read_text()).values()
     assert again["parts"] == told["parts"] and again["guidance"] is None
 
@@ -105,7 +109,9 @@ def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_ef
     for name, worth_s in (("here", models.WORTH_S), ("beside", 0.0)):
         monkeypatch.setattr(models, "WORTH_S", worth_s)
         heard = Heard()
-        measure_hearing(SpeechEffectRequest(out=tmp_path / name, speeches=speeches, **asked), heard)
+        measure_speech_effect(
+            SpeechEffectRequest(out=tmp_path / name, speeches=speeches, **asked), heard
+        )
         assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     here, beside = (read_run(tmp_path / name) for name in ("here", "beside"))
     assert here.results == beside.results
@@ -119,7 +125,7 @@ def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_ef
     assert one == other
     with pytest.raises(Cancelled):
         stopped = SpeechEffectRequest(out=tmp_path / "stopped", speeches=speeches, **asked)
-        measure_hearing(stopped, Ear(should_cancel=lambda: True))
+        measure_speech_effect(stopped, RunCallbacks(should_cancel=lambda: True))
     assert not (tmp_path / "stopped").exists()
 
 
@@ -206,7 +212,9 @@ def test_a_folder_that_says_too_little_is_told(
     for number, name in enumerate(names):
         save_motion(motion_of(0, number, 0.5), tmp_path / "motions" / name)
     with pytest.raises(RunError, match=sentence):
-        measure_hearing(SpeechEffectRequest(out=tmp_path / "out", speeches=(tmp_path / "motions",)))
+        measure_speech_effect(
+            SpeechEffectRequest(out=tmp_path / "out", speeches=(tmp_path / "motions",))
+        )
 
 
 @pytest.fixture
@@ -220,7 +228,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
     asked: RotationNoiseRequest,
 ) -> None:
     heard = Heard()
-    show_mechanism(replace_fields(asked, noise_rad=0.05, has_video=True), heard)
+    compare_rotation_noise(replace_fields(asked, noise_rad=0.05, has_video=True), heard)
     frames = decoded_frames(asked.out / ROTATION_NOISE_VIDEO)
     assert len(frames) == 12 and frames.shape[2] == 2 * 192
     shares = heard.shares
@@ -254,7 +262,7 @@ def test_a_mechanism_that_cannot_be_is_refused(asked: RotationNoiseRequest) -> N
         ({"joint": "pelvis"}, "No rotation moves the pelvis"),
     ]:
         with pytest.raises(RunError, match=words):
-            show_mechanism(replace_fields(asked, **changes))
+            compare_rotation_noise(replace_fields(asked, **changes))
 
 
 def write_noise(folder: Path, seconds: float) -> None:
@@ -275,7 +283,7 @@ def test_points_are_what_generation_and_measures_say(
     asked: dict[str, Any] = {"speech": noise, "systems": (WORLD,), "weights": weights}
     heard = Heard()
     ask = StepSweepRequest(out=out, speaker="ann", seed=5, counts=(1, 3), **asked)
-    measure_step_curve(ask, heard)
+    measure_step_sweep(ask, heard)
     table = json.loads((out / "steps.json").read_text())
     system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
     seed = clip_seed(5, speech.sha256)
@@ -317,7 +325,7 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
     ask = StepSweepRequest(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
     with pytest.raises(Cancelled):
-        measure_step_curve(ask)
+        measure_step_sweep(ask)
     assert set(lengths) == {int(30 * MAX_S)} and not (tmp_path / "out").exists()
 
 
@@ -337,6 +345,6 @@ def test_what_cannot_be_measured_is_refused() -> None:
 
 def test_all_means_all_systems_of_the_weights(noise, weights, tmp_path):
     ask = StepSweepRequest(speech=noise, out=tmp_path / "out", weights=weights, counts=(1,))
-    measure_step_curve(ask)
+    measure_step_sweep(ask)
     table = json.loads((ask.out / "steps.json").read_text())
     assert {row["system"] for row in table} == {*list_systems(weights)}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from app.run.examples import FACTS, FIRST_LOOK, STEADY, TREMBLING
+from app.run.examples import FIRST_LOOK, FIRST_LOOK_METADATA, STEADY, TREMBLING
 from model.motion.motion import load_motion
 from tests.app.run.made_first_look import make_first_look
 
@@ -13,7 +13,7 @@ from tests.app.run.made_first_look import make_first_look
 def test_what_is_stored_is_what_the_bundled_weights_make(tmp_path: Path) -> None:
     make_first_look(tmp_path)
     folders = tmp_path, FIRST_LOOK
-    ours, stored = (json.loads((folder / FACTS).read_text()) for folder in folders)
+    ours, stored = (json.loads((folder / FIRST_LOOK_METADATA).read_text()) for folder in folders)
     for part in ("weights", "speech"):
         assert ours["provenance"][part] == stored["provenance"][part], "make it anew"
     for name in (STEADY, TREMBLING):

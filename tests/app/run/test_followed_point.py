@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.bodies import TipSource, body_motion
+from app.run.bodies import TrackedPoint, body_motion
 from conventions.joints import FINGERTIP_JOINTS, FINGERTIP_NAMES, JOINT_NAMES, TIP_VERTICES
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
@@ -22,26 +22,26 @@ def body() -> Body:
 def test_every_joint_and_every_fingertip_beyond_its_last_joint_is_followed(body: Body) -> None:
     tracks = track_points(MOTION, open_body_skeleton())
     for joint, name in enumerate(JOINT_NAMES):
-        source = TipSource(name)
+        source = TrackedPoint(name)
         assert source.name == "joint"
         np.testing.assert_array_equal(source.track(MOTION), tracks.joints[:, joint])
     assert set(TIP_VERTICES) == set(FINGERTIP_NAMES)
     for tip, joint in zip(FINGERTIP_NAMES, FINGERTIP_JOINTS, strict=True):
-        source = TipSource(tip)
+        source = TrackedPoint(tip)
         beyond = np.linalg.norm(source.track(MOTION) - tracks.joints[:, joint], axis=1)
         assert source.name == "rigid"
         assert beyond == pytest.approx(beyond[0]) and 0.01 < beyond[0] < 0.04
 
 
 def test_a_body_of_ones_own_gives_a_vertex_or_its_own_joint(body: Body) -> None:
-    elbow = TipSource("right_elbow", body)
+    elbow = TrackedPoint("right_elbow", body)
     expected = body.joint_positions(body_motion(MOTION))[:, JOINT_NAMES.index("right_elbow")]
     np.testing.assert_array_equal(elbow.track(MOTION), expected)
     assert (elbow.name, elbow.title) == ("joint of the body", "Right elbow")
-    assert TipSource(body=body).name == "vertex 7794"
-    assert TipSource("left_thumb", body).name == "vertex 5361"
+    assert TrackedPoint(body=body).name == "vertex 7794"
+    assert TrackedPoint("left_thumb", body).name == "vertex 5361"
     with pytest.raises(RunError, match=r"no point 'nose' to follow.*left_index.*right_wrist"):
-        TipSource("nose")
+        TrackedPoint("nose")
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
     body: Body, point: str, is_own: bool, num_frames: int, pieces: int
 ) -> None:
     motion = smooth_motion_example(num_frames)
-    source = TipSource(point, body if is_own else None)
+    source = TrackedPoint(point, body if is_own else None)
     told: list[None] = []
     track = source.track(motion, on_piece=lambda: told.append(None))
     assert (track.shape, len(told)) == ((num_frames, 3), pieces)
@@ -72,7 +72,7 @@ def test_a_long_motion_is_followed_in_pieces_between_which_it_can_be_ended(
 
 
 def test_a_motion_is_followed_once_and_its_start_alone_where_that_is_enough() -> None:
-    source = TipSource()
+    source = TrackedPoint()
     start = source.track(MOTION, num_frames=5)
     assert start.shape == (5, 3)
     whole = source.track(MOTION)

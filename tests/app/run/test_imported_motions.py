@@ -11,12 +11,12 @@ import pytest
 from app.commands.cli import main
 from app.config import EXAMPLES
 from app.errors import Cancelled, RunError
-from app.run.bodies import TipSource
-from app.run.callbacks import Stage
+from app.run.bodies import TrackedPoint
+from app.run.callbacks import RunStage
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.display import Display
-from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, planted_files, tremble, with_faults
-from app.run.output.provenance import names_of_motions
+from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, faulty_example_files, tremble, with_faults
+from app.run.output.provenance import motion_labels
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import read_run
 from app.run.pipeline import run
@@ -161,7 +161,7 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
 def test_motions_of_one_name_are_told_apart_by_their_folders_or_refused(tmp_path: Path) -> None:
     paths = [tmp_path / "ours" / "a.npz", tmp_path / "theirs" / "a.npz", tmp_path / "b.npz"]
     asked = diagnose_request(motions=tuple(paths), out=tmp_path / "o", has_poses=False)
-    assert names_of_motions(asked.motions) == ["ours/a", "theirs/a", "b"]
+    assert motion_labels(asked.motions) == ["ours/a", "theirs/a", "b"]
     with pytest.raises(RunError, match="'theirs'"):
         run(replace_fields(asked, motions=(CLEAN, CLEAN), names=("theirs", "theirs")))
     with pytest.raises(RunError, match="procedural_speaker/a_"):
@@ -170,7 +170,7 @@ def test_motions_of_one_name_are_told_apart_by_their_folders_or_refused(tmp_path
 
 @pytest.mark.parametrize("stage", ["speech", "numbers", "figure"])
 def test_a_run_that_is_ended_at_any_point_leaves_nothing(
-    motion: Path, tmp_path: Path, stage: Stage
+    motion: Path, tmp_path: Path, stage: RunStage
 ) -> None:
     request = diagnose_request(
         motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_poses=False
@@ -236,7 +236,7 @@ def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path
 
 def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:
     motions = {"a": smooth_motion_example(40), "reference": smooth_motion_example(40, seed=1)}
-    tip = TipSource()
+    tip = TrackedPoint()
     told: list[float] = []
     found = measure_motions(motions, tip, on_share=told.append)
     assert told == [0.0, 0.25, 0.5, 0.75]
@@ -253,7 +253,7 @@ def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:
 def test_the_point_is_the_one_that_the_measures_follow_of_themselves() -> None:
     motions = {"a": smooth_motion_example(40)}
     for point in ("left_index", "right_wrist"):
-        found = measure_motions(motions, TipSource(point))
+        found = measure_motions(motions, TrackedPoint(point))
         assert found.as_json() == diagnose(motions, open_body_skeleton(), point=point).as_json()
 
 
@@ -304,7 +304,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_every_planted_fault_is_found(tmp_path: Path) -> None:
-    path, reference, speech, transcript = planted_files(tmp_path)
+    path, reference, speech, transcript = faulty_example_files(tmp_path)
     request = diagnose_request(
         motions=(Path(path),),
         out=tmp_path / "out",

@@ -15,7 +15,7 @@ from app.run.output.provenance import versions
 from app.run.output.result_folder import (
     LOCK_NAME,
     ResultFolder,
-    held_folder,
+    lock_folder,
     require_free_space,
     zip_files,
     zip_folder,
@@ -153,10 +153,10 @@ def test_what_a_killed_owner_left_is_no_obstacle(number: signal.Signals, tmp_pat
 
 
 def test_a_folder_that_was_made_is_removed_only_when_empty(tmp_path: Path) -> None:
-    with held_folder(tmp_path / "a" / "b"):
+    with lock_folder(tmp_path / "a" / "b"):
         pass
     assert not (tmp_path / "a" / "b").exists()
-    with held_folder(tmp_path / "a" / "b"):
+    with lock_folder(tmp_path / "a" / "b"):
         (tmp_path / "a" / "b" / "c").touch()
     assert [path.name for path in (tmp_path / "a" / "b").iterdir()] == ["c"]
 

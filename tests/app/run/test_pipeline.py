@@ -14,16 +14,16 @@ from PIL import Image
 
 from app.errors import Cancelled, RunError, sentence_of
 from app.findings.measure_rows import JERK
-from app.run.bodies import register_of
-from app.run.callbacks import Ear, Event, Grown, Progress
+from app.run.bodies import root_transform_of
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from app.run.frame_packets import HEADER, frames_message
-from app.run.models import get_system, warming_up
+from app.run.models import get_system, warm_up_steps
 from app.run.output.run_folder import RunRecord, read_run
 from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import FIGURE_PANELS, LiveRecording
 from app.run.requests.requests import AnyRun
-from app.run.tasks import Done
+from app.run.tasks import RunResult
 from model.motion.motion import load_motion, save_motion
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
@@ -46,23 +46,25 @@ WITHOUT_VIDEO = {
     *("globaldiff-global.npz", "diagnostics.json", "diagnostics.csv", "provenance.json"),
     *("run.json", "speech.wav", "timeline.json"),
 }
-Told = list[Event | RunRecord]
+Told = list[RunEvent | RunRecord]
 """With what the folder said in place of the news that it says more."""
 
 
-def noted(told: Told) -> Callable[[Event], None]:
-    return lambda event: told.append(read_run(event.folder) if isinstance(event, Grown) else event)
+def noted(told: Told) -> Callable[[RunEvent], None]:
+    return lambda event: told.append(
+        read_run(event.folder) if isinstance(event, FolderUpdated) else event
+    )
 
 
 def names_in(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir() if path.is_file()}
 
 
-def poses(result: Done, name: str) -> np.ndarray:
+def poses(result: RunResult, name: str) -> np.ndarray:
     return load_motion(result.out / f"{name.replace('/', '-')}.npz").poses
 
 
-def options_of(result: Done) -> dict:
+def options_of(result: RunResult) -> dict:
     return json.loads((result.out / "provenance.json").read_text())["options"]
 
 
@@ -74,7 +76,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "speech.wav"
 
 
-Whole = tuple[Done, Told]
+Whole = tuple[RunResult, Told]
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +88,7 @@ def whole(short: Path, weights: Path) -> Whole:
         seed=5, post_filter="savgol", joint="left_elbow", start_frame=5, has_video=True,
         reference=short.with_name("reference.npz"), size=256,
     )  # fmt: skip
-    return run(request, Ear(noted(events))), events
+    return run(request, RunCallbacks(noted(events))), events
 
 
 @pytest.mark.gl
@@ -196,7 +198,7 @@ def test_steps_guidance_and_samples_are_those_asked_for_and_recorded(
 ) -> None:
     """The first of several samples is the one that there is alone."""
 
-    def made(name: str, **asked) -> Done:
+    def made(name: str, **asked) -> RunResult:
         return run(ask(speech=short, out=ask().output.out / name, **asked))
 
     both = made("both", steps=2)
@@ -266,7 +268,7 @@ def parts(message: bytes) -> tuple[bytes, ...]:
 def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, long: Path) -> None:
     """All systems begin before any goes on, and files come when they are whole."""
     events: Told = []
-    result = run(ask(speech=long, samples=2), Ear(noted(events)))
+    result = run(ask(speech=long, samples=2), RunCallbacks(noted(events)))
     grown = [event for event in events if isinstance(event, RunRecord)]
     each = [
         (row.name, end)
@@ -293,7 +295,7 @@ def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, lo
         motion = load_motion(result.out / row.files["motion"])
         each = zip(*messages, strict=True)
         assert tuple(map(b"".join, each)) == parts(frames_message(0, motion)), "to the bit"
-        place = register_of(motion)
+        place = root_transform_of(motion)
         assert row.there.place == (place.turn_rad, *place.shift_m)
 
 
@@ -317,7 +319,7 @@ def test_a_run_that_is_cancelled_leaves_nothing(
     events: Told = []
     asked = ask(speech=long)
     with pytest.raises(Cancelled):
-        run(asked, Ear(noted(events), lambda: is_time(events)))
+        run(asked, RunCallbacks(noted(events), lambda: is_time(events)))
     assert not asked.output.out.exists()
     is_whole = any(isinstance(e, RunRecord) and "motion" in str(e.rows) for e in events)
     assert is_whole == ("numbers" in request.node.callspec.id)
@@ -335,7 +337,7 @@ def test_cancelling_ends_the_children_that_draw(ask: Asks) -> None:
         return bool(seen)
 
     with pytest.raises(Cancelled):
-        run(request, Ear(told.append, should_cancel))
+        run(request, RunCallbacks(told.append, should_cancel))
     assert seen and not request.output.out.exists()
     wait_for(lambda: not children_that_draw())
 
@@ -382,7 +384,7 @@ def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> N
 def test_reading_stops_after_each_system_so_that_work_can_come_between(weights: Path) -> None:
     names = list_systems(weights)
     assert len(names) > 1
-    assert sum(1 for _ in warming_up(weights, None)) == 1 + len(names)
+    assert sum(1 for _ in warm_up_steps(weights, None)) == 1 + len(names)
     assert all(get_system(name, weights) is get_system(name, weights) for name in names)
 
 

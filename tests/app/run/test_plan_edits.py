@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, RunError
-from app.run.batch.saved_run import copied_run
-from app.run.callbacks import DEAF, Ear, Event, Grown
+from app.run.batch.saved_run import copy_run
+from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, RunEvent
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
 from app.run.pipeline import generate
-from app.run.plan_edits.edited_motion import MadeTake, PlanEditRequest, make_take
-from app.run.plan_edits.edits import MAX_EDITS, Edit, edited, edits_of, offers_for
+from app.run.plan_edits.edited_motion import EditResult, PlanEditRequest, regenerate_edited
+from app.run.plan_edits.edits import MAX_EDITS, Edit, apply_edits, parse_edits, suggest_edits
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
 from model.motion.motion import load_motion
@@ -44,7 +44,7 @@ def plan() -> GesturePlan:
 
 
 def done(plan, *told):
-    return edited(plan, edits_of(list(told)), WORDS)
+    return apply_edits(plan, parse_edits(list(told)), WORDS)
 
 
 def lands(plan, side):
@@ -145,18 +145,18 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
         ({"do": "move", **FIRST, "at": 6.1}, 6.6, [6.1]),
         ({"do": "add", "kind": "you", "at": 6.2}, 6.6, [2.0, 6.2]),
     ):
-        (edit,) = edits_of([told])
+        (edit,) = parse_edits([told])
         with pytest.raises(PlanError, match="there is no time"):
-            edited(plan, (edit,), WORDS)
-        nearest, instead = offers_for(plan, edit, WORDS)
+            apply_edits(plan, (edit,), WORDS)
+        nearest, instead = suggest_edits(plan, edit, WORDS)
         assert (
             nearest.label == f"Nearest free place, {at} s" and instead.label == "In place of frame"
         )
         assert at in lands(done(plan, *(each.told() for each in nearest.edits)).plan, "right")
         made = done(plan, *(each.told() for each in instead.edits)).plan
         assert (lands(made, "right"), lands(made, "left")) == (left, [])
-    (fits,) = edits_of([{"do": "add", "kind": "you", "at": 9.0}])
-    assert offers_for(plan, fits, WORDS) == ()
+    (fits,) = parse_edits([{"do": "add", "kind": "you", "at": 9.0}])
+    assert suggest_edits(plan, fits, WORDS) == ()
 
 
 def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
@@ -190,15 +190,15 @@ def test_what_is_no_edit_is_refused() -> None:
         ("nod", "is an object"),
     ]:
         with pytest.raises(RunError, match=match):
-            edits_of([told])
+            parse_edits([told])
 
 
 def test_there_is_an_end_to_how_much_comes_at_once():
     with pytest.raises(RunError, match=f"at most {MAX_EDITS}"):
-        edits_of([{"do": "nod", "at": 1.0}] * (MAX_EDITS + 1))
+        parse_edits([{"do": "nod", "at": 1.0}] * (MAX_EDITS + 1))
     for told in ({"do": "nod"}, None, "x" * 100):
         with pytest.raises(RunError, match="a list"):
-            edits_of(told)
+            parse_edits(told)
 
 
 @pytest.fixture(scope="module")
@@ -223,15 +223,15 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     folder = tmp_path / "run"
     shutil.copytree(run.output.out, folder)
     asked = PlanEditRequest(run=folder, weights=run.sampling.weights, start=PLANNED)
-    assert make_take(asked, DEAF) == MadeTake(0)
+    assert regenerate_edited(asked, NO_CALLBACKS) == EditResult(0)
     rows: list[Row] = []
 
-    def noted(event: Event) -> None:
-        if isinstance(event, Grown):
+    def noted(event: RunEvent) -> None:
+        if isinstance(event, FolderUpdated):
             rows.append(read_run(event.folder).rows[-1])
 
     edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
-    take = make_take(replace_fields(asked, edits=(edit,)), Ear(noted))
+    take = regenerate_edited(replace_fields(asked, edits=(edit,)), RunCallbacks(noted))
     record = read_run(folder)
     assert (take.number, record.state) == (1, "done") and record.sentence
     own, made = record.rows
@@ -253,13 +253,13 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     (gesture,) = json.loads((folder / made.files["told"]).read_text())["gestures"]
     assert (gesture["lands"], gesture["kind"], gesture["partner"]) == (9.5, "offer", None)
 
-    elsewhere = copied_run(zip_run(folder, tmp_path / "run.zip"), tmp_path / "elsewhere")
+    elsewhere = copy_run(zip_run(folder, tmp_path / "run.zip"), tmp_path / "elsewhere")
     assert read_run(elsewhere) == record
     assert all((elsewhere / made.files[kind]).is_file() for kind in ("frames", "motion", "plan"))
     assert not (elsewhere / made.files["windows"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
     again = replace_fields(asked, run=elsewhere, start=made.name, edits=(back,))
-    assert make_take(again, DEAF).number == 2
+    assert regenerate_edited(again, NO_CALLBACKS).number == 2
     last = read_run(elsewhere).rows[-1]
     assert last.take is not None and (last.take.of, last.take.start) == (PLANNED, made.name)
     plan = read_plan_file(elsewhere / last.files["performed"]).plan
@@ -273,9 +273,9 @@ def test_what_cannot_be_leaves_nothing(run: AnyRun, tmp_path: Path) -> None:
     asked = PlanEditRequest(run=folder, weights=run.sampling.weights, start=PLANNED, edits=(late,))
     before = read_run(folder)
     with pytest.raises(Cancelled):
-        make_take(asked, Ear(should_cancel=lambda: True))
+        regenerate_edited(asked, RunCallbacks(should_cancel=lambda: True))
     assert read_run(folder) == before
     with pytest.raises(PlanError, match=r"the end at 12.00 s"):
-        make_take(asked, DEAF)
+        regenerate_edited(asked, NO_CALLBACKS)
     drop_unfinished(folder)
     assert [row.name for row in read_run(folder).rows] == [PLANNED]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.bodies import TipSource
+from app.run.bodies import TrackedPoint
 from app.run.display import Display, check_display
 from app.run.examples import CLEAN
-from app.run.upload_check import Given, kind_of, refusal_of
+from app.run.upload_check import Upload, kind_of, rejection_reason
 from app.run.videos.videos import displayed, marks_of
 from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion
@@ -22,7 +22,7 @@ from tests.app.fakes import made_motion
 from tests.model.made import made_waveform
 
 BODY = load_body()
-TIP = TipSource()
+TIP = TrackedPoint()
 MAX_S = 2.0
 
 
@@ -132,10 +132,10 @@ def test_what_can_be_used_is_not_refused(tmp_path: Path) -> None:
         ("transcript", [CLEAN.with_suffix(".TextGrid")]),
         ("transcript", [text]),
     ):
-        assert refusal_of(Given(kind, files, MAX_S)) == "", (kind, files)
-    assert refusal_of(Given("speech", [wav(tmp_path / "b.wav", 3.0)], MAX_S)).endswith(".")
+        assert rejection_reason(Upload(kind, files, MAX_S)) == "", (kind, files)
+    assert rejection_reason(Upload("speech", [wav(tmp_path / "b.wav", 3.0)], MAX_S)).endswith(".")
     text.write_text("?")
-    assert refusal_of(Given("transcript", [text], MAX_S)) == "said.txt holds no words."
+    assert rejection_reason(Upload("transcript", [text], MAX_S)) == "said.txt holds no words."
 
 
 def test_the_first_wrong_file_is_named(tmp_path: Path) -> None:
@@ -143,7 +143,7 @@ def test_the_first_wrong_file_is_named(tmp_path: Path) -> None:
         wrong = [tmp_path / f"{name}.npz" for name in ("first", "second")]
         for path in wrong:
             path.write_bytes(b"\x00" * 64)
-        sentence = refusal_of(Given(kind, wrong, MAX_S))
+        sentence = rejection_reason(Upload(kind, wrong, MAX_S))
         assert "first" in sentence and "second" not in sentence
 
 

@@ -13,24 +13,24 @@ import pytest
 
 from app.errors import Cancelled, DiskFullError, RunError
 from app.findings.measure_rows import JERK, TITLES
-from app.run.batch.saved_run import LIMITS, copied_run, opened, run_folder
-from app.run.callbacks import Ear, Event, Grown
+from app.run.batch.saved_run import LIMITS, copy_run, opened, run_folder
+from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.frame_packets import HEADER
 from app.run.output.run_folder import (
     RUN,
     RunRecord,
-    ending_of,
     file_of,
     is_run_zip,
-    noise_of,
+    noise_group,
     read_run,
     rows_of,
     runs_in,
+    safe_suffix,
     zip_run,
 )
 from app.run.pipeline import record_of, run
-from app.run.run_writer import findings_told, writing_run
-from app.run.timeline import said_in
+from app.run.run_writer import findings_told, open_run_writer
+from app.run.timeline import read_transcript_of_run
 from model.faults.analysis import WRONG, Finding
 from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import Interval
@@ -150,9 +150,11 @@ def test_no_run_is_a_link_that_leads_out_and_no_name_is_too_long_for_a_file(tmp_
 
 
 def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_path):
-    events: list[Event] = []
+    events: list[RunEvent] = []
     motion = made_motion(37)
-    with writing_run(tmp_path, RunRecord(**RECORD), Ear(events.append), is_kept=True) as run:
+    with open_run_writer(
+        tmp_path, RunRecord(**RECORD), RunCallbacks(events.append), is_kept=True
+    ) as run:
         run.rows(NAMES)
         for start, end in pairwise([0, 10, 11, 37]):
             run.grow(NAMES[0], motion.part(slice(start, end)), 37)
@@ -175,7 +177,7 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
         assert second.there.place == pytest.approx(first.there.place)
         run.finish("Done.")
     assert (tmp_path / "first.npz").is_file() and read_run(tmp_path).state == "done"
-    assert set(events) == {Grown(tmp_path)}
+    assert set(events) == {FolderUpdated(tmp_path)}
 
 
 @pytest.mark.parametrize(
@@ -189,7 +191,7 @@ def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for
         out = tmp_path / str(is_kept)
         with (
             pytest.raises(type(error)),
-            writing_run(out, RunRecord(**RECORD), is_kept=is_kept) as run,
+            open_run_writer(out, RunRecord(**RECORD), is_kept=is_kept) as run,
         ):
             run.rows(["a"])
             run.motion("a", made_motion(8), "a.npz")
@@ -208,7 +210,7 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
         right=(HandPhase(0.5, 1.0, "stroke", (0.2, -0.1, 0.3), "offer", "never"),),
         nods=(Nod(1.25, 6.0),),
     )
-    with writing_run(tmp_path, RunRecord(**RECORD), is_kept=True) as run:
+    with open_run_writer(tmp_path, RunRecord(**RECORD), is_kept=True) as run:
         run.rows(NAMES[:2])
         assert run.performed(NAMES[0], plan) == plan
         run.find_plans(dict.fromkeys(NAMES[:2], made_motion(45)))
@@ -236,7 +238,10 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
 
 
 def test_rows_of_one_noise():
-    assert noise_of("a/b") == noise_of("a/c") != noise_of("a/b.s2") and noise_of("b") is None
+    assert (
+        noise_group("a/b") == noise_group("a/c") != noise_group("a/b.s2")
+        and noise_group("b") is None
+    )
 
 
 @pytest.fixture(scope="module")
@@ -254,7 +259,7 @@ def make_results(speech: Path, folder: Path) -> None:
         reference=folder / "recorded.npz", title="made elsewhere", has_figures=False,
     )  # fmt: skip
     run(asked)
-    with writing_run(out, read_run(out), is_kept=True) as writer:
+    with open_run_writer(out, read_run(out), is_kept=True) as writer:
         writer.performed("gan/5", GesturePlan(2.0, (REST,), (REST,)))
         writer.timeline(json.loads((out / "timeline.json").read_text()), SAID)
         writer.folder.path("jitter.png").touch()
@@ -270,7 +275,10 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     asked = diagnose_request(motions=(packed,), out=tmp_path / "again", has_figures=False)
     anew = opened(asked, tmp_path / "opened")[""]
     assert anew.motions.names == ("gan/5",)
-    assert anew.motions.source_run is not None and said_in(anew.motions.source_run) == SAID
+    assert (
+        anew.motions.source_run is not None
+        and read_transcript_of_run(anew.motions.source_run) == SAID
+    )
     assert anew.speech.path is not None and load_speech(anew.speech.path).num_frames >= 60
     told = record_of(anew)
     assert str(tmp_path) not in told.model_dump_json(), "no folder is told"
@@ -316,7 +324,7 @@ def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_i
     with pytest.raises(RunError, match="it has no motion"):
         opened(hollow, tmp_path / "hollow")
     for number, own in enumerate((results, zip_run(results, tmp_path / "own.zip"))):
-        copy = copied_run(own, tmp_path / str(number))
+        copy = copy_run(own, tmp_path / str(number))
         assert read_run(copy) == read_run(results)
         assert (copy / "shown/gan-5.frames").is_file() and (copy / "jitter.png").is_file()
 
@@ -345,7 +353,7 @@ def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -
 def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_path: Path) -> None:
     (row,) = rows_of(["a"])
     for name, ending in (("a.BVH", ".bvh"), ("a.npz-copy_of_a_run", ""), ("a", ""), ("a.b c", "")):
-        row.ending = ending_of(Path(name))
+        row.ending = safe_suffix(Path(name))
         assert row.ending == ending
         RunRecord(kind="given", point="right_wrist", rows=[row]).write(tmp_path / RUN)
         assert read_run(tmp_path).rows[0].ending == ending

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from app.run.bodies import TipSource, choose_tip_source
+from app.run.bodies import TrackedPoint, make_tracked_point
 from app.run.timeline import (
     derivative_curve,
     make_timeline,
     point_curves,
-    tiers_of,
+    transcript_tiers,
     waveform_peaks,
     with_snaps,
     worst_seconds,
@@ -76,7 +76,7 @@ KINDS = ("raw", "savgol")
 
 
 def test_the_time_line_holds_every_motion_raw_and_filtered():
-    tip = TipSource()
+    tip = TrackedPoint()
     speech = Speech(made_waveform(16_000 * 2), "sha")
     timeline = make_timeline(speech, {"a": made_motion(60), "b": made_motion(45)}, "raw", tip)
     assert timeline["duration_s"] == 2.0
@@ -96,11 +96,11 @@ def test_the_time_line_holds_every_motion_raw_and_filtered():
 def test_phones_and_accents_are_handed_on_and_those_that_are_heard_told_with_their_strength():
     phones = (Interval(0.2, 0.3, "N"), Interval(0.3, 0.6, "OW1"))
     said = Transcript((Word(0.2, 0.6, "no"),), phones=phones, accents=(Accent(0.31, 0.8),))
-    told = tiers_of(said)
+    told = transcript_tiers(said)
     assert told["phones"] == [(0.2, 0.3, "N"), (0.3, 0.6, "OW1")]
     assert told["accents"] == [(0.31, 0.8)]
     speech = load_speech(ROOT / "examples" / "the_huge_box.wav")
-    line = make_timeline(speech, {"a": made_motion(8)}, "raw", TipSource(), BUNDLED_WEIGHTS)
+    line = make_timeline(speech, {"a": made_motion(8)}, "raw", TrackedPoint(), BUNDLED_WEIGHTS)
     heard = line["heard_accents"]
     assert heard and all(0 < at < speech.duration_s and 0 <= much <= 1 for at, much in heard)
 
@@ -162,7 +162,7 @@ def test_a_snap_is_the_worst_second_where_it_is_the_gravest_finding_and_else_amo
 def test_with_a_licensed_body_the_curves_follow_its_vertex_as_the_numbers_do(tmp_path):
     body_path, motion = tmp_path / "SMPLX_NEUTRAL.npz", smooth_motion_example(37)
     expanded_to_smplx(load_body(), body_path)
-    vertex = choose_tip_source(body_path)
-    rigid = TipSource()
+    vertex = make_tracked_point(body_path)
+    rigid = TrackedPoint()
     curves = make_timeline(None, {"a": motion}, "raw", vertex)["curves"]["a"]["raw"]
     assert curves == point_curves(vertex.track(motion)) != point_curves(rigid.track(motion))

@@ -11,16 +11,23 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from app.errors import Cancelled, RunError
-from app.run.bodies import SOLE_M, TipSource, body_motion, in_register, picture_motions, register_of
-from app.run.callbacks import DEAF, Ear, Progress
-from app.run.display import MAX_SHOWN, Look, Mode, Seen, SeenBody, SeenPanel
+from app.run.bodies import (
+    FOOT_JOINT_HEIGHT_M,
+    TrackedPoint,
+    align_to_origin,
+    body_motion,
+    picture_motions,
+    root_transform_of,
+)
+from app.run.callbacks import NO_CALLBACKS, Progress, RunCallbacks
+from app.run.display import MAX_SHOWN, Mode, ViewerBody, ViewerPanel, ViewerSettings, ViewerState
 from app.run.examples import CLEAN
 from app.run.output.result_folder import ResultFolder
 from app.run.pipeline import _draw_poses, _draw_videos
 from app.run.requests.requests import ViewerVideoRequest
 from app.run.videos import videos, viewer_recording
-from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks, names_that_fit
-from app.run.videos.viewer_recording import NAME, draw_seen
+from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks, limit_compared
+from app.run.videos.viewer_recording import NAME, draw_viewer_video
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME
 from model.motion.kinematics import open_body_skeleton
@@ -39,18 +46,20 @@ from tests.model.made import made_waveform
 from tests.renderer.video.test_encoder import decoded_frames
 
 PANELS = (
-    SeenPanel(rect=(0, 0, 80, 100)),
-    SeenPanel(view="right_hand", rect=(0, 100, 40, 40)),
-    SeenPanel(view="left_hand", rect=(40, 100, 40, 40)),
+    ViewerPanel(rect=(0, 0, 80, 100)),
+    ViewerPanel(view="right_hand", rect=(0, 100, 40, 40)),
+    ViewerPanel(view="left_hand", rect=(40, 100, 40, 40)),
 )
-BODIES = tuple(SeenBody(label=label, motion="", color="#d55e00") for label in "abc")
-GRID = Seen(bodies=BODIES, shown=(0, 1), size=(80.0, 140.0), panels=(PANELS,), columns=2)
-BESIDE = SeenPanel(rect=(40, 0, 80, 100)), SeenPanel(view="right_hand", rect=(0, 0, 40, 100))
+BODIES = tuple(ViewerBody(label=label, motion="", color="#d55e00") for label in "abc")
+GRID = ViewerState(bodies=BODIES, shown=(0, 1), size=(80.0, 140.0), panels=(PANELS,), columns=2)
+BESIDE = ViewerPanel(rect=(40, 0, 80, 100)), ViewerPanel(view="right_hand", rect=(0, 0, 40, 100))
 
 
-def changed(seen: Seen, **changes: Any) -> Seen:
+def changed(seen: ViewerState, **changes: Any) -> ViewerState:
     """Another, of which some is another way; of its look, too."""
-    look = {name: changes.pop(name) for name in list(changes) if name in Look.model_fields}
+    look = {
+        name: changes.pop(name) for name in list(changes) if name in ViewerSettings.model_fields
+    }
     return seen.model_copy(update={"look": seen.look.model_copy(update=look), **changes})
 
 
@@ -59,7 +68,7 @@ PAIR = changed(
     size=(160.0, 100.0),
     panels=(
         BESIDE,
-        (BESIDE[0], SeenPanel(view="right_hand", rect=(120, 0, 40, 100))),
+        (BESIDE[0], ViewerPanel(view="right_hand", rect=(120, 0, 40, 100))),
     ),
     mode="wipe",
 )
@@ -80,15 +89,15 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
         motion = load_motion(CLEAN).part(slice(60))
         elsewhere = moved(motion, degrees)
         skeleton = open_body_skeleton()
-        own = track_points(in_register(motion), skeleton).joints
-        theirs = track_points(in_register(elsewhere), skeleton).joints
+        own = track_points(align_to_origin(motion), skeleton).joints
+        theirs = track_points(align_to_origin(elsewhere), skeleton).joints
         np.testing.assert_allclose(theirs, own, atol=1e-4)
         across = own[:, JOINT_INDEX["left_hip"]] - own[:, JOINT_INDEX["right_hip"]]
         assert abs(across[:, 2].mean()) < 1e-4 < across[:, 0].mean()
         np.testing.assert_allclose(np.median(own[:, 0], axis=0)[[0, 2]], 0.0, atol=1e-5)
         feet = own[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 1].min(axis=1)
-        assert np.median(feet) == pytest.approx(SOLE_M, abs=1e-5)
-        again = register_of(in_register(elsewhere))  # what a player is told has been done
+        assert np.median(feet) == pytest.approx(FOOT_JOINT_HEIGHT_M, abs=1e-5)
+        again = root_transform_of(align_to_origin(elsewhere))  # what a player is told has been done
         assert again.turn_rad == pytest.approx(0, abs=1e-4)
         assert again.shift_m == pytest.approx((0, 0, 0), abs=1e-4)
 
@@ -120,7 +129,7 @@ def test_all_bodies_of_a_run_are_in_register(
     body = load_body()
     motion = load_motion(CLEAN).part(slice(40))
     elsewhere = moved(motion, 120.0)
-    tip = TipSource()
+    tip = TrackedPoint()
     asked = generate_request(
         speech=tmp_path / "s.wav", out=tmp_path / "out", views=("front", "side"), has_video=True
     )
@@ -129,7 +138,7 @@ def test_all_bodies_of_a_run_are_in_register(
         staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, is_made=True
     )
     rows.drawn = {"a": motion}
-    run: Any = Ear()
+    run: Any = RunCallbacks()
     with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
         run.folder, run.file = folder, None
         _draw_videos(asked, rows, run)
@@ -154,7 +163,7 @@ def test_snapshots_are_those_of_each_motion_alone_before_the_camera_of_all(tmp_p
     asked = diagnose_request(motions=(), out=tmp_path, figure_frames=(3, 30))
     rows: Any = SimpleNamespace(drawn=drawn, body=body, is_made=False)
     shares: list[Any] = []
-    snapshots = _draw_poses(asked, rows, Ear(shares.append))
+    snapshots = _draw_poses(asked, rows, RunCallbacks(shares.append))
     assert [*snapshots.pictures] == [*drawn] and shares[-1].fraction == pytest.approx(0.6)
     settings = RenderSettings(512, 512)
     stage = stage_for(body, [*map(body_motion, drawn.values())], settings)
@@ -205,7 +214,7 @@ def test_what_a_stage_shows_is_taken():
 def test_what_no_stage_shows_is_refused() -> None:
     many = 20 * BODIES[:1]
     body, right = PANELS[:2]
-    thin = SeenPanel(view="right_hand", rect=(0, 100, 40, 1))
+    thin = ViewerPanel(view="right_hand", rect=(0, 100, 40, 1))
     for changes, words in [
         ({"bodies": ()}, "no body on the stage yet"),
         ({"mode": "wipe"}, "are not of its bodies"),
@@ -221,14 +230,16 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"panels": (PANELS, PANELS)}, "are not of its bodies"),
         ({"panels": (PANELS[1:],)}, "are not of its bodies"),
         ({"panels": ((body, right, right),)}, "are not of its bodies"),
-        ({"panels": ((SeenPanel(rect=(0, 0, 900, 100)),),)}, "The body has no room"),
+        ({"panels": ((ViewerPanel(rect=(0, 0, 900, 100)),),)}, "The body has no room"),
         ({"panels": ((body, thin),)}, "right hand has no room"),
         ({"exaggeration": 50.0}, "1 to 20 times as large; got 50"),
         ({"tone": "green"}, "'light', 'medium', 'dark' or 'clay'"),
         ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom is 0.4 to 10; got 99"),
     ]:
         with pytest.raises(RunError, match=words):
-            Seen.read(changed(GRID, **changes).model_dump_json(by_alias=True, warnings=False))
+            ViewerState.read(
+                changed(GRID, **changes).model_dump_json(by_alias=True, warnings=False)
+            )
 
 
 def with_arms_down(num_frames: int = 1) -> Motion:
@@ -239,7 +250,7 @@ def with_arms_down(num_frames: int = 1) -> Motion:
 
 
 def asked(
-    tmp_path: Path, seen: Seen, *motions: Motion, speech: Path | None = None
+    tmp_path: Path, seen: ViewerState, *motions: Motion, speech: Path | None = None
 ) -> ViewerVideoRequest:
     paths = []
     for i, motion in enumerate(motions or (with_arms_down(), with_arms_down())):
@@ -250,7 +261,7 @@ def asked(
 
 def drawn(request: ViewerVideoRequest) -> np.ndarray:
     """The pictures under the band with the names."""
-    video = draw_seen(request, DEAF)
+    video = draw_viewer_video(request, NO_CALLBACKS)
     assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]
     frames = decoded_frames(video.path)
     assert len(frames) == video.num_frames
@@ -316,7 +327,7 @@ def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_l
         ((1200.0, 900.0), 1, 1),
         ((250.0, 500.0), 6, 12),
     ]:
-        panels = ((SeenPanel(rect=(0, 0, *size)),),)
+        panels = ((ViewerPanel(rect=(0, 0, *size)),),)
         shown = {"shown": tuple(range(count)), "columns": columns}
         room = viewer_recording._Room.of(changed(GRID, size=size, panels=panels, **shown))
         assert room.width % 2 == room.height % 2 == 0
@@ -338,22 +349,22 @@ def test_a_long_video_is_cut_and_says_so() -> None:
 
 
 def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_path: Path) -> None:
-    face = SeenPanel(view="face", rect=(0, 10, 1000, 990))
-    panels = ((SeenPanel(rect=(0, 0, 10, 10)), face),)
+    face = ViewerPanel(view="face", rect=(0, 10, 1000, 990))
+    panels = ((ViewerPanel(rect=(0, 0, 10, 10)), face),)
     seen = changed(GRID, size=(1000.0, 1000.0), panels=panels)
     with pytest.raises(RunError, match="too small on the stage"):
-        draw_seen(asked(tmp_path, seen), DEAF)
+        draw_viewer_video(asked(tmp_path, seen), NO_CALLBACKS)
     told: list[object] = []
     with pytest.raises(Cancelled):
-        draw_seen(asked(tmp_path, GRID), Ear(told.append, lambda: bool(told)))
+        draw_viewer_video(asked(tmp_path, GRID), RunCallbacks(told.append, lambda: bool(told)))
     assert told == [Progress("video", 0.0)] and not (tmp_path / "out" / NAME).exists()
 
 
 def test_of_more_than_fit_the_first_sample_of_each_and_the_reference_stand_side_by_side() -> None:
     for number in (1, 5, 6, 8):
         names = [f"system{i}" for i in range(number)]
-        fitting, told = names_that_fit([*names, "reference"])
+        fitting, told = limit_compared([*names, "reference"])
         assert fitting == [*names[:5], "reference"]
         assert ("they show system0, system1, " in " ".join(told)) == (number > 5)
     names = [f"{name}{sample}" for name in ("a/b", "a/c") for sample in ("", ".s2", ".s3", ".s4")]
-    assert names_that_fit(names)[0] == ["a/b", "a/c"]
+    assert limit_compared(names)[0] == ["a/b", "a/c"]

@@ -10,7 +10,7 @@ from app.config import EXAMPLES
 from app.errors import Cancelled
 from app.run.examples import CLEAN
 from app.run.pipeline import run
-from app.run.timeline import SpokenWords
+from app.run.timeline import WordSearch
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID, TranscriptError, read_transcript
 
@@ -25,7 +25,7 @@ def never() -> None:
 def test_a_textgrid_wins_and_unasked_nothing_is_looked_for() -> None:
     for given, asked in [(GRID, "recognise"), (None, "none")]:
         expected = NOTHING_SAID if given is None else read_transcript(given)
-        with SpokenWords(given, asked) as words:
+        with WordSearch(given, asked) as words:
             assert not words.need_speech
             words.begin(load_speech(SAID).waveform)
             assert words.found(never) == (expected, ()) and words.given == expected
@@ -35,7 +35,7 @@ def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
     tmp_path: Path,
 ) -> None:
     text = SAID.with_suffix(".txt")
-    with SpokenWords(text, "recognise") as words:
+    with WordSearch(text, "recognise") as words:
         assert words.need_speech and words.given == NOTHING_SAID  # not yet
         words.begin(load_speech(SAID).waveform)
         said, notes = words.found(lambda: None)
@@ -43,14 +43,14 @@ def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
     assert said.words[0].text == "There"  # as it is written
     (tmp_path / "said.txt").write_text("...")
     with pytest.raises(TranscriptError, match=r"said.txt holds no words"):
-        SpokenWords(tmp_path / "said.txt", "none")
+        WordSearch(tmp_path / "said.txt", "none")
 
 
 def test_who_stops_a_run_ends_the_looking_for_words() -> None:
     def stop() -> None:
         raise Cancelled
 
-    with pytest.raises(Cancelled), SpokenWords(None, "recognise") as words:
+    with pytest.raises(Cancelled), WordSearch(None, "recognise") as words:
         words.begin(np.tile(load_speech(SAID).waveform, 20))
         child = words._hearing._child  # type: ignore[union-attr]
         assert child is not None and child.is_alive()

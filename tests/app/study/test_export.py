@@ -13,7 +13,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import Cancelled, RunError
-from app.run.callbacks import Ear
+from app.run.callbacks import RunCallbacks
 from app.study.design.blinding import NOT_MADE
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan, read_plan
@@ -100,7 +100,7 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, 
 def test_the_other_protocols_export_without_a_leak(inputs, tmp_path, protocol):
     events: list[Any] = []
     plan = plan_of(inputs, f'protocol = "{protocol}"', HERE[:1])
-    export_study(plan, tmp_path / "out", draw=draw_noise, ear=Ear(events.append))
+    export_study(plan, tmp_path / "out", draw=draw_noise, ear=RunCallbacks(events.append))
     assert check_study(tmp_path / "out") == []
     shares = [event.fraction for event in events]
     assert shares[-1] == 1.0 and shares == sorted(shares)
@@ -166,7 +166,7 @@ def test_cancelling_leaves_what_is_finished(inputs, tmp_path):
         assert should_cancel()
         raise Cancelled
 
-    ear = Ear(should_cancel=lambda: True)
+    ear = RunCallbacks(should_cancel=lambda: True)
     with pytest.raises(Cancelled):
         export_study(plan_of(inputs), tmp_path / "out", draw=cancelled, ear=ear)
     assert read_key(tmp_path / "out" / "researcher_only" / "key.json").participants == 4

@@ -8,7 +8,7 @@ from app.page.results.player import Showing
 from app.page.routes.media import Media
 from app.page.visitors.files import Job
 from app.run.output.run_folder import RunRecord
-from app.run.run_writer import writing_run
+from app.run.run_writer import open_run_writer
 from conventions.names import REFERENCE_NAME
 from model.diagnostics import Diagnostics
 from model.speech.transcript import NOTHING_SAID, Transcript
@@ -37,7 +37,7 @@ def made_run(
     values |= {"speech_sha256": SPEECH_SHA256, "settings": {**usual, **(settings or {})}}
     job.mkdir(exist_ok=True)
     record = RunRecord(**{**values, **changes})
-    with writing_run(job / out, record, is_kept=True) as run:
+    with open_run_writer(job / out, record, is_kept=True) as run:
         run.rows([*jerk, *([] if reference is None else [REFERENCE_NAME])])
         run.sound(made_waveform(round(16_000 * duration_s)))
         for name in jerk:

@@ -9,9 +9,9 @@ from app.errors import RunError
 from app.page.alone import player_alone
 from app.page.results.player import Showing, first_look
 from app.page.routes.media import Media
-from app.run.callbacks import Ear, Event, Grown
+from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.examples import STEADY, TREMBLING
-from app.run.output.provenance import ARE, PROVENANCE
+from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
 from app.run.output.run_folder import RUN, TIMELINE, RunRecord, read_run, rows_of
 from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, Nod
@@ -33,14 +33,14 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     showing = showing_in(tmp_path / "job", media, "mine")
     values: list[dict] = []
 
-    def noted(event: Event) -> None:
-        if isinstance(event, Grown):
+    def noted(event: RunEvent) -> None:
+        if isinstance(event, FolderUpdated):
             values.append(showing.value())
 
     with pytest.raises(RunError, match=r"run\.json is missing"):
         showing.value()
     plan = GesturePlan(1.0, nods=(Nod(0.5, 6.0),))
-    make_generate(seconds=1.0, plan=plan)(asked, Ear(noted))
+    make_generate(seconds=1.0, plan=plan)(asked, RunCallbacks(noted))
     rows = [value["rows"] for value in values if value["rows"]]
     assert all([row["name"] for row in each] == list(NAMES) for each in rows)
     assert [row["is_reference"] for row in rows[0]] == [False, False, True]
@@ -102,6 +102,6 @@ def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
     (tmp_path / RUN).write_text(json.dumps(told))
     (tmp_path / "a.frames").touch()
     secret = tmp_path.parent / "secret.json"
-    secret.write_text(json.dumps({ARE: "a secret"}))
+    secret.write_text(json.dumps({WEIGHTS_ARE_KEY: "a secret"}))
     (tmp_path / PROVENANCE).symlink_to(secret)
     assert "a secret" not in player_alone(tmp_path)

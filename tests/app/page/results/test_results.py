@@ -22,10 +22,10 @@ from app.page.results.player import Showing
 from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import RunPair, pairs_of, told_settings
 from app.page.results.tables import measures_table
-from app.run.output.provenance import NONE, differing, settings_of
+from app.run.output.provenance import NONE, differing_settings, settings_summary
 from app.run.output.run_folder import RunRecord
 from app.run.requests.requests import AnyRun
-from app.run.run_writer import writing_run
+from app.run.run_writer import open_run_writer
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding
 from model.speech.transcript import Transcript, Word
@@ -40,7 +40,7 @@ EVIL = "<script>alert(1)</script>"
 def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
     """As the page shows what the worker has measured."""
     record = RunRecord(kind="given", point="right_middle")
-    with writing_run(tmp_path / "results", record) as run:
+    with open_run_writer(tmp_path / "results", record) as run:
         run.measured(diagnostics)
         return measures_table(run.record)
 
@@ -173,20 +173,25 @@ def asked(**changes) -> AnyRun:
 
 def test_what_a_run_was_asked_for_is_told_in_words_and_what_differs_is_found():
     by_name = {"globaldiff/local": 10}
-    told = settings_of(asked(seed=3, steps=by_name, sampler="heun", guidance=1.5))
+    told = settings_summary(asked(seed=3, steps=by_name, sampler="heun", guidance=1.5))
     assert told["strength of the speech"] == "1.5"
     assert (told["speech"], told["systems"], told["seed"]) == ("talk", "local, gan/5", "3")
     assert (told["steps"], told["filter"]) == ("local 10", "none")
     assert told["sampler"].startswith("Heun")
     assert told["followed point"] == "right middle fingertip"
     assert told["words"] == "none"
-    assert settings_of(asked(words="recognise"))["words"] == "recognised"
+    assert settings_summary(asked(words="recognise"))["words"] == "recognised"
     given = asked(words="recognise", transcript=Path("/up/said.txt"))
-    assert settings_of(given)["words"] == "said.txt"
-    first, second = settings_of(asked(seed=3)), settings_of(asked(seed=7, steps=25))
-    assert differing(first, second) == {"seed": ("3", "7"), "steps": ("usual", "25")}
-    own = settings_of(diagnose_request(motions=(Path("a.npz"),), out=Path("out"), names=("a",)))
-    assert differing(first, own)["seed"] == ("3", "none") and "speech" not in differing(first, own)
+    assert settings_summary(given)["words"] == "said.txt"
+    first, second = settings_summary(asked(seed=3)), settings_summary(asked(seed=7, steps=25))
+    assert differing_settings(first, second) == {"seed": ("3", "7"), "steps": ("usual", "25")}
+    own = settings_summary(
+        diagnose_request(motions=(Path("a.npz"),), out=Path("out"), names=("a",))
+    )
+    assert differing_settings(first, own)["seed"] == (
+        "3",
+        "none",
+    ) and "speech" not in differing_settings(first, own)
 
 
 STEPS = {"seed": "7", "steps": "25"}

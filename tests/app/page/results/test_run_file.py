@@ -13,8 +13,8 @@ from app.notebook import show
 from app.page.alone import DOOR, WEB, _needed, player_alone, save_page
 from app.page.results.kept_runs import KeptRuns, file_name, saving_route
 from app.page.routes.media import MadeFiles
-from app.run.output.provenance import ARE, PROVENANCE
-from app.run.output.run_folder import changed, is_run_zip, save_run
+from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
+from app.run.output.run_folder import edit_record, is_run_zip, save_run
 from model.speech.audio import Speech
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import does
@@ -29,7 +29,7 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     made = MadeFiles(tmp_path, does)
     forms = ((".zip", save_run, ""), (".html", save_page, "/page"))
     client = TestClient(FastAPI(routes=[saving_route(runs, made, *form) for form in forms]))
-    with changed(kept.showing.folder) as record:
+    with edit_record(kept.showing.folder) as record:
         record.rows[0].files["performed"] = "f-x.plan.json"
     address = f"media/run/{kept.token}"
     assert f'href="{address}/page"' in kept.downloads(kept.showing)
@@ -81,7 +81,7 @@ def test_the_same_motion_gives_the_same_file_and_a_folder_is_shown_as_it_is(tmp_
     speech, motions = Speech(made_waveform(32_000), ""), {"one": smooth_motion_example(60)}
     assert show(motions, speech).html == show(motions, speech).html
     folder = made_run(tmp_path / "job", "made elsewhere", jerk={"x/a": 9.0, "x/b": 99.0}).folder
-    (folder / PROVENANCE).write_text(json.dumps({ARE: "the authors' own & new"}))
+    (folder / PROVENANCE).write_text(json.dumps({WEIGHTS_ARE_KEY: "the authors' own & new"}))
     html = show(folder).html
     assert html == player_alone(folder)
     head = html.split("<header>")[1].split("</header>")[0]

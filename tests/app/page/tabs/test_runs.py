@@ -32,11 +32,11 @@ from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_
 from app.page.visitors.files import Job
 from app.run.batch.archives import UNPACKED
 from app.run.batch.saved_run import OPENED
-from app.run.callbacks import Ear, Progress
+from app.run.callbacks import Progress, RunCallbacks
 from app.run.output.run_folder import RUN, zip_run
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import DiagnoseRequest
-from app.run.tasks import Sets
+from app.run.tasks import SetResults
 from app.study.make.workspace import ExportRequest
 from conventions.views import CLOSE_UPS
 from model.motion.motion import load_motion
@@ -61,7 +61,7 @@ class Own:
     """The tab for motion of one's own, over a diagnose and sets of the test's."""
 
     def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
-        does = {"do_in_folder": diagnose, "measure_sets": measure_sets}
+        does = {"run_in_folder": diagnose, "measure_sets": measure_sets}
         services = fakes.made_services(folder, does, config=AppConfig())
         with gr.Blocks():
             self.parts = ResultParts()
@@ -90,7 +90,7 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
 
 def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, speech):
     failing = make_generate(late_error=RunError("The disk is full."))
-    services = made_services(tmp_path, {"do_in_folder": failing})
+    services = made_services(tmp_path, {"run_in_folder": failing})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -101,14 +101,14 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     assert row["there"]["end"] == 30 and not last["player"]["running"]
     assert "globaldiff-local.npz" in saved(last["downloads"])
     early = make_generate(error=RunError("No such system."))
-    services = made_services(tmp_path / "early", {"do_in_folder": early})
+    services = made_services(tmp_path / "early", {"run_in_folder": early})
     runner = GenerateRunner(services, form, parts)
     assert updates_of(runner, parts, *values, None)[-1] == {"error": "No such system."}
 
 
 def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp_path, speech):
     figures = threading.Event()
-    services = made_services(tmp_path, {"do_in_folder": make_generate(before_figures=figures)})
+    services = made_services(tmp_path, {"run_in_folder": make_generate(before_figures=figures)})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -132,7 +132,7 @@ def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp
 
 
 def test_a_run_that_finds_no_place_in_the_queue_leaves_no_line_that_it_waits(tmp_path, speech):
-    services = made_services(tmp_path, {"do_in_folder": make_generate(error=RunError("No."))})
+    services = made_services(tmp_path, {"run_in_folder": make_generate(error=RunError("No."))})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -158,7 +158,7 @@ def test_a_run_that_is_refused_or_fails_leaves_nothing_that_it_unpacked(tmp_path
     left: list[Path] = []
 
     def unpack(place: str) -> Any:
-        def do(ask: Any, ear: Ear) -> None:
+        def do(ask: Any, ear: RunCallbacks) -> None:
             left.append(ask.output.out.parent / place / "a.npz")
             left[-1].parent.mkdir(parents=True)
             left[-1].touch()
@@ -181,7 +181,7 @@ class Measured:
         self.asked: list[DiagnoseRequest] = []
         self._folder = folder
 
-    def __call__(self, request: DiagnoseRequest, ear: Ear) -> Sets:
+    def __call__(self, request: DiagnoseRequest, ear: RunCallbacks) -> SetResults:
         self.asked.append(request)
         ear.hear(Progress("numbers", 0.5))
         request.output.out.mkdir()
@@ -200,7 +200,7 @@ class Measured:
             for name in ("<i>mine", "reference")
         }
         sounds = {"a": self._folder / "a.wav"}
-        return Sets(request, (table,), ("A <note>.",), told, clips, sounds)
+        return SetResults(request, (table,), ("A <note>.",), told, clips, sounds)
 
 
 def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
@@ -286,7 +286,7 @@ def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
     with gr.Blocks():
         form = FormParts({}, gr.Button(), gr.Button())
         results = ResultParts("live-")
-    does = {"do_in_folder": make_generate(), "draw_behind": make_draw()}
+    does = {"run_in_folder": make_generate(), "draw_videos_in_background": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
     return LiveRunner(services, form, results)
@@ -373,7 +373,7 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
 ):
     private, may_end = tmp_path / "private", threading.Event()
 
-    def export(asked: ExportRequest, ear: Ear) -> None:
+    def export(asked: ExportRequest, ear: RunCallbacks) -> None:
         ear.hear(Progress("motion", 0.5))
         wait_for(ear.should_cancel)
         assert may_end.wait(60)
@@ -554,7 +554,7 @@ class Tab:
     def __init__(self, folder: Path, draw: Any) -> None:
         with gr.Blocks():
             self.parts: ResultParts = ResultParts()
-        services = fakes.made_services(folder, {"draw_behind": draw})
+        services = fakes.made_services(folder, {"draw_videos_in_background": draw})
         self.jobs, self.kept = services.jobs, services.kept
         self.videos = VideosBehind(services, self.parts, "generate")
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))

@@ -12,13 +12,13 @@ from app.errors import RunError
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.stage import Asked, SeenRunner, TakesRunner
 from app.page.visitors.files import Job
-from app.run.callbacks import Ear, Grown, Progress
-from app.run.display import Display, Seen
-from app.run.output.run_folder import TakeOf, changed, read_run
-from app.run.plan_edits.edits import MadeTake, PlanEditRequest, edits_of
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
+from app.run.display import Display, ViewerState
+from app.run.output.run_folder import EditInfo, edit_record, read_run
+from app.run.plan_edits.edits import EditResult, PlanEditRequest, parse_edits
 from app.run.requests.requests import ViewerVideoRequest
-from app.run.run_writer import writing_run
-from app.run.tasks import SeenVideo
+from app.run.run_writer import open_run_writer
+from app.run.tasks import ViewerVideo
 from model.plan.plan import GesturePlan, PlanError
 from model.speech.transcript import Transcript, Word
 from tests.app.fakes import made_services
@@ -56,7 +56,7 @@ def told(**changes: Any) -> dict[str, Any]:
 
 
 def test_everything_that_is_seen_is_read():
-    seen = Seen.read(json.dumps(told()))
+    seen = ViewerState.read(json.dumps(told()))
     found = [(body.label, body.motion) for body in seen.bodies]
     assert found == [("local", "media/a"), ("full", "media/b")] and seen.sound == "media/c"
     assert (seen.shown, seen.columns, seen.mode, seen.size) == ((1,), 2, "grid", (240, 420))
@@ -84,7 +84,7 @@ def test_everything_that_is_seen_is_read():
 )  # fmt: skip
 def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value):
     with pytest.raises(RunError, match="The state of the viewer could not be used"):
-        Seen.read(json.dumps(value) if isinstance(value, dict) else value)
+        ViewerState.read(json.dumps(value) if isinstance(value, dict) else value)
 
 
 class Stage:
@@ -93,7 +93,7 @@ class Stage:
     def __init__(self, folder: Path, draw: Any) -> None:
         with gr.Blocks():
             self.parts = ResultParts()
-        services = made_services(folder, {"draw_seen": draw})
+        services = made_services(folder, {"draw_viewer_video": draw})
         self.media, self.jobs = services.media, services.jobs
         self.runner = SeenRunner(services, self.parts)
         self.files = {name: folder / name for name in ("a.npz", "b.npz", "c.wav")}
@@ -108,18 +108,18 @@ class Stage:
         return list(self.runner.run(browser(cookie), json.dumps(self.asked)))
 
 
-def draw(request: ViewerVideoRequest, ear: Ear) -> SeenVideo:
+def draw(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerVideo:
     ear.hear(Progress("video", 0.43))
     request.out.mkdir()
     video = request.out / "stage.mp4"
     video.write_bytes(bytes(2_100_000))
-    return SeenVideo(video, 300, ("It is cut.",))
+    return ViewerVideo(video, 300, ("It is cut.",))
 
 
 def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
     got: list[ViewerVideoRequest] = []
 
-    def noted(request: ViewerVideoRequest, *how: Any) -> SeenVideo:
+    def noted(request: ViewerVideoRequest, *how: Any) -> ViewerVideo:
         got.append(request)
         return draw(request, *how)
 
@@ -160,26 +160,26 @@ FRAMES = 90
 NOD = {"do": "nod", "at": 1.0}
 
 
-def make(request: PlanEditRequest, ear: Ear) -> MadeTake:
+def make(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
     number = 0
-    with changed(request.run) as record:
+    with edit_record(request.run) as record:
         start = record.row(request.start)
         if start is None:
             raise RunError(text.EDITS_GONE)
         row = start.model_copy(deep=True)
         if request.edits:
             number = len(record.rows)
-            take = TakeOf(number=number, of=ROW, start=start.name, fresh=[(0.5, 1.0)])
+            take = EditInfo(number=number, of=ROW, start=start.name, fresh=[(0.5, 1.0)])
             row.name, row.label, row.take = f"{ROW}.take{number}", f"take {number}", take
             row.files.pop("told", None)
             record.put(row)
     if number:
-        ear.hear(Grown(request.run))
-    with changed(request.run) as record:
+        ear.hear(FolderUpdated(request.run))
+    with edit_record(request.run) as record:
         row.files["told"] = "told.json"
         (request.run / "told.json").write_text("{}")
         record.put(row)
-    return MadeTake(number, ("It was mended.",) if number else ())
+    return EditResult(number, ("It was mended.",) if number else ())
 
 
 class Editor:
@@ -188,12 +188,12 @@ class Editor:
     def __init__(self, folder: Path, make: Any = make) -> None:
         with gr.Blocks():
             self.parts = ResultParts()
-        services = made_services(folder, {"make_take": make})
+        services = made_services(folder, {"regenerate_edited": make})
         self.runner = TakesRunner(services, self.parts)
         said = Transcript((Word(0.2, 0.5, "you"),))
         self.showing = made_run(folder / "run", jerk={ROW: 1.0}, said=said)
         folder = self.showing.folder
-        with writing_run(folder, read_run(folder), is_kept=True) as run:
+        with open_run_writer(folder, read_run(folder), is_kept=True) as run:
             run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
         job = Job("me", "generate", folder.parent, COOKIE)
         services.kept.keep_run(job, {"": self.showing})
@@ -225,15 +225,15 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert again["editing"]["known"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
     other = editor.showing.for_browser(str).value()
     assert rows(other) == rows(again) and "editing" not in other, "whoever has the link sees them"
-    with changed(editor.showing.folder) as record:  # as where its page was closed meanwhile
+    with edit_record(editor.showing.folder) as record:  # as where its page was closed meanwhile
         record.rows[-1].files.pop("told")
     assert rows(editor.ask(NOD)) == rows(again)
 
 
 def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
-    def fails(request: PlanEditRequest, ear: Ear) -> MadeTake:
+    def fails(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
         made = make(request, ear)
-        with changed(request.run) as record:  # as where its process is killed
+        with edit_record(request.run) as record:  # as where its process is killed
             record.rows[-1].files.pop("told")
         raise PlanError(f"The hand has no time for {made.number}.")
 
@@ -273,7 +273,7 @@ def edits(**changes: Any) -> str:
 )  # fmt: skip
 def test_an_editor_that_tells_anything_else_is_refused_with_a_sentence(value):
     def read(told: object) -> object:
-        return edits_of(Asked.of(told).edits)
+        return parse_edits(Asked.of(told).edits)
 
     assert read(edits(edits=[NOD]))
     with pytest.raises(RunError):

@@ -8,12 +8,12 @@ import gradio as gr
 import pytest
 
 from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, StepCurveRunner, ladder
-from app.run.callbacks import Ear, Grown, Progress
+from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
 from app.run.examples import CLEAN
-from app.run.experiments.rotation_noise import NAMES, show_mechanism
-from app.run.output.run_folder import RunRecord, changed
+from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
+from app.run.output.run_folder import RunRecord, edit_record
 from app.run.requests.requests import RotationNoiseRequest
-from app.run.run_writer import writing_run
+from app.run.run_writer import open_run_writer
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
 from model.systems.globaldiff.config import LADDER_EXPLAINED as EXPLAINED
 from tests.app.fakes import catalogue_of, made_services
@@ -31,18 +31,18 @@ class Measured:
     """A part that measures, over measurements of the test's own, and what it asked them for."""
 
     def __init__(self, folder: Path, kind: Any, examples: tuple[Path, ...] = EXAMPLES) -> None:
-        does = dict.fromkeys(("measure_hearing", "measure_step_curve"), self.measure)
+        does = dict.fromkeys(("measure_speech_effect", "measure_step_sweep"), self.measure)
         services = made_services(folder, does, catalogue=catalogue_of(*examples))
         with gr.Blocks():
             self.runner = kind(services)
         self.parts = parts_of(self.runner, "message", "figure")
         self.asked: list[Any] = []
 
-    def measure(self, request: Any, ear: Ear) -> None:
+    def measure(self, request: Any, ear: RunCallbacks) -> None:
         self.asked.append(request)
         ear.hear(Progress("numbers", 0.5))
         record = RunRecord(kind="generated", point="right_middle")
-        with writing_run(request.out, record) as run:
+        with open_run_writer(request.out, record) as run:
             run.note("<b> hears.")
             figure = run.folder.path("steps.png")
             figure.write_bytes(b"0")
@@ -93,7 +93,7 @@ def test_what_is_missing_is_said(tmp_path, kind, values, words, examples):
 
 
 def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
-    services = made_services(tmp_path, {"show_mechanism": show})
+    services = made_services(tmp_path, {"compare_rotation_noise": show})
     with gr.Blocks(), gr.Tabs(), gr.Tab() as tab:
         runner = MechanismRunner(tab, services)
     return updates_of(runner, parts_of(runner, "message", "player", "figure"), *values)
@@ -102,12 +102,12 @@ def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
 def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
     asked: list[RotationNoiseRequest] = []
 
-    def show(request: RotationNoiseRequest, ear: Ear) -> None:
+    def show(request: RotationNoiseRequest, ear: RunCallbacks) -> None:
         asked.append(request)
         made_run(request.out.parent, jerk=dict.fromkeys(NAMES, 1.0))
-        ear.hear(Grown(request.out))
+        ear.hear(FolderUpdated(request.out))
         ear.hear(Progress("numbers", 0.5))
-        with changed(request.out) as record:
+        with edit_record(request.out) as record:
             record.notes, record.sentence = ["Moved by <1> cm."], "Noise of 0.05 rad."
 
     *_, last = shown(show, tmp_path, 0.05, None)
@@ -122,7 +122,7 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
 
 
 def test_noise_that_cannot_be_drawn_is_told(tmp_path):
-    *_, last, raised = shown(show_mechanism, tmp_path, 3.0, None)
+    *_, last, raised = shown(compare_rotation_noise, tmp_path, 3.0, None)
     assert "0.005 to 0.1 rad; got 3" in raised["error"]
     assert not last["figure"]["visible"] and "got 3" in last["message"]["value"]
 

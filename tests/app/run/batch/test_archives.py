@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.run.batch.archives import UnpackLimits, unpacked
+from app.run.batch.archives import UnpackLimits, unpack_archive
 
 NPZ = (".npz",)
 
@@ -54,7 +54,7 @@ def test_wanted_files_come_out_at_any_depth_also_of_archives_within(
     files |= {"__MACOSX/my/._a.npz": b"not this", "my/.hidden/c.npz": b"nor this"}
     if name == "a.zip":  # as Windows writes them
         files["my\\a.npz"] = files.pop("my/a.npz")
-    assert unpacked(_packed(tmp_path / name, **files), folder, NPZ) == 3
+    assert unpack_archive(_packed(tmp_path / name, **files), folder, NPZ) == 3
     assert _all_below(folder) == {"my/a.npz", "my/b.NPZ", "my/in/deep/c.npz"}
     assert (folder / "my" / "b.NPZ").read_bytes() == b"two"
 
@@ -63,7 +63,7 @@ def test_times_follow_from_content(folder: Path, tmp_path: Path):
     for name, content in (("one", b"same"), ("two", b"same"), ("three", b"else")):
         info = zipfile.ZipInfo("a.npz", (2000 + len(name), 1, 1, 0, 0, 0))
         (folder / name).mkdir()
-        unpacked(_zip(tmp_path / f"{name}.zip", (info, content)), folder / name, NPZ)
+        unpack_archive(_zip(tmp_path / f"{name}.zip", (info, content)), folder / name, NPZ)
     one, two, three = (
         (folder / name / "a.npz").stat().st_mtime_ns for name in ("one", "two", "three")
     )
@@ -82,7 +82,7 @@ def test_names_that_lead_elsewhere_are_refused(name: str, folder: Path, tmp_path
     path = _zip(tmp_path / "bad.zip", ("good.npz", b"good"), (name, b"bad"))
     before = _all_below(tmp_path)
     with pytest.raises(RunError, match="leads out of its folder or is no plain one"):
-        unpacked(path, folder, NPZ)
+        unpack_archive(path, folder, NPZ)
     assert _all_below(tmp_path) == before
 
 
@@ -92,7 +92,7 @@ def test_links_and_devices_are_refused(kind: int, folder: Path, tmp_path: Path):
     link.external_attr = (kind | 0o777) << 16
     path = _zip(tmp_path / "bad.zip", (link, b"/etc"), ("set/passwd.npz", b"bad"))
     with pytest.raises(RunError, match="a link or device"):
-        unpacked(path, folder, NPZ)
+        unpack_archive(path, folder, NPZ)
     assert not _all_below(folder)
 
 
@@ -109,14 +109,14 @@ def test_limits_hold_before_a_byte_is_unpacked_and_for_all_archives_together(
         (UnpackLimits(files=1), r"at most 1 are read"),
     ):
         with pytest.raises(RunError, match=said):
-            unpacked(path, folder, NPZ, limits)
+            unpack_archive(path, folder, NPZ, limits)
     assert not _all_below(folder)
     unread = _packed(tmp_path / "unread.tar.gz", **{"a.txt": zeros, "b.npz": b"b"})
     with pytest.raises(RunError, match="would unpack to over 1 MiB"):
-        unpacked(unread, folder, NPZ, UnpackLimits(files=10, total_bytes=2**20))
+        unpack_archive(unread, folder, NPZ, UnpackLimits(files=10, total_bytes=2**20))
     within = _zip(tmp_path / "within.zip", (name, path.read_bytes()), ("c.npz", zeros))
     with pytest.raises(RunError, match=rf"{name} would unpack to"):
-        unpacked(within, folder, NPZ, UnpackLimits(files=10, total_bytes=8 * 2**20))
+        unpack_archive(within, folder, NPZ, UnpackLimits(files=10, total_bytes=8 * 2**20))
 
 
 @pytest.mark.parametrize("comment", [b"", b"a comment"])
@@ -128,7 +128,7 @@ def test_a_list_of_too_many_files_is_not_even_read(comment, folder, tmp_path, mo
             archive.writestr(f"{place:0100}.npz", b"")
     monkeypatch.setattr("zipfile.ZipInfo", None)  # of an entry that is read
     with pytest.raises(RunError, match="more files than the 10"):
-        unpacked(path, folder, NPZ, UnpackLimits(files=10))
+        unpack_archive(path, folder, NPZ, UnpackLimits(files=10))
 
 
 def test_a_file_of_another_size_than_it_says_is_refused(folder: Path, tmp_path: Path):
@@ -138,7 +138,7 @@ def test_a_file_of_another_size_than_it_says_is_refused(folder: Path, tmp_path: 
     assert content.count(struct.pack("<L", 5000)) == 2
     path.write_bytes(content.replace(struct.pack("<L", 5000), struct.pack("<L", 10)))
     with pytest.raises(RunError, match="no readable zip"):
-        unpacked(path, folder, NPZ)
+        unpack_archive(path, folder, NPZ)
     assert sum(file.stat().st_size for file in folder.rglob("*.npz")) <= 10
 
 
@@ -146,10 +146,10 @@ def test_names_that_come_twice_are_refused(folder: Path, tmp_path: Path):
     with pytest.warns(UserWarning, match="Duplicate"):
         path = _zip(tmp_path / "bad.zip", ("a.npz", b"one"), ("a.npz", b"two"))
     with pytest.raises(RunError, match=r"'a.npz' twice"):
-        unpacked(path, folder, NPZ)
+        unpack_archive(path, folder, NPZ)
     within = _zip(tmp_path / "within.zip", ("b.npz", b"file"), ("b.npz/c.npz", b"in a file"))
     with pytest.raises(RunError, match="two files of one name"):
-        unpacked(within, folder, NPZ)
+        unpack_archive(within, folder, NPZ)
 
 
 def test_what_is_no_zip_is_told(folder: Path, tmp_path: Path):
@@ -166,7 +166,7 @@ def test_what_is_no_zip_is_told(folder: Path, tmp_path: Path):
     for name, data in bad.items():
         (tmp_path / name).write_bytes(data)
         with pytest.raises(RunError, match=f"{name} is no readable zip"):
-            unpacked(tmp_path / name, folder, NPZ)
+            unpack_archive(tmp_path / name, folder, NPZ)
     locked = zipfile.ZipInfo("a.npz")
     path = _zip(tmp_path / "locked.zip", (locked, b"secret"))
     data = bytearray(path.read_bytes())
@@ -174,11 +174,11 @@ def test_what_is_no_zip_is_told(folder: Path, tmp_path: Path):
         data[data.index(mark) + place] |= 1
     path.write_bytes(data)
     with pytest.raises(RunError, match="without a password"):
-        unpacked(path, folder, NPZ)
+        unpack_archive(path, folder, NPZ)
     with pytest.raises(RunError, match=r"none of the files that are looked for: .npz"):
-        unpacked(_zip(tmp_path / "other.zip", ("a.txt", b"text")), folder, NPZ)
+        unpack_archive(_zip(tmp_path / "other.zip", ("a.txt", b"text")), folder, NPZ)
     with pytest.raises(RunError, match=r"none.zip cannot be read: No such file"):
-        unpacked(tmp_path / "none.zip", folder, NPZ)
+        unpack_archive(tmp_path / "none.zip", folder, NPZ)
 
 
 @pytest.mark.parametrize("kind", ["symlink", "hard link", "device", "sparse", "out", "root"])
@@ -195,7 +195,7 @@ def test_hostile_tars_leave_nothing(kind: str, tmp_path: Path, folder: Path):
     with tarfile.open(tmp_path / "a.tar", "w") as opened:
         opened.addfile(info)
     with pytest.raises(RunError, match=r"link or device|leads out|no readable tar"):
-        unpacked(tmp_path / "a.tar", folder, NPZ)
+        unpack_archive(tmp_path / "a.tar", folder, NPZ)
     assert _all_below(tmp_path) == {"a.tar"}
 
 
@@ -204,7 +204,7 @@ def test_archives_too_deep_cut_or_none_are_refused(tmp_path: Path, folder: Path)
     for place in range(1, 4):
         deep = _packed(tmp_path / f"{place}.zip", **{"in.zip": deep.read_bytes()})
     with pytest.raises(RunError, match="an archive 3 deep; at most 2"):
-        unpacked(deep, folder, NPZ)
+        unpack_archive(deep, folder, NPZ)
     whole = _packed(tmp_path / "w.tar.gz", **{"a.npz": np.random.default_rng(0).bytes(9000)})
     content = whole.read_bytes()
     huge = tarfile.TarInfo("x")
@@ -213,4 +213,4 @@ def test_archives_too_deep_cut_or_none_are_refused(tmp_path: Path, folder: Path)
         path = tmp_path / ("bad.tar" if bad == huge.tobuf() else "bad.tar.gz")
         path.write_bytes(bad)
         with pytest.raises(RunError, match=r"no readable tar|holds none"):
-            unpacked(path, folder, NPZ)
+            unpack_archive(path, folder, NPZ)

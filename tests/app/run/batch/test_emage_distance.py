@@ -10,7 +10,7 @@ from scipy.linalg import sqrtm
 
 from app.errors import RunError
 from app.findings.measure_rows import FGD_EMAGE
-from app.run.batch.frechet_distances import distance_rows, keep_codes, least_codes
+from app.run.batch.frechet_distances import distance_rows, least_codes, save_codes
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
@@ -56,7 +56,7 @@ def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_pa
     for seed, (clip, length) in enumerate(FRAMES.items()):
         motions = _motions(length, seed)
         record = tmp_path / f"{clip}.json"
-        keep_codes(record, {name: [motion] for name, motion in motions.items()}, weights)
+        save_codes(record, {name: [motion] for name, motion in motions.items()}, weights)
         records.append(record)
         for name, motion in motions.items():
             codes[name] += [emage_codes(encoder, motion)] * (length >= 32)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.run.batch.speech_batch import clip_requests, do_clips
+from app.run.batch.speech_batch import clip_requests, run_batch
 from app.run.output.run_folder import RUN, read_run
 from app.run.requests.requests import AnyRun
 from model.speech.audio import write_wav
@@ -48,7 +48,7 @@ def test_a_labs_day(tmp_path: Path) -> None:
             os.kill(struck.pid, signal.SIGKILL)
 
         threading.Thread(target=strike, daemon=True).start()
-        runs = do_clips(
+        runs = run_batch(
             clip_requests(asked(apart)),
             JobPool(scheduler=file),
             lambda path, share: told.append(path.name),
@@ -56,7 +56,7 @@ def test_a_labs_day(tmp_path: Path) -> None:
         assert struck.wait(10) == -signal.SIGKILL
     clips = [f"clip{number:03}" for number in range(CLIPS)]
     assert list(runs.clips) == sorted(told) == clips and runs.failed == {}
-    do_clips(clip_requests(asked(here)), JobPool(2 if CLIPS > 20 else 1))
+    run_batch(clip_requests(asked(here)), JobPool(2 if CLIPS > 20 else 1))
     for clip in clips:
         assert names_in(apart / clip) == names_in(here / clip)
         for system in ("gan-5", "asynfusion-lcm-async"):

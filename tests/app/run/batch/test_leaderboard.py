@@ -13,12 +13,12 @@ from app.errors import RunError
 from app.findings.measure_rows import written
 from app.run.batch.leaderboard import (
     Entry,
-    Value,
-    board_page,
+    MetricValue,
     entries_of,
-    merged,
-    read_board,
-    write_board,
+    leaderboard_html,
+    merge_entries,
+    read_leaderboard,
+    write_leaderboard,
 )
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.batch.table import worst_clips
@@ -30,7 +30,7 @@ from tests.helpers import smooth_motion_example
 def entry(**changes: Any) -> Entry:
     told = Entry(
         "ours", "a test", "f" * 64, 2, "2026-01-02T00:00:00+00:00", "abc",
-        {"joint_jerk_m_s3": Value(3.0, 2.0, 4.0, "m/s³", 2)}, {"jerk": 1}, "first",
+        {"joint_jerk_m_s3": MetricValue(3.0, 2.0, 4.0, "m/s³", 2)}, {"jerk": 1}, "first",
     )  # fmt: skip
     return replace(told, **changes)
 
@@ -57,7 +57,7 @@ def test_the_same_clips_measured_again_are_the_same_test(measured: Path) -> None
     assert len({each.test for each in board}) == 1 and board[2].note == ""
     assert board[0].measures["joint_jerk_m_s3"].clips == 2
     again = entries_of(measured / "one")
-    put = merged([board, again])
+    put = merge_entries([board, again])
     notes = [("calm", "a note"), ("other", "a note"), ("reference", "")]
     assert [(one.system, one.note) for one in put] == notes
     chosen = entries_of(measured / "both", names=["other"])
@@ -77,20 +77,24 @@ def test_another_recorded_clip_is_another_test(measured: Path, tmp_path: Path) -
 
 def test_the_latest_measurement_wins_and_a_note_stays() -> None:
     old, new = entry(), entry(made_at="2026-02-01T00:00:00+00:00", note="", clips=3)
-    assert merged([[new], [old]]) == merged([[old], [new]]) == [replace(new, note="first")]
+    assert (
+        merge_entries([[new], [old]])
+        == merge_entries([[old], [new]])
+        == [replace(new, note="first")]
+    )
     other = entry(files="e" * 64)
-    assert len(merged([[old, other]])) == 2
+    assert len(merge_entries([[old, other]])) == 2
 
 
 def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path) -> None:
-    write_board([entry()], tmp_path / "board.json")
-    assert read_board(tmp_path / "board.json") == [entry()]
+    write_leaderboard([entry()], tmp_path / "board.json")
+    assert read_leaderboard(tmp_path / "board.json") == [entry()]
     of_format_1: dict[str, Any] = {"format": 1, "entries": [asdict(entry())]}
     of_format_1["entries"][0]["measures"] = {
         "All joints: Mean jerk": asdict(entry().measures["joint_jerk_m_s3"])
     }
     (tmp_path / "old.json").write_text(json.dumps(of_format_1))
-    assert read_board(tmp_path / "old.json") == [entry()]
+    assert read_leaderboard(tmp_path / "old.json") == [entry()]
     told = json.loads((tmp_path / "board.json").read_text())
     (one,) = told["entries"]
     measure = {"joint_jerk_m_s3": {**one["measures"]["joint_jerk_m_s3"], "mean": "1"}}
@@ -107,7 +111,7 @@ def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path
     ):
         (tmp_path / "board.json").write_text(json.dumps({**told, **change}))
         with pytest.raises(RunError, match=f"no leaderboard .*{words}"):
-            read_board(tmp_path / "board.json")
+            read_leaderboard(tmp_path / "board.json")
 
 
 def test_results_without_a_recorded_set_are_refused(measured: Path, tmp_path: Path) -> None:
@@ -157,20 +161,20 @@ def test_the_command_keeps_merges_and_shows(measured: Path, tmp_path: Path) -> N
 
 def test_values_say_how_far_they_are_from_recorded() -> None:
     """What the page sorts by."""
-    recorded = entry(system="reference", measures={"joint_jerk_m_s3": Value(5, 5, 5, "", 2)})
-    fgd = {"fgd": Value(7, 6, 8, "", 2)}
-    html = board_page([entry(measures={**entry().measures, **fgd}), recorded])
+    recorded = entry(system="reference", measures={"joint_jerk_m_s3": MetricValue(5, 5, 5, "", 2)})
+    fgd = {"fgd": MetricValue(7, 6, 8, "", 2)}
+    html = leaderboard_html([entry(measures={**entry().measures, **fgd}), recorded])
     apart = [float(cell.split('"')[0]) for cell in html.split('data-apart="')[1:]]
     assert np.allclose(apart, [2.0, 7.0, 0.0])
 
 
 def test_beat_align_stands_on_a_board_with_its_chance_level_or_not_at_all() -> None:
     beats, chance = "beat_align", "beat_align_chance"
-    value = Value(0.4, 0.4, 0.4, "0 to 1", 1)
+    value = MetricValue(0.4, 0.4, 0.4, "0 to 1", 1)
     recorded = entry(system="reference", measures={beats: value, chance: value})
-    alone = board_page([entry(measures={beats: value}), recorded])
+    alone = leaderboard_html([entry(measures={beats: value}), recorded])
     assert alone.count("0.4") - alone.count('"0.4"') == 2  # the recorded motion's two
-    both = board_page([entry(measures={beats: value, chance: value}), recorded])
+    both = leaderboard_html([entry(measures={beats: value, chance: value}), recorded])
     heads = [head for head in both.split("<th") if "BeatAlign" in head]
     assert len(heads) == 2 and not any('class="rare"' in head for head in heads)
     assert both.count("data-apart") == 2  # to be near in the level of chance says nothing
@@ -180,10 +184,10 @@ def test_beat_align_stands_on_a_board_with_its_chance_level_or_not_at_all() -> N
 def test_errors_are_nearer_to_recorded_motion_the_smaller_they_are() -> None:
     key = "pelvis_error_cm"
     small, large = (
-        entry(system=name, measures={key: Value(of, of, of, "cm", 1)})
+        entry(system=name, measures={key: MetricValue(of, of, of, "cm", 1)})
         for name, of in (("a", 2.0), ("b", 5.0))
     )
-    html = board_page([small, large])
+    html = leaderboard_html([small, large])
     assert [cell.split('"')[0] for cell in html.split('data-apart="')[1:]] == ["2", "5"]
 
 

@@ -10,7 +10,7 @@ from app.commands.cli import main
 from app.errors import RunError
 from app.findings.measure_rows import SPEED
 from app.run.batch.motion_sets import diagnose_folders
-from app.run.batch.pairing import paired_files
+from app.run.batch.pairing import pair_files
 from app.run.batch.submission_check import check_sets
 from app.run.requests.requests import AnyRun
 from conventions.names import REFERENCE_NAME
@@ -51,7 +51,7 @@ REFERENCE = ("2_scott_0_1_1.npz", "2_scott_0_2_2.npz")
 def test_samples_of_a_clip_are_known_by_name_or_folder(form: str, tmp_path: Path):
     ids = [Path(each).stem for each in REFERENCE]
     files = tuple(form.format(clip=clip, n=n) for clip in ids for n in range(3))
-    found = paired_files(sets(tmp_path, mine=files, reference=REFERENCE), ("reference",))
+    found = pair_files(sets(tmp_path, mine=files, reference=REFERENCE), ("reference",))
     assert names(found, tmp_path) == {
         "mine": {clip: [(str(n), form.format(clip=clip, n=n)) for n in range(3)] for clip in ids},
         "reference": {clip: [("", f"{clip}.npz")] for clip in ids},
@@ -61,9 +61,9 @@ def test_samples_of_a_clip_are_known_by_name_or_folder(form: str, tmp_path: Path
 def test_folders_tell_clips_apart_where_names_do_not(tmp_path: Path):
     speakers = ("scott/1.npz", "scott/2.npz", "nora/1.npz")
     deep = tuple(f"epoch/{each}" for each in speakers)
-    found = paired_files(sets(tmp_path, mine=deep, reference=speakers), ("reference",))
+    found = pair_files(sets(tmp_path, mine=deep, reference=speakers), ("reference",))
     assert set(found["mine"]) == set(found["reference"]) == {"scott/1", "scott/2", "nora/1"}
-    alone = paired_files(sets(tmp_path / "b", mine=("scott/1.npz", "scott/2.npz", "nora/1.npz")))
+    alone = pair_files(sets(tmp_path / "b", mine=("scott/1.npz", "scott/2.npz", "nora/1.npz")))
     assert {clip: list(files) for clip, files in alone["mine"].items()} == {
         "scott": ["1", "2"],
         "nora": ["1"],
@@ -71,7 +71,7 @@ def test_folders_tell_clips_apart_where_names_do_not(tmp_path: Path):
     with pytest.raises(
         RunError, match=r"of mine would both be called .a.: a\.npz and a_output\.npz"
     ):
-        paired_files(sets(tmp_path / "c", mine=("a.npz", "a_output.npz")))
+        pair_files(sets(tmp_path / "c", mine=("a.npz", "a_output.npz")))
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,10 @@ from app.errors import Cancelled, RunError
 from app.findings.comparison import by_measure
 from app.findings.measure_rows import JERK
 from app.run import pipeline
-from app.run.batch.saved_run import SPEECHES, copied_run, do_in_folder
-from app.run.batch.speech_batch import clip_requests, do_clips, find_speeches, is_many
-from app.run.callbacks import DEAF, Ear, Event, Grown, Progress
-from app.run.output.console import Bars
+from app.run.batch.saved_run import SPEECH_FOLDER, copy_run, run_in_folder
+from app.run.batch.speech_batch import clip_requests, find_speeches, is_batch_input, run_batch
+from app.run.callbacks import NO_CALLBACKS, FolderUpdated, Progress, RunCallbacks, RunEvent
+from app.run.output.console import ProgressBars
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
@@ -51,7 +51,9 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     out = tmp_path / "out"
     told: list[tuple[str, float]] = []
     asked = request_of(speeches, out, weights, has_figures=False)
-    runs = do_clips(clip_requests(asked), HERE, lambda path, share: told.append((path.name, share)))
+    runs = run_batch(
+        clip_requests(asked), HERE, lambda path, share: told.append((path.name, share))
+    )
     assert runs.clips == ("a", "b", "c") and runs.kept == 0 and runs.failed == {}
     assert [name for name, _ in told] == ["a", "b", "c"] and told[-1][1] == 1.0
     for clip in runs.clips:
@@ -80,17 +82,17 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     (out / "a" / RUN).write_text("{")
     (out / "b" / RUN).unlink()
     (out / "b" / f".unfinished-{os.getpid()}-elsewhere").mkdir()  # a number that lives here too
-    runs = do_clips(clip_requests(asked), HERE)
+    runs = run_batch(clip_requests(asked), HERE)
     assert runs.kept == 1 and runs.clips == ("a", "b", "c")
     after = {clip: (out / clip / "globaldiff-local.npz").stat().st_mtime_ns for clip in "abc"}
     assert not list(out.glob("*/.unfinished*"))
     assert after["c"] == times["c"] and after["a"] > times["a"] and after["b"] > times["b"]
     write_wav(speeches / "c.wav", made_waveform(16_000, 9))
-    assert do_clips(clip_requests(asked), HERE).kept == 2
+    assert run_batch(clip_requests(asked), HERE).kept == 2
     for clip in "ab":
         (speeches / f"{clip}.wav").unlink()
-    assert do_clips(clip_requests(asked), HERE).kept == 1
-    assert do_clips(clip_requests(replace_fields(asked, seed=1)), HERE).kept == 0
+    assert run_batch(clip_requests(asked), HERE).kept == 1
+    assert run_batch(clip_requests(replace_fields(asked, seed=1)), HERE).kept == 0
 
 
 @pytest.mark.parametrize("pool", [HERE, pytest.param(JobPool(2), marks=pytest.mark.slow)])
@@ -108,19 +110,22 @@ def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
     alone = asked(speeches.with_name("under another name.wav"), "alone")
     alone.speech.path.write_bytes((speeches / "b.wav").read_bytes())
     expected = poses(pipeline.run(alone).out)
-    assert do_clips(clip_requests(asked(speeches, "among")), HERE).failed == {}
+    assert run_batch(clip_requests(asked(speeches, "among")), HERE).failed == {}
     listed = tmp_path / "list.txt"
     listed.write_text("speech/c.wav\nspeech/b.wav\n")
-    events: list[Event] = []
+    events: list[RunEvent] = []
     in_processes = clip_requests(asked(listed, "processes"))
-    assert do_clips(in_processes, pool, ear=Ear(events.append)).failed == {}
+    assert run_batch(in_processes, pool, ear=RunCallbacks(events.append)).failed == {}
     told = [(each.clip, each.fraction) for each in events if isinstance(each, Progress)]
     assert told[0] == ("2 clips", 0.0) and told[-1] == ("2 clips", 1.0)
-    assert {each.folder.parent.name for each in events if isinstance(each, Grown)} == {"b", "c"}
+    assert {each.folder.parent.name for each in events if isinstance(each, FolderUpdated)} == {
+        "b",
+        "c",
+    }
     events.clear()
-    stopped = Ear(events.append, should_cancel=lambda: len(events) > 0)
+    stopped = RunCallbacks(events.append, should_cancel=lambda: len(events) > 0)
     with pytest.raises(Cancelled):
-        do_clips(clip_requests(asked(listed, "stopped")), pool, ear=stopped)
+        run_batch(clip_requests(asked(listed, "stopped")), pool, ear=stopped)
     for out in ("among", "processes"):
         np.testing.assert_array_equal(poses(tmp_path / out / "b"), expected)
     assert not np.array_equal(poses(tmp_path / "among" / "c"), expected)
@@ -148,7 +153,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     speeches, weights, tmp_path
 ):
     (speeches / "c.wav").unlink()
-    speeches = speeches.rename(tmp_path / SPEECHES)
+    speeches = speeches.rename(tmp_path / SPEECH_FOLDER)
     (speeches / "b.wav").write_bytes(b"no sound at all" * 9)
     asked = request_of(
         *(speeches, tmp_path / "1", weights),
@@ -158,22 +163,22 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     elsewhere.write_text(f"{speeches / 'a.wav'}\n")
     for speech in (elsewhere, tmp_path):
         with pytest.raises(SpeechError):  # whoever's files it names
-            do_in_folder(replace_fields(asked, speech=speech, out=tmp_path / "0"), DEAF)
+            run_in_folder(replace_fields(asked, speech=speech, out=tmp_path / "0"), NO_CALLBACKS)
     with pytest.raises(SpeechError, match=r"b\.wav"):
-        do_in_folder(asked, DEAF)
+        run_in_folder(asked, NO_CALLBACKS)
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     with pytest.raises(RunError, match=r"may last 0\.02 minutes together; these last 0\.0"):
-        do_in_folder(replace_fields(asked, max_speech_s=1.2), DEAF)
+        run_in_folder(replace_fields(asked, max_speech_s=1.2), NO_CALLBACKS)
     with pytest.raises(Cancelled):
-        do_in_folder(asked, Ear(should_cancel=lambda: True))
-    events: list[Event] = []
-    do_in_folder(asked, Ear(events.append))
+        run_in_folder(asked, RunCallbacks(should_cancel=lambda: True))
+    events: list[RunEvent] = []
+    run_in_folder(asked, RunCallbacks(events.append))
     motion = [each for each in events if isinstance(each, Progress) and each.stage == "motion"]
     assert {each.clip for each in motion} == {"2 clips"}
     assert [each.fraction for each in motion] == pytest.approx([0.5, 1.0])
     runs = runs_in(asked.output.out)
     assert [read_run(run).settings["speech"] for run in runs.values()] == list(runs) == list("ab")
-    do_clips(clip_requests(replace_fields(asked, out=tmp_path / "2", is_kept=False)), HERE)
+    run_batch(clip_requests(replace_fields(asked, out=tmp_path / "2", is_kept=False)), HERE)
     with np.load(tmp_path / "2/b/globaldiff-local.npz") as elsewhere:
         here = np.load(asked.output.out / "b/globaldiff-local.npz")
         np.testing.assert_array_equal(here["poses"], elsewhere["poses"])
@@ -184,7 +189,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     again = diagnose_request(
         motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_kept=True
     )
-    do_in_folder(again, DEAF)
+    run_in_folder(again, NO_CALLBACKS)
     measured = [
         by_measure(
             {name: of["raw"] for name, of in read_run(run).numbers.items()}
@@ -194,17 +199,17 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     ]
     for name, clips in measured[0].items():
         assert measured[1][name] == pytest.approx(clips, rel=1e-3)
-    copy = copied_run(packed, tmp_path / "copy")
+    copy = copy_run(packed, tmp_path / "copy")
     assert list(runs_in(copy)) == list("ab") and (copy / "sheet.md").is_file()
 
 
 def test_a_person_who_stops_it_is_told_that_it_goes_on(
     speeches, weights, tmp_path, capsys, monkeypatch
 ):
-    def press_control_c(bars: Bars, title: str, share: float) -> None:
+    def press_control_c(bars: ProgressBars, title: str, share: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Bars, "show", press_control_c)
+    monkeypatch.setattr(ProgressBars, "show", press_control_c)
     flags = [*QUICK, "--out", str(tmp_path / "out"), "--weights", str(weights)]
     asked = ["generate", str(speeches), *flags]
     assert main(asked) == 1
@@ -217,7 +222,11 @@ def test_a_person_who_stops_it_is_told_that_it_goes_on(
 def test_a_list_names_files_relative_to_itself_or_is_refused(speeches, tmp_path):
     listed = tmp_path / "list.txt"
     listed.write_text("# two of them\nspeech/c.wav\n\nspeech/a.wav\n")
-    assert is_many(listed) and is_many(speeches) and not is_many(speeches / "a.wav")
+    assert (
+        is_batch_input(listed)
+        and is_batch_input(speeches)
+        and not is_batch_input(speeches / "a.wav")
+    )
     found = find_speeches(listed)
     assert list(found) == ["c", "a"] and all(path.is_absolute() for path in found.values())
     assert list(find_speeches(speeches)) == ["a", "b", "c"]
@@ -243,7 +252,7 @@ def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, we
     assert list(find_speeches(speeches)) == ["a", "b", "c"]
     listed, out = tmp_path / "list.txt", tmp_path / "out"
     listed.write_text("speech/...wav\n")  # whoever names it means it
-    runs = do_clips(clip_requests(request_of(listed, out, weights, has_figures=False)), HERE)
+    runs = run_batch(clip_requests(request_of(listed, out, weights, has_figures=False)), HERE)
     assert runs.clips == ("_",) and (out / "_" / RUN).is_file()
     assert not (tmp_path / RUN).exists() and not (out / RUN).exists()
 
@@ -251,7 +260,7 @@ def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, we
 def test_what_belongs_to_one_clip_is_refused(speeches: Path, weights: Path, tmp_path: Path) -> None:
     asked = request_of(speeches, tmp_path / "out", weights, reference=tmp_path / "a.npz")
     with pytest.raises(RunError, match="belong to one piece of speech"):
-        do_clips(clip_requests(asked), HERE)
+        run_batch(clip_requests(asked), HERE)
     assert not (tmp_path / "out").exists()
 
 
@@ -267,13 +276,13 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
         has_figures=False, style=style, plan=plans,
     )  # fmt: skip
     with pytest.raises(RunError, match="plans lacks plans of 2 clips; the first is a"):
-        do_clips(clip_requests(asked), HERE)
+        run_batch(clip_requests(asked), HERE)
     with pytest.raises(RunError, match="is no folder; many pieces of speech take a folder"):
-        do_clips(clip_requests(replace_fields(asked, plan=style)), HERE)
+        run_batch(clip_requests(replace_fields(asked, plan=style)), HERE)
     write_plan_file(GesturePlan(1.0, nods=(Nod(0.5, 4.0),)), plans / "a.json")
     busy = added(GesturePlan(4.0, nods=(Nod(1.5, 4.0),)), "offer", 2.0, "right").plan
     write_plan_file(busy, plans / "d.TextGrid")
-    runs = do_clips(clip_requests(asked), HERE)
+    runs = run_batch(clip_requests(asked), HERE)
     assert runs.failed == {} and runs.clips == ("a", "d")
     performed = [
         read_plan_file(asked.output.out / clip / "workbench-planned.plan.json").plan
@@ -282,8 +291,8 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
     assert [plan.nods[0].time_s for plan in performed] == [0.5, 1.5]
     assert not gestures(performed[1], "right")
 
-    assert do_clips(clip_requests(asked), HERE).kept == 2
+    assert run_batch(clip_requests(asked), HERE).kept == 2
     style.write_text("[times]\nsmile = 0\n")  # another style makes other motion
-    assert do_clips(clip_requests(asked), HERE).kept == 0
+    assert run_batch(clip_requests(asked), HERE).kept == 0
     (left,) = asked.output.out.glob("d/*.plan.json")
     assert len(gestures(read_plan_file(left).plan, "right")) == 1
