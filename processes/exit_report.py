@@ -31,7 +31,7 @@ CRASHES = {
     *(signal.SIGABRT, signal.SIGSYS, signal.SIGTRAP),
 }
 """Signals that a process gets for a fault in its code."""
-_OWN_FAULT = "That is a fault of the program or of a library, and not of what was asked for."
+_OWN_FAULT = "This is a bug in the program or a library, not a problem with your input."
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,11 @@ class Ended:
             suspect: a sentence on the most likely cause of a crash.
         """
         if self.wanted_memory:
-            why = "for want of memory, as "
-            why += "the system says" if self.signal == signal.SIGKILL else "its log says"
+            source = "the system" if self.signal == signal.SIGKILL else "its log"
+            why = f"because it ran out of memory (according to {source})"
             return f"{what} ended {self.how} {why}; {for_memory}.{self._lines()}"
         if self.signal == signal.SIGKILL:
-            why = "Somebody or something else killed it: the system tells of no want of memory."
+            why = "It was killed from outside; the system reports no lack of memory."
             return f"{what} ended {self.how}. {why} {_capital(again)}.{self._lines()}"
         if self.signal is not None and self.signal not in CRASHES:
             return f"{what} ended {self.how}, which was sent to it; {again}.{self._lines()}"

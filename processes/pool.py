@@ -236,8 +236,8 @@ def do_by_cluster(
                 future.result()
             except CancelledError as error:  # of all that are left
                 raise JobsError(
-                    f"The Dask scheduler at {scheduler} is gone; start one again and give the same "
-                    "command, which goes on with what is not done."
+                    f"The Dask scheduler at {scheduler} has stopped. Start it again and repeat the "
+                    "command, which continues with the remaining jobs."
                 ) from error
             except Cancelled:
                 raise

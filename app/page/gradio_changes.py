@@ -41,8 +41,8 @@ OTHER_VERSION = (
 DOES_NOT_FIT = "Gradio {installed} lacks what the page changes in it ({reason}): {without}."
 POLL_S = 0.02
 """Interval (s) between two checks of the queue."""
-UNKNOWN_FUNCTION = "This page has no such function; load it again, or ask /gradio_api/info for all."
-WRONG_CALL = "This function cannot be called so: {why}"
+UNKNOWN_FUNCTION = "Unknown function. Reload the page, or see /gradio_api/info for the list."
+WRONG_CALL = "Invalid call: {why}"
 _MAX_WHY, _MAX_READ = 300, 3000
 """Maximum length of a reason (characters), when shown and when read."""
 _OWN_FUNCTIONS = str(Path(__file__).parent)

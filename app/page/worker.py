@@ -41,15 +41,18 @@ GROWN_BYTES = 10**9
 _POLL_S = 0.05
 
 TOO_LONG = (
-    "This run took longer than the {minutes:.0f} minutes that a run may take here; ask for less."
+    "This run exceeded the limit of {minutes:.0f} minutes. Use shorter speech, fewer systems or "
+    "fewer samples."
 )
 SILENT = (
-    "This run had stopped getting on and was ended after {seconds:.0f} s; start it again, and if "
-    "that happens again, ask for less."
+    "This run made no progress for {seconds:.0f} s and was stopped. Start it again; if that "
+    "happens again, use shorter speech or fewer systems."
 )
 ENDED = "The process of this run"
-FOR_MEMORY = "a run may take {gigabytes:.1f} GB here, so ask for less"
-AGAIN = "start it again, which is done by a fresh process"
+FOR_MEMORY = (
+    "runs are limited to {gigabytes:.1f} GB of memory here; use shorter speech or fewer systems"
+)
+AGAIN = "start it again; a new process will be used"
 
 
 @dataclass(frozen=True)

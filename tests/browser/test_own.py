@@ -150,7 +150,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     # Who turns the camera turns it for all, and keys bring it back.
     canvas = page.locator("#own-player .stage canvas")
     canvas.scroll_into_view_if_needed()
-    back = page.locator("#own-player").get_by_role("button", name="Back to the front")
+    back = page.locator("#own-player").get_by_role("button", name="Front view")
     expect(back).to_be_hidden()
     end = {"x": 120, "y": 190}
     canvas.drag_to(canvas, source_position={"x": 60, "y": 160}, target_position=end)
@@ -331,7 +331,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
     give_motions(page, theirs)
     expect(page.locator("#own-player .stage-tag header > b")).to_have_text(["theirs"])
     chips = page.locator("#own-player .stage .reading summary")
-    expect(chips).to_have_text(["how it was read"])
+    expect(chips).to_have_text(["import details"])
     told = page.locator("#own-player .stage .reading li")
     page.wait_for_function(OPENED)
     chips.focus()
@@ -347,7 +347,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
 
     chips.click()
     press(page.locator("#own-player .stage .reading"), "mean hand")
-    expect(chips).to_have_text(["mean hand", "how it was read"])
+    expect(chips).to_have_text(["mean hand", "import details"])
     files = page.locator("#own-player .stage .files")
     shown = []
     for ending in (".npz", ".bvh"):
@@ -360,7 +360,7 @@ def test_a_file_seen_wrong_is_put_right_by_chips_and_comes_back_from_a_bvh(
     # What was said of that file is not said of this one.
     give_motions(page, bvh.rename(tmp_path / "again.bvh"))
     expect(page.locator("#own-player .stage-tag header > b")).to_have_text(["again"])
-    expect(chips).to_have_text(["how it was read"])
+    expect(chips).to_have_text(["import details"])
     files.locator("summary").click()
     again = load_motion(saved(page, files.locator("a[download$='.npz']").first, tmp_path))
     np.testing.assert_allclose(joints_of(again), wanted, atol=1e-3)

@@ -108,7 +108,7 @@ def palette(page: Page) -> Locator:
 
 def add(page: Page, place: int, hands: str = "", kind: str = "you") -> None:
     editor(page).locator("summary", has_text="Add").click()
-    editor(page).get_by_label("Gesture to be added").select_option(kind)
+    editor(page).get_by_label("Gesture to add").select_option(kind)
     editor(page).get_by_label("Where").select_option(str(place))
     editor(page).get_by_label("With", exact=True).select_option(hands)
     expected = page.locator("#player .event.expected")
@@ -128,7 +128,7 @@ def stroke(page: Page, kind: str) -> Locator:
 
 def plan_file(page: Page, ending: str, folder: Path) -> Path:
     """A file of the body on the stage that is edited."""
-    name = editor(page).get_by_label("Take that is edited").evaluate("it => it.value")
+    name = editor(page).get_by_label("Version to edit").evaluate("it => it.value")
     tag = page.locator(f"#player .stage-tag[data-name='{name}']")
     tag.locator("summary").click()
     return saved(page, tag.locator(f"a[download$='{ending}']"), folder)
@@ -206,7 +206,7 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     assert right_hand(page, tmp_path) == [2.1, 4.15, 6.5]
     expect(stroke(page, "you")).to_have_count(0)
     press(editor(page), "Undo")
-    said(page, "Take 2 is there again, beside take 1")
+    said(page, "Version 2: restored, compared with version 1")
     expect(stroke(page, "you")).to_have_count(1)  # its lanes, too
     stroke(page, "beat").focus()
     page.keyboard.press("Delete")
@@ -214,15 +214,15 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     staged(page, 2)
     assert right_hand(page, tmp_path) == [2.1, 4.15]
     names = page.locator("#player .stage-tag header b").all_inner_texts()
-    assert names == ["take 2", "take 4"]
+    assert names == ["version 2", "version 4"]
     assert plan_file(page, ".bvh", tmp_path).read_text().startswith("HIERARCHY")
     grid = read_plan_file(plan_file(page, ".TextGrid", tmp_path)).plan
     assert [len(gestures(grid, side)) for side in ("left", "right")] == [0, 2]
     press(editor(page), "Undo")
-    said(page, "Take 2 is there again")
+    said(page, "Version 2: restored")
     assert right_hand(page, tmp_path) == [2.1, 4.15, 6.5]
     press(editor(page), "Redo")
-    said(page, "Take 4 is there again")
+    said(page, "Version 4: restored")
     assert right_hand(page, tmp_path) == [2.1, 4.15]
 
     # A stroke is dragged to another time, and moved by keys.
@@ -327,10 +327,10 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(
     # A lost connection and a denied microphone are told, and what was heard can still be kept.
     page.wait_for_function(f"() => {LIVE}.place > 75")  # a minute that is kept has two seconds
     page.evaluate(f"{LIVE}.socket.close()")
-    expect(status).to_contain_text("The connection to the server was lost")
+    expect(status).to_contain_text("Connection to the server lost")
     expect(start).to_be_visible()
     page.get_by_role("button", name=live_tab.KEEP).click()
-    expect(status).to_contain_text("is being kept")
+    expect(status).to_contain_text("is being saved")
     expect(page.locator("#live-status")).to_contain_text("Done in")
     expect(page.locator("#live-message")).to_contain_text("made while the speech was spoken")
     page.wait_for_function(KEPT)
@@ -361,12 +361,16 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
 
     # A study that is ready is filled in by the click itself.
     page.route("**/queue/join*", lambda route: None)  # a server too busy to answer
-    page.get_by_role("button", name="How large?").click()
-    expect(page.get_by_label("Rate all systems with sliders")).to_be_checked()
-    for name, is_checked in (("smaller", True), ("larger", True), ("on wrong words", False)):
+    page.get_by_role("button", name="Effect of the gesture size").click()
+    expect(page.get_by_label("Slider ratings of all systems: human-likeness")).to_be_checked()
+    for name, is_checked in (
+        ("smaller", True),
+        ("larger", True),
+        ("strokes on other words", False),
+    ):
         expect(page.get_by_label(name, exact=True)).to_be_checked(checked=is_checked)
     page.unroute("**/queue/join*")
-    page.get_by_role("button", name="How large?").click()
+    page.get_by_role("button", name="Effect of the gesture size").click()
     expect(page.locator("#study-speech")).to_contain_text("three_reasons")
     page.locator("#study-write").click()
     plan = saved(page, page.locator("#study-plan a"), tmp_path)
@@ -381,12 +385,12 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
     for seed, speech in enumerate(speeches):
         write_wav(speech, made_waveform(9_600 + 1_600 * seed, seed))
     give(page, "#study-speech", *speeches)
-    page.get_by_label("Pairs, which is more real? (silent)").check()
+    page.get_by_label("Pairwise comparison: human-likeness (without sound)").check()
     for name in ("smaller", "larger"):
         page.get_by_label(name, exact=True).uncheck()
     systems = page.locator("[role=tabpanel]:visible")
     systems.get_by_label("global", exact=True).check()
-    page.get_by_label("Seconds a video").fill("0.5")
+    page.get_by_label("Video length (s)").fill("0.5")
     page.get_by_label("Participants", exact=True).fill("3")
     page.locator("#study-make").click()
     researcher = page.locator("#study-researcher button")
@@ -428,7 +432,7 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
         expect_fit(page, page.locator("#study-researcher"))
     expect(researcher).to_be_hidden()
     researcher.evaluate("button => button.form.submit()")
-    expect(page.get_by_text("There is nothing to fetch here")).to_be_visible()
+    expect(page.get_by_text("Nothing to download here")).to_be_visible()
     page.go_back()
     ready(page)
 

@@ -138,23 +138,23 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(page: 
     expect(page.locator("#player .stage-legend")).to_contain_text("jerk: 0 to 500 m/s³")
     look()
     press(bar, "Trail")
-    bar.get_by_label("Tremble, times as large").fill("1")
+    bar.get_by_label("Jitter exaggeration factor").fill("1")
     expect(page.locator("#player .stage-notice")).to_have_text("EXAGGERATED x20: all above 5 Hz")
     look()
     bar.locator(".more").click()
     more.get_by_label("Whole body").check()
     look()
-    for name in ("Skeleton", "Axes of joints"):
+    for name in ("Skeleton", "Joint axes"):
         more.get_by_label(name).check()
         look()
         more.get_by_label(name).uncheck()
-    more.get_by_label("Build of the bodies").select_option("broad")
+    more.get_by_label("Body shape").select_option("broad")
     look()
     more.get_by_label("Tone of the bodies").select_option("dark")
     press(bar, "Jerk")
     look()
     press(bar, "Ghost")
-    expect(page.locator("#player .stage .ghost-legend")).to_contain_text("pelvis on pelvis")
+    expect(page.locator("#player .stage .ghost-legend")).to_contain_text("Aligned at the pelvis")
     look()
     press(bar, "Wipe")
     handle = page.locator("#player .stage-wipe")
@@ -237,8 +237,13 @@ def test_the_player_can_be_walked_through_by_keyboard(page: Page) -> None:
     while page.evaluate("() => Boolean(document.activeElement.closest('#player .controls'))"):
         walked.append(tabbed(page))
         assert len(walked) < 40
-    wanted = ["Play", "One frame back", "One frame on", "Speed", "Loop", "Sound off"]
-    wanted += ["Worst second", "Tremble, times as large", "\N{MULTIPLICATION SIGN}1", "Trail"]
+    wanted = ["Play", "One frame back", "One frame forward", "Speed", "Loop", "Sound off"]
+    wanted += [
+        "Highest-jerk second",
+        "Jitter exaggeration factor",
+        "\N{MULTIPLICATION SIGN}1",
+        "Trail",
+    ]
     wanted += ["Jerk", "Close-up", "All", "Wipe", "Flicker", "Ghost", "More displays and views"]
     assert [name for name in walked[:-1] if not name.startswith("Keys.")] == wanted
 
@@ -246,7 +251,7 @@ def test_the_player_can_be_walked_through_by_keyboard(page: Page) -> None:
     alone = page.get_by_role("button", name="Show all again", exact=True)
     expect(alone).to_be_focused()  # though names are laid out anew
     alone.press("Enter")
-    for name in ("One frame on", "Ghost"):
+    for name in ("One frame forward", "Ghost"):
         bar.get_by_role("button", name=name, exact=True).focus()
         page.keyboard.press("Enter")
     expect(bar.locator(".time")).to_have_attribute("title", "Frame 1")
@@ -287,11 +292,11 @@ def test_clicks_keys_and_the_wheel_lead_through_time(page: Page) -> None:
     assert state(page, "isPlaying") == [False]
     page.keyboard.press("l")
 
-    zoom = page.get_by_role("group", name="Zoom of the time line")
-    whole = zoom.get_by_role("button", name="Show all of it")
+    zoom = page.get_by_role("group", name="Timeline zoom")
+    whole = zoom.get_by_role("button", name="Show the whole clip")
     put_clock(page, 1.5)  # of 3
     expect(whole).to_be_disabled()
-    press(zoom, "Show less time, larger")
+    press(zoom, "Zoom in")
     assert page.evaluate(SHOWN) == pytest.approx(0.5, abs=0.02)  # it stays where it was
     put_clock(page, 1.875)  # an eighth of the clip on, of 3 / 1.6 s that are shown
     assert page.evaluate(SHOWN) == pytest.approx(0.5 + 0.375 / 1.875, abs=0.02)
@@ -312,7 +317,7 @@ def test_clicks_keys_and_the_wheel_lead_through_time(page: Page) -> None:
     assert state(page, "time")[0] > 1.5
     page.keyboard.press("0")
     assert page.evaluate(SHOWN) > 0.5
-    press(zoom, "Show less time, larger")
+    press(zoom, "Zoom in")
     later = zoom.get_by_role("button", name="Later")
     later.press("Enter")
     expect(later).to_be_disabled()
@@ -323,7 +328,7 @@ def test_clicks_keys_and_the_wheel_lead_through_time(page: Page) -> None:
 def test_tiers_are_read_lit_chosen_by_mouse_and_keys_and_found_where_none_was_planned(
     page: Page,
 ) -> None:
-    bodies = page.get_by_label("Whose tiers are shown")
+    bodies = page.get_by_label("Motion whose tiers are shown")
     expect(bodies.locator("option")).to_have_text(["No gestures", *LABELS])
     bodies.select_option(SYSTEMS[0])
     right = page.get_by_role("group", name="Right hand")
@@ -360,7 +365,7 @@ def test_tiers_are_read_lit_chosen_by_mouse_and_keys_and_found_where_none_was_pl
 
 def test_the_worst_second_is_played_slowly_again_and_again(page: Page) -> None:
     bar, line = bar_of(page), page.locator("#player .worst-line")
-    worst = bar.get_by_role("button", name="Worst second", exact=True)
+    worst = bar.get_by_role("button", name="Highest-jerk second", exact=True)
     before = bar.bounding_box()
     worst.click()
     expect(worst).to_have_attribute("aria-pressed", "true")
@@ -375,10 +380,10 @@ def test_the_worst_second_is_played_slowly_again_and_again(page: Page) -> None:
         }""",
         arg=first,
     )
-    press(page, "Next second, less bad")
+    press(page, "Next (less jerk)")
     expect(line).to_contain_text(re.compile(r"2 of \d"))
     assert abs(state(page, "loop")[0][0] - first[0]) >= 1.0
-    press(page, "Next worse second")
+    press(page, "Previous (more jerk)")
     assert state(page, "loop") == [first]
     page.keyboard.press("l")  # another loop is another matter
     expect(worst).to_have_attribute("aria-pressed", "false")

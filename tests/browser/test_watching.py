@@ -186,18 +186,18 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
 
     # Worst second, close-up, ghost.
     bar = bar_of(page)
-    press(bar, "Worst second")
+    press(bar, "Highest-jerk second")
     expect(page.locator("#player .worst-line")).to_contain_text(re.compile(r"1 of \d"))
-    press(bar, "Worst second")
+    press(bar, "Highest-jerk second")
     page.evaluate(f"{LOCKSTEP}.pause()")
     if width < 600:  # the rest is behind one sign
         bar.locator(".more").click()
     bar.get_by_label("Close-up", exact=True).select_option("face")
     press(bar, "Ghost")
-    expect(page.locator("#player .stage .ghost-legend")).to_contain_text("dark where both are")
+    expect(page.locator("#player .stage .ghost-legend")).to_contain_text("dark where they overlap")
     expect_fit(page)
 
-    # The link, in a second browser that shares nothing with the first, and draws no 3D graphics.
+    # The link, in a second browser that shares nothing with the first, and has no 3D graphics.
     href = page.locator("#runs .link a").evaluate("link => link.href")
     assert re.search(r"[?]run=[\w-]{43}$", href)
     other = visitor(width, height)
@@ -216,7 +216,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
         """() => [...document.querySelectorAll('#player video')].every(
             ({ currentTime, controls }) => controls && Math.abs(currentTime - 1) < 0.05)"""
     )
-    expect(theirs.locator("#player .no-stage")).to_contain_text("draws no 3D graphics")
+    expect(theirs.locator("#player .no-stage")).to_contain_text("does not support 3D graphics")
     expect(theirs.locator(f'#numbers tr[data-measure="{JERK}"] td .raw').first).to_have_text("110")
     expect(theirs.locator("#status")).to_contain_text(f"{FRAMES} frames each")
     expect(theirs.locator("#runs .link")).to_contain_text("expires in")
@@ -229,7 +229,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     assert theirs.evaluate(f"{SOUND}.src") != sound, "each browser has addresses of its own"
     assert page.request.get(sound).status == 200 and theirs.request.get(sound).status == 404
     theirs.goto(re.sub(r"=.*", "=" + "x" * 43, href))
-    expect(theirs.locator("#message")).to_contain_text("kept no longer")
+    expect(theirs.locator("#message")).to_contain_text("has expired")
     expect(theirs.locator("#player video")).to_have_count(0)
     other.close()
 
@@ -267,7 +267,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     page.get_by_role("link", name=text.COMPARE_OTHER, exact=True).wait_for()
     both = followed(page, text.COMPARE_OTHER, 4)
     expect(both.locator("#verdict")).to_contain_text("Choose which audio plays")
-    sounds = both.get_by_label("Whose sound plays")
+    sounds = both.get_by_label("Audio track")
     expect(sounds.locator("option")).to_have_text(["A: speech", "B: brief"])
     expect(sounds).to_have_value("A: speech")
     assert both.evaluate(f"{LOCKSTEP}.duration") == pytest.approx(SECONDS, abs=0.05)
@@ -292,7 +292,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     again = watched(both.context.new_page())
     again.route("**/stage/facts.json", hold)
     again.goto(both.evaluate("location.href"))
-    expect(again.get_by_label("Whose sound plays")).to_have_value("B: brief")
+    expect(again.get_by_label("Audio track")).to_have_value("B: brief")
     is_free.set()
     for route in held:
         route.continue_()
@@ -304,7 +304,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     for tab in (own_motion.TAB, text.STUDY_TAB):
         page.get_by_role("tab", name=tab, exact=True).click()
         expect_fit(page)
-    expect(page.get_by_text("Drop in what participants sent or saved")).to_be_visible()
+    expect(page.get_by_text("Upload the participants' answer files")).to_be_visible()
     page.emulate_media(reduced_motion="no-preference", color_scheme=scheme)
     page.get_by_role("tab", name=text.LADDER_TAB).click()
     expect(page.locator(".ladder li")).to_have_count(5)

@@ -49,8 +49,8 @@ test("what leads to a stroke and follows it says so", () => {
 
 test("what was found says so and takes the word of its time", () => {
   const found = { ...PLAN, origin: "found", right: [phase(1.3, 1.8, "stroke")] };
-  assert.equal(say("right", 0, found), "Stroke of the right hand on the word “did”; 1.30 to 1.80 s, found in the motion.");
-  assert.equal(say("right", 0, found, { words: [], accents: [] }), "Stroke of the right hand; 1.30 to 1.80 s, found in the motion.");
+  assert.equal(say("right", 0, found), "Stroke of the right hand on the word “did”; 1.30 to 1.80 s, detected in the motion.");
+  assert.equal(say("right", 0, found, { words: [], accents: [] }), "Stroke of the right hand; 1.30 to 1.80 s, detected in the motion.");
 });
 
 test("head, face and legs are told in words", () => {

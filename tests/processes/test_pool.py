@@ -79,8 +79,8 @@ def test_a_killed_worker_costs_no_job(tmp_path):
 @pytest.mark.parametrize(
     ("work", "words"),
     [
-        (kill, [f"ended {MAX_BREAKS} times", "by signal 9 (SIGKILL)", "no want of memory"]),
-        (run_out_of_memory, ["for want of memory, as its log says; use fewer processes"]),
+        (kill, [f"ended {MAX_BREAKS} times", "by signal 9 (SIGKILL)", "no lack of memory"]),
+        (run_out_of_memory, ["ran out of memory (according to its log); use fewer processes"]),
     ],
 )
 def test_a_worker_that_always_dies_ends_it_and_says_how(work, words, tmp_path):

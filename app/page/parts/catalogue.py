@@ -113,7 +113,7 @@ def _trained_on(cards: list[Card]) -> str:
         return ""
     data = cards[0].get("training_data")
     # A corpus made by this project has a description, any other folder only a name.
-    what = "procedural motion made by a program" if isinstance(data, dict) else f"“{data}”"
+    what = "procedurally generated motion" if isinstance(data, dict) else f"“{data}”"
     least, most = (f"{found:.1f}" for found in (min(hours), max(hours)))
     return f"{least if least == most else f'{least} to {most}'} hours of {what}"
 
@@ -128,4 +128,4 @@ def default_systems(systems: Sequence[str]) -> list[str]:
 def strength_choices(*values: float) -> list[tuple[str, float | str]]:
     """Return labels and values of guidance scales, the default first."""
     named = ((text.GUIDANCE_NAMES.get(value, f"{value:g}"), value) for value in values)
-    return [("as suits each system", ""), *named]
+    return [("default of each system", ""), *named]

@@ -13,19 +13,19 @@ from app import text
 from app.run.callbacks import RUN_STAGES, RunStage
 
 WORDS = {
-    "jerk": "Change of acceleration: how much it trembles and jolts. Lower is smoother.",
+    "jerk": "Rate of change of acceleration, in m/s³. Lower means smoother.",
     "depth": "Number of bones between the pelvis and a joint; the fingertips are deepest.",
-    "frequency": "How fast something goes back and forth, in Hz: times a second.",
-    "trajectory": "The way that a point takes through space.",
-    "seam": "Where two windows of generated motion join.",
-    "seams": "Where two windows of generated motion join.",
-    "closed form": "Worked out with a formula, rather than measured.",
-    "chance level": "What unrelated speech and motion would reach.",
-    "power": "How much of the movement there is at each frequency.",
-    "noise": "Random numbers; generators begin with them, and disturbed motion holds them.",
-    "local rotations": "Of each joint relative to the joint before it.",
-    "global rotations": "Of each joint as it stands in the world.",
-    "samples": "Motions for the same speech from other random numbers.",
+    "frequency": "Oscillations per second (Hz).",
+    "trajectory": "The path of a point through space over time.",
+    "seam": "The boundary between two generated windows of motion.",
+    "seams": "The boundary between two generated windows of motion.",
+    "closed form": "Computed from a formula instead of measured.",
+    "chance level": "The value that unrelated speech and motion would give.",
+    "power": "How the energy of the movement is distributed over frequencies.",
+    "noise": "Random numbers. Generators start from them; perturbed motion contains them.",
+    "local rotations": "Rotation of each joint relative to its parent joint.",
+    "global rotations": "Rotation of each joint in world coordinates.",
+    "samples": "Motions generated for the same speech from different noise.",
 }
 _WORDS = re.compile(
     r"\b(" + "|".join(sorted(map(re.escape, WORDS), key=len, reverse=True)) + r")\b", re.IGNORECASE

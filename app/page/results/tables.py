@@ -115,7 +115,7 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
         f'</div><span class="legend">{mark}{escape(legend)}</span>'
         f'<a class="csv" download="measures.csv" href="data:text/csv;charset=utf-8,{quote(csv)}">'
         f"{text.CSV_LABEL}</a></div>"
-        f"{markup.table(text.NUMBERS_HEADING, 'Measure', head, body)}"
+        f"{markup.table(text.NUMBERS_HEADING, 'Metric', head, body)}"
         f"{'' if all(each.is_first for each in shown) else more}</div>"
     )
 
@@ -169,8 +169,8 @@ def _findings(run: RunRecord) -> str:
         return ""
     ordered = [*run.gravest, *(each for each in run.findings if each not in run.gravest)]
     items = [_finding(each, run.label(each.name)) for each in ordered]
-    also = f"Also found ({len(items) - len(run.gravest)})"
-    title = "<h3>What stands out, the gravest first</h3>" if run.findings[0].name else ""
+    also = f"More findings ({len(items) - len(run.gravest)})"
+    title = "<h3>Findings, most severe first</h3>" if run.findings[0].name else ""
     return _listed(title, items, len(run.gravest), also)
 
 
@@ -222,11 +222,9 @@ def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
     return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
 
 
-COUNTED = (
-    "{clips} in {sets}, each measured as it is. Means over clips, with 95 % intervals over clips."
-)
-WORST_FIRST = "Worst clips first: most kinds of findings, of equal ones the jerkiest"
-SETS_TABLE = "Mean over clips [95 % interval]"
+COUNTED = "{clips} in {sets}, unfiltered. Means over clips with 95 % confidence intervals."
+WORST_FIRST = "Clips with the most kinds of findings first; ties are ordered by jerk"
+SETS_TABLE = "Mean over clips [95 % confidence interval]"
 MOST_SHOWN = 5
 """Maximum number of worst clips that are not folded."""
 
@@ -259,7 +257,7 @@ def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     if not worst:
-        return '<p class="says">Nothing stands out in any clip.</p>'
+        return '<p class="says">No findings in any clip.</p>'
     unit = next(row.unit for row in MEASURES if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
@@ -282,5 +280,5 @@ def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips
     first = table([row for row in rows if row["measure"] in firsts])
     return (
         f'<div class="measures all">{first}{star}'
-        f"<details><summary>All measures</summary>{table(list(rows))}</details></div>"
+        f"<details><summary>All metrics</summary>{table(list(rows))}</details></div>"
     )

@@ -39,13 +39,14 @@ _SPACES = ("https://huggingface.co", "https://*.hf.space")
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 _ANYWHERE = ("0.0.0.0", "::")
-FOREIGN = "This request comes from the page of another site, which may not use this one."
+FOREIGN = "Request refused: it comes from another site."
 UNKNOWN_HOST = (
-    "This page does not answer to the name {name}; who runs it can allow it: --host-name {name}."
+    "This page is not served under the name {name}. Its operator can allow the name with "
+    "--host-name {name}."
 )
 LOG_IN = "Log in first."
-UNUSED = "This page takes nothing there; upload files by the fields of its forms."
-NO_PROXY = "This page fetches no pages of others; ask for them at their own address."
+UNUSED = "Uploads are accepted only through the forms of the page."
+NO_PROXY = "This server does not fetch pages of other sites."
 
 
 class HostNames:

@@ -41,7 +41,7 @@ from renderer.figures.style import CONTENTS_ENDING
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
 WEB_FOLDER = Path(__file__).parents[1] / "web"
-GONE = "There is no such file, or it is kept no longer."
+GONE = "File not found, or expired."
 SHOWN_TYPES: Mapping[str, str] = {
     ".mp4": "video/mp4",
     ".wav": "audio/wav",
@@ -217,8 +217,8 @@ RESEARCHER_ROUTE = "/study/researcher"
 RESEARCHER_FILE = "researcher_only.zip"
 _BLOCK_BYTES = 1 << 16
 FETCHED = (
-    "There is nothing to fetch here: each study's researcher part can be fetched once, in the "
-    "browser that made it."
+    "Nothing to download here. The researcher's files of a study can be downloaded once, in the "
+    "browser that created it."
 )
 
 

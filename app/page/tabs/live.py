@@ -43,12 +43,11 @@ class LiveRunner(RunRunner):
 
 TAB = "Live"
 INTRODUCTION = (
-    "Speak, and a body moves to it about a second later. Sound goes to the machine that serves "
-    "this page and to no other; only the last minute is held, in memory, until ten minutes after "
-    "you stop."
+    "Speak, and the body gestures about a second later. Audio is sent to the server of this page "
+    "only. The last minute is held in memory until ten minutes after you stop."
 )
-KEEP = "Keep the last minute"
-NOTHING_KEPT = "Keep makes a run of the last minute: sound, video, figures, measures, downloads."
+KEEP = "Save the last minute"
+NOTHING_KEPT = "Saves the last minute as a run with audio, video, figures, metrics and downloads."
 _TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
 
 

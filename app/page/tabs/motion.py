@@ -63,7 +63,7 @@ def ask_from_form(
         told["has_video"] = False
     told["speech"] = speeches[0] if len(speeches) == 1 else folder / SPEECH_FOLDER
     if not told["systems"]:
-        raise RunError("No system is chosen: tick at least one.")
+        raise RunError("Select at least one system.")
     # In the catalogue's order, so that rows have the same order in every run; an unknown system is
     # reported by the run.
     order = {name: number for number, name in enumerate(catalogue.systems)}
@@ -167,7 +167,7 @@ def build_form(services: Services) -> FormParts:
         choices=catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems to compare",
-        info="Each is a trained generator; all get the same noise. The tab Systems explains them.",
+        info="All systems start from the same noise. The tab “Systems” describes them.",
         elem_id="systems",
     )
     about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)
@@ -178,7 +178,7 @@ def build_form(services: Services) -> FormParts:
             choices=list(catalogue.speakers),
             value=catalogue.speakers[0] if catalogue.speakers else None,
             label="Speaker style",
-            info="Whose manner it has.",
+            info="The training speaker whose gesture style is used.",
             min_width=120,
         )
         of["seed"] = gr.Number(
@@ -195,7 +195,10 @@ def build_form(services: Services) -> FormParts:
         value=1,
         step=1,
         label=text.SAMPLES_LABEL,
-        info="More than one shows how much chance decides: up to eight by noise of their own.",
+        info=(
+            "Several samples show how much the result varies by chance. Each starts from its own "
+            "noise."
+        ),
         buttons=[],
     )
     of["guidance"] = gr.Dropdown(
@@ -213,19 +216,22 @@ def build_form(services: Services) -> FormParts:
         of["steps"] = gr.Textbox(
             "",
             label="Sampler steps",
-            info="Empty: what each system usually takes. A number for all, or full=20, local=5, …",
+            info=(
+                "Leave empty for each system's default. One number for all systems, or full=20, "
+                "local=5, …"
+            ),
             placeholder=catalogue.usual_steps,
             max_lines=1,
             elem_id="steps",
         )
         of["sampler"] = gr.Dropdown(
             choices=[
-                ("each system's usual one", ""),
+                ("default of each system", ""),
                 *((sampler_title(name), name) for name in catalogue.samplers),
             ],
             value="",
             label="Sampler",
-            info="The way from noise to motion. Leave it, unless you compare samplers.",
+            info="The numerical sampler. Keep the default unless you compare samplers.",
         )
         of["reference"] = services.file(
             "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference", height=150
@@ -263,10 +269,10 @@ def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
             0, minimum=0, maximum=LAST_FRAME, label="First frame", elem_id=elem_id
         )
         of["figure_frames"] = gr.Textbox(
-            "", label="Frames of snapshots", placeholder="every 50", max_lines=1
+            "", label="Snapshot frames", placeholder="every 50", max_lines=1
         )
     of["figure_width"] = gr.Radio(
-        choices=[("85 mm", "85mm"), ("174 mm", "174mm")], value="174mm", label="Width in print"
+        choices=[("85 mm", "85mm"), ("174 mm", "174mm")], value="174mm", label="Print width"
     )
     return of
 
@@ -285,7 +291,7 @@ def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) ->
     offered = gr.Dataset(
         components=[gr.Textbox(visible=False)],
         samples=[[example_title(path)] for path in examples],
-        label="Or take an example (a synthetic voice)",
+        label="Or choose an example (synthetic voice)",
         type="index",
         elem_id="examples",
     )

@@ -213,7 +213,7 @@ class RunRunner(TabRunner):
     def waits(self, request: gr.Request) -> Updates:
         """Show that the run waits for its turn."""
         self._waiting.add(visitor_of(request))
-        line = markup.sentence_status("Waiting for its turn.")
+        line = markup.sentence_status("Waiting in the queue.")
         return {self._status: line, **self._buttons(is_running=True)}
 
     def refused(self, request: gr.Request) -> Updates:

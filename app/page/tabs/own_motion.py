@@ -45,27 +45,28 @@ ORDER = (
 SETS = (".zip", ".tgz", ".gz", ".tar")
 """Suffixes of archives; browsers see only the end of ``.tar.gz``."""
 FILES_HELP = (
-    "Any files: motions (.npz, .npy, .bvh), their speech, its words (.TextGrid, subtitles, or "
-    "English as .txt), zips of clips. No order is needed: each is known by what is in it."
+    "Motion files (.npz, .npy, .bvh), the speech audio, a transcript (.TextGrid, subtitles, or "
+    "English text as .txt), or zips of clips, in any order. The type of each file is detected."
 )
 NO_RECORDED = "none"
 _IS_RECORDED = re.compile(r"reference|record|ground.?truth|(?<![a-z])gt(?![a-z])", re.IGNORECASE)
 WINDOWS_HELP = (
-    "If you know how long the windows are, jumps are looked for where they join. Left empty, every "
-    "period from 2 to 240 frames is tried."
+    "If you know the window length, the seams between windows are checked. If you leave it empty, "
+    "every period from 2 to 240 frames is tested."
 )
-PLANTED_LABEL = "Try an example with planted faults"
-ASSUME_LABEL = "How the files are to be read"
+PLANTED_LABEL = "Try an example with injected faults"
+ASSUME_LABEL = "Import settings"
 ASSUME_HELP = (
-    "What chips on the bodies say is kept here for the next files: up=z, facing=x, units=cm, "
-    "rate=25, hands=mean, rotations=6d-columns, motion=2, frames=bridge, lag=.4; of some files "
-    "alone *.bvh:up=z or NAME:up=z."
+    "Overrides for what was detected in the files; corrections made on the chips are added here "
+    "and also apply to the next files: up=z, facing=x, units=cm, rate=25, hands=mean, "
+    "rotations=6d-columns, motion=2, frames=bridge, lag=.4; of some files alone *.bvh:up=z or "
+    "NAME:up=z."
 )
-CLIP_LABEL = "Open a clip on the stage"
+CLIP_LABEL = "Show a clip in the viewer"
 INTRODUCTION = (
-    "Measures motion files of your own as it measures the systems, raw and filtered: "
-    "nearly any .npz, .npy or .bvh of a whole body; how each was understood is told. A zip of "
-    "clips is measured as a set, several beside each other by the clips' names."
+    "Computes the same metrics for your motion files as for the systems here, raw and filtered. "
+    "Reads almost any full-body .npz, .npy or .bvh file and shows how each was interpreted. A zip "
+    "of clips is evaluated as a set; several sets are paired by clip name."
 )
 
 
@@ -109,7 +110,7 @@ def build_own_form(services: Services) -> FormParts:
     of: dict[str, Any] = {}
     of["motions"] = services.file(
         "files",
-        "Motions, and what goes with them",
+        "Motion files, speech and transcript",
         [".npz", ".npy", ".bvh", *WORD_ENDINGS, "audio", *SETS],
         "own-motions",
         height=170,
@@ -121,7 +122,7 @@ def build_own_form(services: Services) -> FormParts:
         value="",
         allow_custom_value=True,  # see below
         visible=False,
-        label="Recorded motion among them, as reference",
+        label="Reference motion (a recording)",
         elem_id="own-reference",
     )
     of["shown"] = gr.Dropdown(
@@ -130,14 +131,14 @@ def build_own_form(services: Services) -> FormParts:
         max_choices=MAX_COMPARED,
         allow_custom_value=True,  # a removed file may still be selected
         visible=False,
-        label="Shown on the stage and in figures",
-        info="At most six with the reference; all are measured.",
+        label="Shown in the viewer and in figures",
+        info="At most six including the reference. Metrics are computed for all.",
         elem_id="own-shown",
     )
     of["channel"] = gr.Dropdown(
         [("All channels, mixed", ""), ("Left channel", "left"), ("Right channel", "right")],
         value="",
-        label="Which side of a dialogue speaks",
+        label="Audio channel of the speaker",
         elem_id="own-channel",
         visible=False,
     )
@@ -150,18 +151,18 @@ def build_own_form(services: Services) -> FormParts:
     of["has_video"] = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
     )
-    with gr.Accordion("Read otherwise?", open=False):
+    with gr.Accordion("Import settings", open=False):
         of["told"] = gr.Textbox(
             "", max_length=2000, label=ASSUME_LABEL, info=ASSUME_HELP, elem_id="own-assume"
         )
-    with gr.Accordion("Figure 6 otherwise?", open=False):
+    with gr.Accordion("Figure 6 settings", open=False):
         of |= figure_fields()
-    with gr.Accordion("Made of windows?", open=False):
+    with gr.Accordion("Generation windows", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')
         with gr.Row(elem_classes="pair"):
             limits: dict[str, Any] = {"minimum": 0, "maximum": LAST_FRAME}
-            of["window"] = gr.Number(value=None, label="Frames of a window", **limits)
-            of["overlap"] = gr.Number(value=None, label="Shared by two", **limits)
+            of["window"] = gr.Number(value=None, label="Window length (frames)", **limits)
+            of["overlap"] = gr.Number(value=None, label="Overlap (frames)", **limits)
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", visible=False, min_width=110)
@@ -184,14 +185,14 @@ def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
 
 ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech", "transcript": "words"}
 """Kinds of files of which there is one for all motions."""
-ONE_FILE = "One file of {what} goes with all motions; {count} were given."
-NO_REFERENCE = "There is no motion {name!r} among the files; choose the recorded one anew."
-NO_SETS = "A zip goes beside zips: give the motions as zips as well, one for each system."
+ONE_FILE = "Only one {what} file can be used; {count} were added."
+NO_REFERENCE = "The reference {name!r} is no longer among the files. Please choose it again."
+NO_SETS = "Zips cannot be mixed with single motion files. Add one zip for each system."
 SetsParts = tuple[gr.HTML, gr.Dropdown]
 """Components for the results of sets and for the selection of a clip."""
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
-TOO_MANY_SHOWN = "At most {limit} motions are shown beside each other; {count} were chosen."
+TOO_MANY_SHOWN = "At most {limit} motions can be shown side by side; {count} are selected."
 SHOWN: dict[str, Any] = {**PAGE_DISPLAY, "size": 512, "max_frames": 108_000}
 """Fields of every request of this tab; the limit is an hour of frames, which the command line
 lacks."""
@@ -314,7 +315,7 @@ class OwnMotionRunner(RunRunner):
         token = self.sets.keep(found, job.folder, job.cookie or None)
         figures, files = figures_html(found.files, address), files_listed(found.files, address)
         choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.told)]
-        line = "Measured {clips} of {sets}. Any of them opens on the stage.".format(
+        line = "Measured {clips} of {sets}. Choose one to show it in the viewer.".format(
             clips=counted(len(choices), "clip"),
             sets=counted(len(found.clips), "set"),
         )
@@ -347,9 +348,9 @@ class ClipRunner(RunRunner):
         token, _, clip = str(values[0] if values else "").partition("/")
         sets, config = self._sets.find(token, job.cookie), self._services.config
         if sets is None:
-            raise RunError("These clips are kept no longer; give the zips again.")
+            raise RunError("These clips have expired. Please upload the zips again.")
         if clip not in sets.told["clips"]:
-            raise RunError("What was asked for is no clip of these sets; load the page again.")
+            raise RunError("This clip is not in the uploaded sets. Please reload the page.")
         motions = {name: files[clip] for name, files in sets.clips.items()}
         asked = asked_of(motions, sets.sounds.get(clip), job.folder, config)
         names, overrides = asked.motions.names, sets.request.imports.import_overrides

@@ -273,7 +273,7 @@ class VideosBehind:
         except Cancelled:
             return  # replaced by another run of the visitor
         except Exception as error:  # the finished run stays, with the error
-            yield self._line(run, f"Its videos could not be drawn: {visitor_sentence(error)}")
+            yield self._line(run, f"The videos could not be rendered: {visitor_sentence(error)}")
 
     def _drawn(self, job: Job, run: KeptRun, video: VideoOptions) -> Iterator[Updates]:
         remaining = Remaining()
@@ -285,7 +285,7 @@ class VideosBehind:
             share = last_share(events)
             if share is not None:
                 when = remaining.sentence(share, time.monotonic())
-                drawn = f"Videos are being drawn behind it: {share:.0%}{when}."
+                drawn = f"Rendering videos in the background: {share:.0%}{when}."
                 updates |= self._line(run, drawn)
             return updates
 

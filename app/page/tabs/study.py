@@ -34,8 +34,9 @@ from conventions.views import VIEWS
 from model.systems.registry import usual_planner
 
 INTRODUCTION = (
-    "Makes a blind study: a web page with videos under random names for your participants, and a "
-    "key that only you get. The same as <code>python -m app study export</code>."
+    "Creates a blind user study: a web page for your participants, with videos under random "
+    "names, and a key that only you receive. Equivalent to <code>python -m app study "
+    "export</code>."
 )
 
 
@@ -50,8 +51,8 @@ def build_study_tab(services: Services) -> Fields:
         with gr.Column(scale=5, min_width=320):
             fields |= _build_settings()
             with gr.Row(elem_classes="actions"):
-                start = gr.Button("Make the study", variant="primary", elem_id="study-make")
-                write = gr.Button("Plan only", elem_id="study-write", min_width=110)
+                start = gr.Button("Create the study", variant="primary", elem_id="study-make")
+                write = gr.Button("Create the plan only", elem_id="study-write", min_width=110)
                 cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
             with gr.Column(elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id="study-status")
@@ -104,7 +105,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
     of["protocol"] = gr.Radio([*PROTOCOLS.items()], value="pairwise", label="Protocol")
     of["speeches"] = services.file(
         "speech",
-        "Speech, one file for each clip",
+        "Speech audio, one file per clip",
         ["audio"],
         "study-speech",
         file_count="multiple",
@@ -113,19 +114,19 @@ def _build_materials(services: Services) -> dict[str, Any]:
         catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems",
-        info="Each more is one more video of every clip, and more pairs to be judged.",
+        info="Every additional system adds one video per clip and more comparisons.",
     )
     of["changed"] = gr.CheckboxGroup(
         list(CHANGES),
         value=[],
-        label="Gestures changed",
-        info=f"Each is one more system: {planner} with its plan changed.",
+        label="Modified gestures",
+        info=f"Each adds one condition: {planner} with a modified gesture plan.",
         visible=planner in catalogue.systems,
         elem_id="study-changed",
     )
     of["motions"] = services.file(
         "motion",
-        f"Other motion, each file named <system>{SEPARATOR}<clip>.npz (optional)",
+        f"Your own motion, files named <system>{SEPARATOR}<clip>.npz (optional)",
         [".npz", ".npy", ".bvh"],
         "study-motions",
         file_count="multiple",
@@ -138,17 +139,17 @@ def _build_settings() -> dict[str, Any]:
     """Lay out the fields of how videos are shown, and of the participants' information."""
     of: dict[str, Any] = {}
     with gr.Row(elem_classes="pair"):
-        of["length_s"] = gr.Number(10, label="Seconds a video", minimum=0, min_width=100)
+        of["length_s"] = gr.Number(10, label="Video length (s)", minimum=0, min_width=100)
         of["participants"] = gr.Number(
             28, label="Participants", minimum=1, maximum=1000, min_width=100
         )
         of["seed"] = gr.Number(
-            0, label="Seed of the order", minimum=0, maximum=SEED_LIMIT, min_width=100
+            0, label="Seed of the trial order", minimum=0, maximum=SEED_LIMIT, min_width=100
         )
     of["views"] = gr.CheckboxGroup(
         [(text.VIEW_NAMES[view], view) for view in VIEWS], value=["front"], label="Views"
     )
-    of["post_to"] = gr.Textbox("", label="Address that answers are posted to (optional)")
+    of["post_to"] = gr.Textbox("", label="URL to which answers are sent by POST (optional)")
     of["return_to"] = gr.Textbox(
         "",
         label="Completion link (optional)",
@@ -162,10 +163,14 @@ def _build_settings() -> dict[str, Any]:
         info="Names of a panel's parameters, the participant's own first; they go into the "
         "answers, and the consent page says so.",
     )
-    with gr.Accordion("Who asks, contact, ethics, consent", open=False, elem_id="study-told"):
+    with gr.Accordion(
+        "Researchers, contact, ethics approval, consent text", open=False, elem_id="study-told"
+    ):
         with gr.Row(elem_classes="pair"):
             of["researchers"] = gr.Textbox("", label="Researchers", min_width=140)
-            of["contact"] = gr.Textbox("", label="Contact (files go there)", min_width=140)
+            of["contact"] = gr.Textbox(
+                "", label="Contact (participants send their files here)", min_width=140
+            )
         of["ethics"] = gr.Textbox("", label="Ethics approval: board and number")
         of["consent"] = gr.Textbox(
             "", label="Consent text", placeholder=wording()["consent"]["text"].strip(), lines=5
@@ -175,14 +180,14 @@ def _build_settings() -> dict[str, Any]:
 
 TITLE = "Analyse the answers"
 ANALYSIS_INTRODUCTION = (
-    "Drop in what participants sent or saved, and the key from the researcher's zip. The same as "
+    "Upload the participants' answer files and key.json from the researcher's zip. Equivalent to "
     "<code>python -m app study analyse</code>, which needs no upload. All of it is deleted here "
     "within the hour."
 )
-NO_ANSWERS = "There are no answers yet: drop in at least one file that a participant saved."
-NO_KEY = "The key is missing: drop in key.json from the researcher's zip."
+NO_ANSWERS = "Add at least one answer file of a participant."
+NO_KEY = "Add key.json from the researcher's zip."
 TOO_MANY = "At most {limit} files are analysed here; {count} were given. Use the command line."
-ANALYSED = "Analysed. The report stands below; its files are the ones to keep."
+ANALYSED = "Done. The report is shown below; download its files to keep them."
 
 
 def build_analysis(services: Services) -> None:
@@ -218,22 +223,22 @@ def build_analysis(services: Services) -> None:
 
 SEPARATOR = "--"
 PROTOCOLS = {
-    "Pairs, which is more real? (silent)": "pairwise",
-    "Right or wrong speech? (one system at a time)": "matched",
-    "Rank all systems on three questions": "ranking",
-    "Rate all systems with sliders": "rating",
+    "Pairwise comparison: human-likeness (without sound)": "pairwise",
+    "Matched or mismatched speech: appropriateness (one system at a time)": "matched",
+    "Ranking of all systems (three questions)": "ranking",
+    "Slider ratings of all systems: human-likeness": "rating",
 }
 CHANGES = {
-    "on wrong words": "{ wrong_words = true }",
-    "half as many": "{ times = { gestures_per_min = 0.5 } }",
+    "strokes on other words": "{ wrong_words = true }",
+    "half as many gestures": "{ times = { gestures_per_min = 0.5 } }",
     "smaller": "{ times = { size_m = 0.6 } }",
     "larger": "{ times = { size_m = 1.5 } }",
 }
 """Plan edits of the system with plans, as styles of `model.plan.style`."""
 QUESTIONS = {
-    "Do words matter?": ("ranking", ["on wrong words"]),
-    "How many gestures?": ("rating", ["half as many"]),
-    "How large?": ("rating", ["smaller", "larger"]),
+    "Do strokes have to match the words?": ("ranking", ["strokes on other words"]),
+    "Effect of the gesture rate": ("rating", ["half as many gestures"]),
+    "Effect of the gesture size": ("rating", ["smaller", "larger"]),
 }
 """Example studies: a protocol, and edits that are compared with the unedited gestures."""
 MAX_UPLOADS = 60
@@ -258,12 +263,13 @@ def plan_text(told: Mapping[str, Any]) -> str:
     others, changed = _by_system(told["motions"]), told["changed"]
     unknown = next((name for name in changed if name not in CHANGES), None)
     if unknown is not None:
-        raise RunError(f"There is no change {unknown!r}; there are {', '.join(CHANGES)}.")
+        raise RunError(f"Unknown modification {unknown!r}; choose from {', '.join(CHANGES)}.")
     count = len(clips) * (len(told["systems"]) + len(others) + len(changed)) * len(told["views"])
     if count * length_s > MAX_VIDEO_S:
         raise RunError(
-            f"This study has {count * length_s / 60:.0f} minutes of video; the page makes at "
-            f"most {MAX_VIDEO_S / 60:.0f}, so use the command line or plan less."
+            f"This study has {count * length_s / 60:.0f} minutes of video; this page renders at "
+            f"most {MAX_VIDEO_S / 60:.0f}. Use the command line, or reduce clips, systems or "
+            "length."
         )
     lines = [
         f"title = {_text(told['title'] or 'Co-speech motion')}",
@@ -323,17 +329,20 @@ def _text(value: str) -> str:
 
 
 NO_COOKIE = (
-    "Your browser keeps no cookie of this page, without which the researcher's part cannot be "
-    "kept for you alone; allow cookies and reload the page."
+    "Your browser blocks cookies for this page. They are needed to keep the researcher's files "
+    "private to you. Allow cookies and reload the page."
 )
-MADE = "The study is made, and no leak was found. Fetch the key, look at the page, then host it."
+MADE = (
+    "The study is ready and no leak was found. Download the key, check the preview, then host "
+    "the participants' page."
+)
 KEY_HELP = (
-    "Without it nobody can tell which video is which, you neither: answers could never be "
-    "analysed. It is deleted here as it is sent, and after {minutes} minutes in any case. Keep it "
-    "away from participants."
+    "Without the key nobody, including you, can tell which video shows which system, and the "
+    "answers cannot be analysed. It is deleted here once downloaded, and after {minutes} minutes "
+    "in any case. Do not give it to participants."
 )
-KEY_BUTTON = "Fetch key and records (zip, once)"
-KEY_FETCHED = "It went to this browser's downloads: see that researcher_only.zip is there."
+KEY_BUTTON = "Download key and records (zip, only once)"
+KEY_FETCHED = "Downloaded. Check that researcher_only.zip is in your downloads folder."
 PREVIEW = "Preview as participant"
 PARTICIPANTS = "For participants: the page and its videos (zip)"
 PLAN = "The plan (TOML)"
@@ -362,7 +371,7 @@ class StudyRunner(TabRunner):
     def _made(
         self, job: Job, told: Mapping[str, Any], plan: Path, size: str, address: Address
     ) -> Generator[Updates, None, None]:
-        """Make the study, the participants' part with the job, the researcher's in private."""
+        """Create the study, the participants' part with the job, the researcher's in private."""
         if not job.cookie:
             raise RunError(NO_COOKIE)
         services, config = self._services, self._services.config

@@ -33,7 +33,7 @@ from model.generation.family import Beside, ExplainedSystem, Ladder, Use
 from model.storage.cards import CALM_AND_LIVELY
 from model.systems.registry import families, family_of, usual_systems
 
-NOT_HERE = "no weights here"
+NOT_HERE = "weights not installed"
 _DELIMITERS = {"left": "$$", "right": "$$", "display": True}
 
 
@@ -91,7 +91,7 @@ def _card(number: int, rung: ExplainedSystem, systems: Sequence[str]) -> str:
         f"{escape(rung.adds)}</h3>"
         f"<code>{escape(rung.system)}</code>{missing}<p>{escape(rung.meaning)}</p>"
         f'<div class="equation">$${rung.equation}$$<small>{escape(rung.source)}</small></div>'
-        f"<p><b>Look for</b> {escape(rung.look_for)}</p></li>"
+        f"<p><b>What to watch</b> {escape(rung.look_for)}</p></li>"
     )
 
 
@@ -193,11 +193,11 @@ class MechanismRunner(FigureRunner):
     """Runner of the paper's argument on two bodies, without a network; it starts with the tab."""
 
     tab, verb = "mechanism", "Show both bodies"
-    title = "The argument in ten seconds: equal noise on local and on global rotations"
+    title = "Why global rotations? Equal noise on local and on global rotations"
     introduction = (
-        "One motion, two bodies. Every joint is turned at random by the same amount, once against "
-        "its parent and once in the world. No network takes part. Look at the fingertips, then "
-        "move the slider."
+        "One motion, shown twice. The same random noise is added to every joint, once to its "
+        "local rotation (relative to the parent) and once to its global rotation. No network is "
+        "involved. Look at the fingertips, then move the slider."
     )
     asks, measure = RotationNoiseRequest, COMPARE_ROTATION_NOISE
 
@@ -216,7 +216,7 @@ class MechanismRunner(FigureRunner):
             value=RotationNoiseRequest.noise_rad,
             step=0.005,
             buttons=[],
-            label="Noise on every joint, radians about each axis",
+            label="Rotation noise per joint (rad, about each axis)",
             elem_id="mechanism-noise",
         )
         return {"noise_rad": noise, "motion": _file("Motion of your own (optional)", MOTION_TYPES)}
@@ -232,10 +232,11 @@ class MechanismRunner(FigureRunner):
 class HearingRunner(FigureRunner):
     """Runner that measures the effect of speech and of the noise seed on motion."""
 
-    tab, verb, title = "hearing", "Compare", "Does it hear?"
+    tab, verb, title = "hearing", "Compare", "Does the motion follow the speech?"
     introduction = (
-        "Two speeches by two noise seeds, four motions of each system: where it hears, motions of "
-        "one speech rise and fall together; where it is deaf, those of one seed."
+        "Each system generates motion for two speeches with two noise seeds. If the motion "
+        "follows the speech, motions for the same speech rise and fall together; if it depends on "
+        "the noise, motions with the same seed do."
     )
     asks, measure = SpeechEffectRequest, MEASURE_SPEECH_EFFECT
 
@@ -253,8 +254,8 @@ class HearingRunner(FigureRunner):
         )
         calm, lively = CALM_AND_LIVELY
         speakers = gr.Checkbox(
-            label=f"Compare {calm} and {lively}, too",
-            info="A calm speaker and a lively one, with the first speech and the same seeds.",
+            label=f"Also compare the speakers {calm} and {lively}",
+            info="A calm and a lively speaker, for the first speech and the same seeds.",
             elem_id="hearing-speakers",
         )
         return {"systems": systems, **speeches, "guidance": strength, "speakers": speakers}
@@ -262,7 +263,7 @@ class HearingRunner(FigureRunner):
     def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
         asked = dict(told)
         if not asked["systems"]:
-            raise RunError("Tick at least one system to compare.")
+            raise RunError("Select at least one system to compare.")
         given = [path for path in (asked.pop("first"), asked.pop("second")) if path is not None]
         missing = 2 - len(given)
         spare = [path for path in self.examples if path.stem not in {p.stem for p in given}]
@@ -277,10 +278,10 @@ class HearingRunner(FigureRunner):
 class StepCurveRunner(FigureRunner):
     """Runner that measures quality and speed for several numbers of sampling steps."""
 
-    tab, verb, title = "steps", "Measure", "What steps buy, measured here"
+    tab, verb, title = "steps", "Measure", "Sampling steps: quality and speed on this machine"
     introduction = (
-        "The same speech with 1, 2, 4, 8 and 25 steps: how the fingertip jerks, how far the motion "
-        "is from that of 25 steps, and what a frame costs on the machine that serves this page."
+        "The same speech generated with 1, 2, 4, 8 and 25 steps: fingertip jerk, distance from "
+        "the 25-step result, and time per frame on this server."
     )
     asks, measure = StepSweepRequest, MEASURE_STEPS
 
@@ -291,7 +292,7 @@ class StepCurveRunner(FigureRunner):
     def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
         speech = told["speech"] or next(iter(self.examples), None)
         if not told["systems"]:
-            raise RunError("Tick at least one system to measure.")
+            raise RunError("Select at least one system to measure.")
         if speech is None:
             raise RunError("Upload speech to measure with; this installation has no examples.")
         return {**told, "speech": speech}

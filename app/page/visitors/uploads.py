@@ -28,7 +28,7 @@ _CHECK_BYTES = 1 << 24
 _PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048
 TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; send the others after them."
 TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; send the others after them."
-FIELD_TOO_LONG = "A field that is no file may have {limit} bytes, and one of this upload has more."
+FIELD_TOO_LONG = "A form field of this upload is larger than {limit} bytes."
 
 
 class TidyParser(route_utils.GradioMultiPartParser):

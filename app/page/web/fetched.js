@@ -6,9 +6,9 @@ export async function answered(url, options = {}) {
   try {
     answer = await fetch(url, options);
   } catch (cause) {
-    throw new Error("The server does not answer; load the page again.", { cause });
+    throw new Error("The server is not responding. Please reload the page.", { cause });
   }
-  if (!answer.ok) throw new Error("This is kept no longer; load the page again.");
+  if (!answer.ok) throw new Error("This has expired. Please reload the page.");
   return answer;
 }
 

@@ -113,7 +113,7 @@ def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult
         number = 1 + max(numbers, default=0)
         name = f"{of}.take{number}"
         row = rows_of([*(each.name for each in record.rows), name])[-1]
-        row.label = f"take {number}"
+        row.label = f"version {number}"
         row.take = take = EditInfo(number=number, of=of, start=start.name)
         alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
         (row,) = alone.rows

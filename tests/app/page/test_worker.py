@@ -129,8 +129,8 @@ def test_a_hard_limit_of_memory_is_kept_to():
 @pytest.mark.parametrize(
     ("limits", "words"),
     [
-        (Limits(seconds=0.5), "took longer than the 0 minutes"),
-        (Limits(silent_s=0.5), "stopped getting on and was ended after 0 s"),
+        (Limits(seconds=0.5), "exceeded the limit of 0 minutes"),
+        (Limits(silent_s=0.5), "made no progress for 0 s"),
     ],
 )
 def test_what_takes_too_long_is_ended(limits, words):
@@ -145,11 +145,11 @@ def test_what_takes_too_long_is_ended(limits, words):
 @pytest.mark.parametrize(
     ("end", "words"),
     [
-        (ends.segfault, ["signal 11 (SIGSEGV)", "Segmentation fault", "fresh process", "report"]),
+        (ends.segfault, ["signal 11 (SIGSEGV)", "Segmentation fault", "new process", "report"]),
         (ends.leave_with_3, ["with exit status 3", "the last words of it", "report"]),
         (ends.terminate, ["by signal 15 (SIGTERM), which was sent to it", "start it again"]),
-        (kill, ["by signal 9 (SIGKILL)", "tells of no want of memory"]),
-        (run_out_of_memory, ["for want of memory, as its log says", "may take 4.0 GB"]),
+        (kill, ["by signal 9 (SIGKILL)", "reports no lack of memory"]),
+        (run_out_of_memory, ["ran out of memory (according to its log)", "are limited to 4.0 GB"]),
         (ends.take_five_gigabytes, ["ran out of memory"]),
     ],
 )
@@ -159,7 +159,7 @@ def test_a_process_that_dies_says_how_and_the_next_task_goes_well(end, words, wo
         worker.do(end, "")
     sentence = str(told.value)
     assert all(word in sentence for word in words) and sentence.isprintable(), sentence
-    wants_memory = "for want of memory" in sentence or "ran out of memory" in sentence
+    wants_memory = "ran out of memory" in sentence
     assert wants_memory == (end in (run_out_of_memory, ends.take_five_gigabytes))
     if end is ends.leave_with_3:
         assert "the last words of it" in capsys.readouterr().err, "what it says goes to the log"
@@ -177,7 +177,7 @@ def test_memory_is_named_where_the_kernel_has_ended_it(worker, tmp_path, monkeyp
             os.kill(pid_of(worker), signal.SIGKILL)
         return False
 
-    with pytest.raises(RunError, match=r"want of memory, as the system says; .* 4\.0 GB"):
+    with pytest.raises(RunError, match=r"out of memory \(according to the system\); .* 4\.0 GB"):
         worker.do(ends.wait, "", RunCallbacks(should_cancel=strike))
 
 

@@ -235,7 +235,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     record = read_run(folder)
     assert (take.number, record.state) == (1, "done") and record.sentence
     own, made = record.rows
-    assert (made.name, made.label) == (f"{PLANNED}.take1", "take 1") and made.take is not None
+    assert (made.name, made.label) == (f"{PLANNED}.take1", "version 1") and made.take is not None
     (part,) = made.take.fresh
     assert 5 < part[0] < 9 and part[1] == SPOKEN
     old, new = (load_motion(folder / row.files["motion"]) for row in record.rows)

@@ -7,7 +7,7 @@
  *     const { axes, eye } = orbit.from(camera, pelvis);  // in place of the camera
  */
 
-export const ORBIT_HELP = "Drag or arrow keys: turn. Plus, minus or wheel: nearer, farther. Shift and drag: move. Home: back to the front.";
+export const ORBIT_HELP = "Drag or arrow keys: rotate. Plus, minus or wheel: zoom. Shift and drag: pan. Home: front view.";
 const TURN = 0.008; // radians of one pixel
 const STEEPEST = 1.48; // radians, from level
 const KEY_TURN = Math.PI / 12;

@@ -23,7 +23,7 @@ const AHEAD_MS = 200; // that filters look ahead
 const SLOW_REST = 1; // after a picture that a processor drew, as a share of the time that took
 const LATE_MS = 1500;
 const LATE_FOR_MS = 3000; // before it is said
-const LOST = "The connection to the server was lost; start again.";
+const LOST = "Connection to the server lost. Press Start to try again.";
 const READY = "Press Start, then speak. The body follows about a second later.";
 const KEEPS_ITS_KEYS = "input, textarea, select";
 
@@ -58,7 +58,7 @@ class Live {
 
   /** The session whose last minute can be kept; stops it. */
   kept() {
-    this.stop("Stopped: the last minute is being kept, below.");
+    this.stop("Stopped. The last minute is being saved below.");
     return this.#token;
   }
 
@@ -80,16 +80,16 @@ class Live {
       const select = make("select", { name }, ...options.map(([value, text]) => make("option", { value }, text)));
       return [make("label", {}, make("span", {}, label), select), select];
     };
-    const sources = [["microphone", "Microphone"], ...examples.map(({ url, label }) => [url, `Example: ${label}`]), ["file", "A file of yours …"]];
-    const [sourceLabel, source] = choice("What is spoken", "source", sources);
+    const sources = [["microphone", "Microphone"], ...examples.map(({ url, label }) => [url, `Example: ${label}`]), ["file", "Your own file …"]];
+    const [sourceLabel, source] = choice("Audio source", "source", sources);
     const [systemLabel, system] = choice("System", "system", systems.map((name) => [name, name]));
     const [speakerLabel, speaker] = choice("Speaker style", "speaker", speakers.map((name) => [name, name]));
     const file = make("input", { type: "file", accept: "audio/*", "aria-label": "Sound to play as if spoken" });
-    const filePart = make("div", { class: "file", hidden: true }, file, make("small", {}, "It stays in your browser; the server hears it as it is played."));
+    const filePart = make("div", { class: "file", hidden: true }, file, make("small", {}, "The file stays in your browser; its audio is streamed to the server while it plays."));
     source.addEventListener("change", () => { filePart.hidden = source.value !== "file"; });
     this.fields = { source, system, speaker, file };
     this.button = make("button", { class: "start", type: "button", onclick: () => (this.socket ? this.stop() : this.start()) }, "Start");
-    this.level = make("meter", { min: 0, max: 1, value: 0, "aria-label": "Loudness of what is heard" });
+    this.level = make("meter", { min: 0, max: 1, value: 0, "aria-label": "Input level" });
     this.status = make("p", { role: "status", "aria-live": "polite" }, READY);
     this.planned = new Planned((told) => this.socket?.readyState === WebSocket.OPEN && this.socket.send(told));
     this.picture = make("div", { class: "picture lockstep staged" });
@@ -97,7 +97,7 @@ class Live {
     this.parts = make("small");
     this.#root.replaceChildren(
       make("div", { class: "asked" }, sourceLabel, filePart, systemLabel, speakerLabel, this.button, this.level, this.status,
-        make("p", { class: "latency", title: "From the moment a sound is captured to the picture that answers it, measured here" }, "From sound to moved body ", this.number, this.parts), this.planned.element),
+        make("p", { class: "latency", title: "Measured from the capture of a sound to the picture that shows the response" }, "Latency ", this.number, this.parts), this.planned.element),
       this.picture,
     );
   }
@@ -142,7 +142,7 @@ class Live {
     this.stop("Starting …");
     this.button.textContent = "Stop";
     const run = (this.#run = {});
-    const sound = new Sound((block, peak) => this.#onBlock(block, peak), (why) => this.stop(why || "The sound is over. Press Start for more.", !!why));
+    const sound = new Sound((block, peak) => this.#onBlock(block, peak), (why) => this.stop(why || "The audio has ended. Press Start to play it again.", !!why));
     this.#sound = sound;
     this.#news = null;
     this.#playout.clear();
@@ -155,7 +155,7 @@ class Live {
       if (bytes) await sound.play(bytes);
       else await sound.listen();
       if (this.#run !== run) return sound.close();
-      this.#doing = bytes ? "Playing. You hear it when the body moves to it." : "Listening: speak.";
+      this.#doing = bytes ? "Playing. The audio is delayed to match the motion." : "Listening: speak.";
       this.#say(this.#doing);
       this.#playout.go(true);
       this.#tick(run);
@@ -164,7 +164,7 @@ class Live {
     }
   }
 
-  stop(sentence = "Stopped. Keep the last minute, or start again.", isBad = false) {
+  stop(sentence = "Stopped. Save the last minute, or start again.", isBad = false) {
     if (this.#run) this.#playout.go(false);
     this.#run = null;
     const socket = this.socket;
@@ -290,11 +290,11 @@ class Live {
     this.#root.dataset.latency = latency.toFixed(0);
     const heard = ((this.#pace.ahead + this.#pace.hop) * 1000) / 30;
     const rest = Math.max(0, latency - heard - waitedMs - madeMs);
-    this.parts.textContent = `hears ${seconds(heard)} · waits ${seconds(waitedMs)} · makes ${seconds(madeMs)} · sends and draws ${seconds(rest)}`;
+    this.parts.textContent = `audio window ${seconds(heard)} · queue ${seconds(waitedMs)} · generation ${seconds(madeMs)} · network and rendering ${seconds(rest)}`;
     this.#lateSince = latency > LATE_MS ? (this.#lateSince ?? time) : null;
     if (this.#lateSince !== null && time - this.#lateSince > LATE_FOR_MS) {
       const who = visitors > 1 ? ` with ${visitors} who speak at once` : "";
-      this.#say(`The machine is slow${who}: the body follows ${(latency / 1000).toFixed(1)} s after the voice.`, true);
+      this.#say(`The server is slow${who}: the motion follows ${(latency / 1000).toFixed(1)} s after the voice.`, true);
     } else if (this.status.classList.contains("bad")) {
       this.#say(this.#doing);
     }

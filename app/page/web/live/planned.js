@@ -11,11 +11,11 @@ const BEFORE_S = 2;
 const AFTER_S = 2;
 /** @type {Record<string, [string, number, number, number, number]>} */
 const SLIDERS = {
-  often: ["How often", -2, 2, 0.25, 2], // powers of the last number; the middle is as the speech asks
-  large: ["How large", -1, 1, 0.125, 2],
-  high_m: ["How high", -0.2, 0.2, 0.02, 0],
-  fast: ["How fast", -1, 1, 0.125, 1.6],
-  both: ["With both hands", -2, 2, 0.25, 2.5],
+  often: ["Gesture rate", -2, 2, 0.25, 2], // powers of the last number; the middle is as the speech asks
+  large: ["Gesture size", -1, 1, 0.125, 2],
+  high_m: ["Gesture height", -0.2, 0.2, 0.02, 0],
+  fast: ["Gesture speed", -1, 1, 0.125, 1.6],
+  both: ["Two-handed gestures", -2, 2, 0.25, 2.5],
   smile: ["Smile", -2, 2, 0.25, 2],
 };
 const EXCITED = { often: 0.7, large: 0.4, high_m: 0.06, fast: 0.5, both: 0.4 }; // steps of the sliders above
@@ -29,12 +29,12 @@ export class Planned {
   constructor(send) {
     this.#send = send;
     const sliders = Object.entries(SLIDERS).map(([name, [label, min, max, step]]) => this.#slider(name, label, min, max, step));
-    const excite = this.#slider("excite", "Calm to excited", -1, 1, 0.25);
-    const back = make("button", { type: "button", onclick: () => this.#back() }, "As the speech asks");
-    this.canvas = make("canvas", { width: 560, height: 64, role: "img", "aria-label": "What the hands are planned to do" });
+    const excite = this.#slider("excite", "Arousal (calm to excited)", -1, 1, 0.25);
+    const back = make("button", { type: "button", onclick: () => this.#back() }, "Reset (style from the speech)");
+    this.canvas = make("canvas", { width: 560, height: 64, role: "img", "aria-label": "Planned phases of both hands" });
     this.now = make("p", { class: "hint" }, "Hands rest.");
     this.element = make("div", { class: "planned", hidden: true }, this.canvas, this.now,
-      make("details", { open: true }, make("summary", {}, "Style, at once"), make("div", { class: "sliders" }, ...sliders, excite, back)));
+      make("details", { open: true }, make("summary", {}, "Style (from the next window)"), make("div", { class: "sliders" }, ...sliders, excite, back)));
   }
 
   #slider(name, label, min, max, step) {

@@ -22,7 +22,7 @@ export class Sound {
   /** Rejects with an Error that holds a sentence. */
   async listen() {
     if (!navigator.mediaDevices) {
-      throw new Error("Browsers give a microphone only to pages over https or on this very machine; choose an example or a file.");
+      throw new Error("Browsers allow the microphone only on https pages or on this computer. Choose an example or a file.");
     }
     try {
       this.#stream = await navigator.mediaDevices.getUserMedia({ audio: CONSTRAINTS });
@@ -30,7 +30,7 @@ export class Sound {
       throw new Error(refusal(cause), { cause });
     }
     const [track] = this.#stream.getAudioTracks();
-    track.addEventListener("ended", () => this.onEnd("The microphone was taken away; start again."));
+    track.addEventListener("ended", () => this.onEnd("The microphone was disconnected. Start again."));
     await this.#begin(this.#context.createMediaStreamSource(this.#stream));
   }
 
@@ -84,5 +84,5 @@ function refusal({ name }) {
     return "The microphone was denied: allow it for this page in the browser, or choose an example or a file.";
   }
   if (name === "NotFoundError") return "No microphone was found: connect one, or choose an example or a file.";
-  return "The microphone cannot be used now, perhaps by another program's doing; close that and start again.";
+  return "The microphone is not available; another program may be using it. Close that program and start again.";
 }

@@ -8,7 +8,7 @@ const RATES = [0.25, 0.5, 1, 2];
 const MODES = { grid: "All", wipe: "Wipe", flicker: "Flicker", ghost: "Ghost" };
 const LOOP_S = 2; // what a loop holds at first
 const HOP_S = 1; // of the arrow keys
-const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: worst second. C: close-up. E: exaggerate. J: jerk colours. T: trail. X: the other of two. G: ghost, one over another. 1 to 9: enlarge. Plus, minus, 0: zoom of the time line. On the bodies, once clicked: arrows turn, plus and minus go nearer and farther, Home goes back.";
+const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: highest-jerk second. C: close-up. E: exaggerate. J: jerk colours. T: trail. X: the other of two. G: ghost, one over another. 1 to 9: enlarge. Plus, minus, 0: timeline zoom. On the bodies, once clicked: arrows rotate, plus and minus zoom, Home shows the front.";
 
 export class Controls {
   #player;
@@ -32,7 +32,7 @@ export class Controls {
   #build(views) {
     this.play = iconButton("play", "Play", () => this.#player.toggle(), { class: "play" });
     const back = iconButton("back", "One frame back", () => this.#player.step(-1));
-    const forward = iconButton("forward", "One frame on", () => this.#player.step(1));
+    const forward = iconButton("forward", "One frame forward", () => this.#player.step(1));
     this.time = make("output", { class: "time", "aria-live": "off" });
     this.speed = make("select", { "aria-label": "Speed", onchange: () => this.#player.setRate(Number(this.speed.value)) });
     this.speed.append(...RATES.map((rate) => make("option", { value: rate, selected: rate === 1 }, `${rate}×`)));
@@ -42,7 +42,7 @@ export class Controls {
     const modes = Object.entries(MODES).map(([mode, label]) =>
       make("button", { type: "button", "data-mode": mode, onclick: () => this.#view.setMode(this.#view.mode === mode ? "grid" : mode) }, label),
     );
-    this.modes = make("div", { class: "switch", role: "group", "aria-label": "How bodies are compared" }, ...modes);
+    this.modes = make("div", { class: "switch", role: "group", "aria-label": "Comparison mode" }, ...modes);
     this.pair = [0, 1].map((index) =>
       make("select", { "aria-label": index ? "Second of two" : "First of two", onchange: ({ target }) => this.#view.setPair(index, target.value) }),
     );

@@ -8,7 +8,7 @@ import { DISPLAYS } from "../stage/look.js";
 const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "None" };
 const SIDES = { Front: [0, 0], "Three quarters": [0.7, 0], Side: [Math.PI / 2, 0], Above: [0, 0.7] }; // yaw and pitch
 const STRONG = 20; // what the key makes of tremble
-const SMOOTHED = "Behind the filter that papers smooth their motion with (Savitzky and Golay, 7 frames)";
+const SMOOTHED = "Smoothed as in the papers (Savitzky-Golay filter, 7 frames)";
 
 export class Displays {
   #look;
@@ -26,15 +26,15 @@ export class Displays {
     this.#stage = stage;
     this.closeUp = this.#select("Close-up", () => stage?.closeUp, (value) => stage.setCloseUp(value));
     this.closeUp.append(...optionsOf(Object.entries(CLOSE_UPS)));
-    const tremble = this.#input({ type: "range", min: 0, max: 1, step: "any", "aria-label": "Tremble, times as large" }, "value", () => shareOf(look.get("factor")), (share) => look.set("factor", factorAt(Number(share))));
+    const tremble = this.#input({ type: "range", min: 0, max: 1, step: "any", "aria-label": "Jitter exaggeration factor" }, "value", () => shareOf(look.get("factor")), (share) => look.set("factor", factorAt(Number(share))));
     const factor = this.#button("", "factor", `Tremble ${STRONG} times as large`, () => this.press("e"));
     this.#shows.push(() => {
       const times = look.get("factor");
       factor.textContent = `×${times < 9.95 ? Math.round(10 * times) / 10 : Math.round(times)}`;
       factor.setAttribute("aria-pressed", String(times !== 1));
     });
-    this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "All that is faster than the cut-off, made larger" }, tremble), factor,
-      this.#toggle("Trail", "hasTrail", "The way of the followed point, coloured by its speed"), this.#toggle("Jerk", "hasHeat", "Bodies in the colours of how they jerk"));
+    this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "Amplifies motion above the cutoff frequency" }, tremble), factor,
+      this.#toggle("Trail", "hasTrail", "Trajectory of the tracked point, coloured by speed"), this.#toggle("Jerk", "hasHeat", "Colour the bodies by jerk"));
     const rarer = Object.entries(DISPLAYS).filter(([name, told]) => (told.slider || told.choice || told.toggle) && !without.includes(name));
     const controls = rarer.map(([name, told]) => this.#control(name, told));
     const smoothed = this.#checkbox("Smoothed", () => currentFilter() === "savgol", (is) => setFilter(is ? "savgol" : "raw")); // of the whole page

@@ -29,7 +29,7 @@ const SLIDERS = {
   both: ["With both hands", 0, 1, 0.05],
   smile: ["Smile", 0, 1, 0.05],
 };
-const HINT = "Choose a gesture. A stroke can be dragged, and so can the end of any phase of a hand.";
+const HINT = "Select a gesture. You can drag a stroke, or the end of any hand phase.";
 const NOTHING = { rows: [], known: {}, said: "", refused: false, state: "", offers: [] };
 
 export class Editing {
@@ -89,11 +89,11 @@ export class Editing {
     this.offers = make("span", { class: "row" });
     this.undo = button("Undo", () => this.#undo(), "Undo (Ctrl+Z)");
     this.redo = button("Redo", () => this.#doAgain(), "Redo (Ctrl+Shift+Z)");
-    this.takes = make("select", { "aria-label": "Take that is edited", onchange: () => this.#goOnFrom(this.takes.value) });
-    this.besides = make("select", { "aria-label": "Beside it", onchange: () => this.#putBeside(this.besides.value || null) });
+    this.takes = make("select", { "aria-label": "Version to edit", onchange: () => this.#goOnFrom(this.takes.value) });
+    this.besides = make("select", { "aria-label": "Compare with", onchange: () => this.#putBeside(this.besides.value || null) });
     const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "A plan from a file", onclick: () => (file.value = ""), onchange: () => file.files.length && this.#take(file.files[0]) });
     const style = popUp("menu", make("summary", {}, "Style"), make("div", {}, ...this.#buildStyle(), make("label", { class: "file" }, "Plan from a file", file)));
-    this.element = make("section", { class: "editing", hidden: true, "aria-label": "Edit the gestures" }, this.undo, this.redo, this.#buildAdding(button), style, make("label", {}, this.takes, "beside", this.besides), this.said, this.offers);
+    this.element = make("section", { class: "editing", hidden: true, "aria-label": "Edit the gestures" }, this.undo, this.redo, this.#buildAdding(button), style, make("label", {}, this.takes, "compared with", this.besides), this.said, this.offers);
     this.#buildPalette(button);
   }
 
@@ -112,17 +112,17 @@ export class Editing {
       popUp("menu", make("summary", {}, "More"), make("div", {}, make("span", { class: "row" },
         button("Lower", () => this.#change("height", { by: -HIGHER_M })), button("Higher", () => this.#change("height", { by: HIGHER_M })),
         button("Slower", () => this.#change("speed", { speed: 1 / FASTER })), button("Faster", () => this.#change("speed", { speed: FASTER }))))));
-    this.palette = make("div", { class: "lane palette", role: "group", "aria-label": "The gesture that is chosen" }, make("div", { class: "name" }, this.which), make("div", { class: "row" }, this.deletion, this.ofGesture, this.endsAt));
+    this.palette = make("div", { class: "lane palette", role: "group", "aria-label": "Selected gesture" }, make("div", { class: "name" }, this.which), make("div", { class: "row" }, this.deletion, this.ofGesture, this.endsAt));
   }
 
   #buildAdding(button) {
     const changed = { onchange: () => this.#foresee() };
-    this.kinds = make("select", { "aria-label": "Gesture to be added", ...changed });
+    this.kinds = make("select", { "aria-label": "Gesture to add", ...changed });
     this.places = make("select", { "aria-label": "Where", ...changed });
     this.hands = make("select", { "aria-label": "With", ...changed }, ...[["", "usual hand"], ["left", "left hand"], ["right", "right hand"], ["both", "both hands"]].map(([value, label]) => make("option", { value }, label)));
     const now = (does, values = {}) => () => this.#ask({ do: does, at: this.#player.time, ...values });
     const looks = Object.entries(LOOKS).map(([label, yaw]) => button(label, now("look", { yaw, pitch: 0 })));
-    const head = make("span", { class: "row", role: "group", "aria-label": "At the present moment" }, button("Nod", now("nod")), button("Blink", now("blink")), ...looks);
+    const head = make("span", { class: "row", role: "group", "aria-label": "At the current time" }, button("Nod", now("nod")), button("Blink", now("blink")), ...looks);
     this.adding = popUp("menu", make("summary", {}, "Add"), make("div", {}, make("span", { class: "row" }, this.kinds, this.places, this.hands, button("Add", () => this.#add(), "Add it")), head));
     this.adding.addEventListener("toggle", () => this.#foresee());
     this.#player.addEventListener("time", () => this.adding.open && this.#foresee());
@@ -275,7 +275,7 @@ export class Editing {
 
   /** Of takes that were there before nothing new is told by the server. */
   #tellStart() {
-    if (this.#value.known[this.#start]) this.#say(`${capital(this.#labelOf(this.#start))} is there again${this.#beside ? `, beside ${this.#labelOf(this.#beside)}` : ""}.`);
+    if (this.#value.known[this.#start]) this.#say(`${capital(this.#labelOf(this.#start))}: restored${this.#beside ? `, compared with ${this.#labelOf(this.#beside)}` : ""}.`);
   }
 
   #labelOf(name) {
@@ -429,7 +429,7 @@ export class Editing {
 
   async #take(file) {
     if (file.size > MAX_FILE) {
-      this.#say(`${file.name} has ${(file.size / 1e6).toFixed(1)} MB; a plan has at most ${MAX_FILE / 1e6} MB.`, true);
+      this.#say(`${file.name} has ${(file.size / 1e6).toFixed(1)} MB; plans may have at most ${MAX_FILE / 1e6} MB.`, true);
       return;
     }
     this.#ask({ do: "plan", name: file.name.slice(-200), text: await file.text() });
@@ -487,7 +487,7 @@ export class Editing {
     if (this.#picked && this.#told) this.#chosen = this.#gestureAround(this.#picked.list, this.#picked.event);
   }
 
-  /** The gesture that is chosen, as the server tells of it. */
+  /** Selected gesture, as the server tells of it. */
   get #gesture() {
     const chosen = this.#chosen;
     return this.#told?.gestures.find(({ side, lands }) => side === chosen?.side && Math.abs(lands - chosen.lands) < 0.01) ?? null;

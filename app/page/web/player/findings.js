@@ -7,7 +7,7 @@ export class Findings {
 
   constructor(player) {
     this.#player = player;
-    this.element = make("ol", { class: "gravest", hidden: true, "aria-label": "What stands out, the gravest first" });
+    this.element = make("ol", { class: "gravest", hidden: true, "aria-label": "Findings, most severe first" });
   }
 
   /** `findings` say `name`, `sentence` and `at`, seconds or null; `rows` say how each motion is called. */

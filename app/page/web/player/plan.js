@@ -19,7 +19,7 @@ export const TIERS = /** @type {const} */ ([
   { name: "Weight", lists: ["stands"], isHand: false },
 ]);
 
-export const ORIGINS = { planned: "planned", found: "found in the motion" };
+export const ORIGINS = { planned: "planned", found: "detected in the motion" };
 
 /** From when to when something happens; a moment lies around its time. */
 export function timesOf(event) {

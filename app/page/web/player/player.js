@@ -19,7 +19,7 @@ import { Videos } from "./videos.js";
 
 const KEEPS_ITS_KEYS = "input, textarea, select, [contenteditable], [role=tab], [role=listbox]";
 const PRESSES = "button, a, summary"; // what the space bar presses
-const NO_STAGE = "This browser draws no 3D graphics (WebGL 2): videos are shown instead, each as soon as it is drawn.";
+const NO_STAGE = "This browser does not support 3D graphics (WebGL 2). Videos are shown instead, as soon as they are rendered.";
 
 const CROWD = 4; // bodies that need the width of the form
 const NOTE_MS = 400; // browsers allow few changes of an address in a while
@@ -39,7 +39,7 @@ class Player {
   #stage = null;
   #videos = new Videos(this.#lockstep);
   #noting = 0;
-  sounds = make("select", { class: "sounds", "aria-label": "Whose sound plays", hidden: true, onchange: () => this.#playOther() });
+  sounds = make("select", { class: "sounds", "aria-label": "Audio track", hidden: true, onchange: () => this.#playOther() });
   #why = make("p", { class: "no-stage", role: "note", hidden: true }, NO_STAGE);
 
   constructor(root) {
@@ -70,7 +70,7 @@ class Player {
     const answered = ({ target }) => this.#value.guess && target.closest(".first-look") && this.#showAnswer(target.open);
     document.addEventListener("toggle", answered, true);
     root.setAttribute("role", "group");
-    root.setAttribute("aria-label", "Bodies in lock-step");
+    root.setAttribute("aria-label", "Synchronised playback of all bodies");
     root.lockstep = this.#lockstep; // for whoever wants to look at it from outside
     root.stage = this.#stage;
     root.seen = () => JSON.stringify(this.#seen);
@@ -225,7 +225,7 @@ class Player {
   #foldForm(isFolded) {
     this.#root.closest(".columns")?.classList.toggle("folded", isFolded);
     for (let at = this.#root; at && !at.matches(".results"); at = at.parentElement) at.classList.add("around-fold");
-    this.fold.textContent = isFolded ? "Show the form" : "Fold the form";
+    this.fold.textContent = isFolded ? "Show the form" : "Hide the form";
     this.fold.setAttribute("aria-expanded", String(!isFolded));
   }
 

@@ -64,11 +64,11 @@ export class Timeline {
   }
 
   #build() {
-    this.select = make("select", { "aria-label": "What the plots show", onchange: () => this.#choose(this.select.value) });
+    this.select = make("select", { "aria-label": "Plotted quantity", onchange: () => this.#choose(this.select.value) });
     this.select.append(...Object.entries(CURVES).map(([name, { label }]) => make("option", { value: name }, label)));
     const filter = make(
       "div",
-      { class: "switch", role: "group", "aria-label": "Filter of plots and measures, for all systems alike" },
+      { class: "switch", role: "group", "aria-label": "Filter for plots and metrics (all systems)" },
       make("button", { type: "button", "data-filter": "raw" }, "As generated"),
       make("button", { type: "button", "data-filter": "savgol" }, "Filtered"),
     );
@@ -77,19 +77,19 @@ export class Timeline {
     const button = (label, sign, onclick) => make("button", { type: "button", "aria-label": label, title: label, onclick }, sign);
     this.zooming = make(
       "div",
-      { class: "switch zooming", role: "group", "aria-label": "Zoom of the time line" },
-      button("Show less time, larger", "+", () => this.zoom(ZOOM)),
-      button("Show more time", "\u2212", () => this.zoom(1 / ZOOM)),
-      (this.whole = button("Show all of it", "All", () => this.zoom(0))),
+      { class: "switch zooming", role: "group", "aria-label": "Timeline zoom" },
+      button("Zoom in", "+", () => this.zoom(ZOOM)),
+      button("Zoom out", "\u2212", () => this.zoom(1 / ZOOM)),
+      (this.whole = button("Show the whole clip", "All", () => this.zoom(0))),
       (this.earlier = button("Earlier", "\u2039", () => this.pan(-PAGE))),
       (this.later = button("Later", "\u203a", () => this.pan(PAGE))),
     );
     this.lanes = make("div", { class: "lanes", onpointerdown: (event) => this.#press(event) });
     this.lanes.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     this.tiers = new Tiers({ onChoose: (chosen, event, sentence) => this.#explain(chosen, event, sentence) });
-    this.bodies = make("select", { "aria-label": "Whose tiers are shown", onchange: () => this.showBody(this.bodies.value) });
+    this.bodies = make("select", { "aria-label": "Motion whose tiers are shown", onchange: () => this.showBody(this.bodies.value) });
     this.why = make("p", { class: "why", role: "status" });
-    this.more = make("button", { type: "button", title: "Head and gaze, face and weight, too", onclick: () => this.#showRest(this.element.classList.contains("hands-only")) }, "All tiers");
+    this.more = make("button", { type: "button", title: "Also show head, gaze, face and weight", onclick: () => this.#showRest(this.element.classList.contains("hands-only")) }, "All tiers");
     this.origin = make("span", {});
     this.legend = make("span", { class: "tier-legend", hidden: true }, make("i", { class: "swatch" }), this.origin);
     this.tiersHead = make("div", { class: "tiers-head", hidden: true }, this.bodies, this.legend, this.more, this.why);
@@ -130,7 +130,7 @@ export class Timeline {
     if (data.peaks.length) parts.push(this.#lane({ name: "Speech" }, "", this.position));
     this.#tiers = [];
     this.#accents = [];
-    const accents = accentsOf(data).map(([at, strength]) => [at, strength, data.accents.length ? "accent" : "accent, as our speech encoder hears it"]);
+    const accents = accentsOf(data).map(([at, strength]) => [at, strength, data.accents.length ? "accent" : "accent (detected by the speech encoder)"]);
     if (data.words.length || accents.length) parts.push(this.#spoken(data, accents));
     this.phones = data.phones.length ? this.#tier("Phones", data.phones) : null;
     if (this.phones) parts.push(this.phones);
@@ -390,7 +390,7 @@ export class Timeline {
     for (const [name, { value }] of this.#lanes) {
       const curve = this.#curveOf(name);
       const now = curve?.values[Math.round((time - curve.start_s) / curve.step_s)];
-      value.textContent = curve ? `${now === undefined ? "–" : now.toFixed(digits)} ${unit}` : "known filtered only";
+      value.textContent = curve ? `${now === undefined ? "–" : now.toFixed(digits)} ${unit}` : "only available filtered";
     }
   }
 

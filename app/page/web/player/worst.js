@@ -11,8 +11,8 @@ export class WorstSeconds {
 
   constructor(player) {
     this.#player = player;
-    this.start = make("button", { type: "button", class: "worded", onclick: () => this.toggle() }, "Worst second");
-    this.steps = [iconButton("left", "Next worse second", () => this.step(-1)), iconButton("right", "Next second, less bad", () => this.step(1))];
+    this.start = make("button", { type: "button", class: "worded", onclick: () => this.toggle() }, "Highest-jerk second");
+    this.steps = [iconButton("left", "Previous (more jerk)", () => this.step(-1)), iconButton("right", "Next (less jerk)", () => this.step(1))];
     this.told = make("output", {});
     this.line = make("div", { class: "worst-line", hidden: true }, this.steps[0], this.told, this.steps[1]); // stands where it moves nothing
     this.element = make("div", { class: "group worst", hidden: true }, this.start);

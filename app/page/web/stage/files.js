@@ -4,17 +4,17 @@ import { icon, make, popUp } from "../dom.js";
 
 /** By what is asked for behind the address of a motion, as app/page/routes/media.py has them. */
 const KINDS = {
-  glb: [".glb", "moving body, for 3D viewers (GLB)"],
+  glb: [".glb", "animated body for 3D viewers (GLB)"],
   bvh: [".bvh", "skeleton, for animation programs (BVH)"],
   blender: [".blender.npz", "for Blender's SMPL-X add-on"],
 };
 
 /** The same of the address of a plan. */
 const PLAN_KINDS = {
-  json: [".json", "plan of its gestures, as this page reads it"],
-  textgrid: [".TextGrid", "the same, for Praat"],
-  elan: [".eaf", "the same, for ELAN"],
-  markers: [".markers.csv", "its events by frame, for animation programs"],
+  json: [".json", "gesture plan (JSON, can be loaded here)"],
+  textgrid: [".TextGrid", "gesture plan for Praat (TextGrid)"],
+  elan: [".eaf", "gesture plan for ELAN (EAF)"],
+  markers: [".markers.csv", "events by frame (CSV)"],
 };
 
 /**
@@ -29,7 +29,7 @@ export function filesOf(row) {
   const items = [];
   if (row.video) items.push(link(row.video, ".mp4", "video"));
   if (row.motion) {
-    items.push(link(row.motion, ".npz", "motion, as this page reads it"));
+    items.push(link(row.motion, ".npz", "motion in BEAT2's format (npz)"));
     for (const [kind, [ending, words]] of Object.entries(KINDS)) items.push(link(`${row.motion}&as=${kind}`, ending, words));
   }
   if (row.plan) for (const [kind, [ending, words]] of Object.entries(PLAN_KINDS)) items.push(link(`${row.plan}&as=${kind}`, ending, words));

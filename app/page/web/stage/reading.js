@@ -21,7 +21,7 @@ export function readingOf({ name, label, assumed }) {
   const told = { name, kind: assumed.kind };
   const chips = assumed.read.filter(isOpen).map((each) => chip(told, wordsOf(each.what, each.value) + (each.sure === "unsure" ? "?" : ""), [each]));
   const rest = assumed.read.filter((each) => !isOpen(each)).sort((one, other) => Number(!one.others.length) - Number(!other.others.length));
-  if (rest.length) chips.push(chip(told, "how it was read", rest));
+  if (rest.length) chips.push(chip(told, "import details", rest));
   return make("div", { class: "reading", role: "group", "aria-label": `How ${label ?? name} was read` }, ...chips);
 }
 
@@ -34,7 +34,7 @@ function chip(told, words, read) {
   };
   const parts = read.map(({ what, value, why, sure, others }) => {
     const choices = others.map((other) => choice(what, other, wordsOf(what, other)));
-    if (sure === "told") choices.push(choice(what, null, "as it seems"));
+    if (sure === "told") choices.push(choice(what, null, "as detected"));
     return make("li", {}, make("p", {}, make("b", {}, wordsOf(what, value)), why ? `: ${why}.` : ""), ...choices);
   });
   return popUp("chip", make("summary", {}, words), make("ul", {}, ...parts));

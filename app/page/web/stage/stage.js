@@ -107,11 +107,11 @@ export class Stage {
     this.#gl.clear(this.#gl.COLOR_BUFFER_BIT); // not black until the first picture
     this.#handle = make("div", {
       class: "stage-wipe", role: "slider", tabindex: "0", hidden: true,
-      "aria-label": "Where one body ends and the other begins", "aria-valuemin": "0", "aria-valuemax": "100",
+      "aria-label": "Position of the wipe", "aria-valuemin": "0", "aria-valuemax": "100",
       onpointerdown: (event) => this.#dragWipe(event),
       onkeydown: (event) => this.#keyWipe(event),
     });
-    this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Back to the front");
+    this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Front view");
     this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#caption);
     this.under = make("div", { class: "stage-legend" }, this.#said, this.#waiting, this.#notice, this.#scales, this.#ghostLegend, this.back);
     this.element = make("div", { class: "stage" }, this.view, this.under);
@@ -531,7 +531,7 @@ export class Stage {
     const tag = make("div", { class: "stage-tag", "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools), entry.reading ?? "");
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
     entry.tag = tag;
-    if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion to be shown here" : row.frames ? "coming" : "being made"));
+    if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion available" : row.frames ? "coming" : "being made"));
     return tag;
   }
 
@@ -541,11 +541,11 @@ export class Stage {
     const [first, second] = this.pair.map((name) => this.#rows.get(name)?.row);
     if (!first || !second) return;
     const isOther = first.noise !== second.noise;
-    const ofNoise = isOther ? " They were not made from the same noise, so they are different gestures." : "";
+    const ofNoise = isOther ? " They were generated from different noise, so the gestures differ." : "";
     const how = {
-      ghost: `Each in its colour where it is alone, dark where both are.${this.#look.get("isAligned") ? " They stand pelvis on pelvis." : ""}`,
+      ghost: `Each body in its own colour; dark where they overlap.${this.#look.get("isAligned") ? " Aligned at the pelvis." : ""}`,
       wipe: "Drag the line.",
-      flicker: "One after the other.",
+      flicker: "Alternating.",
     }[this.mode];
     this.#ghostLegend.textContent = how + ofNoise;
   }

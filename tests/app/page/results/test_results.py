@@ -95,7 +95,7 @@ def test_the_gravest_three_stand_apart_and_lead_to_where_they_are_worst(tmp_path
     slight = [Finding(f"Slight {n}.", {}, gravity=1, excess=9.0 - n) for n in range(3)]
     measured.findings["a"] = [*slight, grave]
     whole = table(measured, tmp_path)
-    places = [whole.index(words) for words in ("Grave.", "Slight 1.", "Also found", "Slight 2.")]
+    places = [whole.index(words) for words in ("Grave.", "Slight 1.", "More findings", "Slight 2.")]
     assert places == sorted(places)
     assert 'data-at="1.500">Show 0:01.5<' in whole and whole.count("data-at") == 1
 
@@ -244,7 +244,7 @@ def test_the_table_has_both_and_their_difference(run):
     table = RunPair(a, b).table()
     heads = re.findall(r"<th scope=\"col\"[^>]*>([^<]*)</th>", table)
     minus = text.PAIR_DIFFERENCE
-    assert heads == ["Measure", "reference", "local (A)", "local (B)", minus, "full (A)"]
+    assert heads == ["Metric", "reference", "local (A)", "local (B)", minus, "full (A)"]
     (jerk,) = re.findall(f'<tr data-measure="{JERK}".*?</tr>', table)
     values = re.findall('class="raw[^"]*">([^<]*)<', jerk)
     assert values == ["104", "120", "100", "\N{MINUS SIGN}20", "90"]

@@ -126,7 +126,7 @@ def test_every_field_of_the_form_reaches_the_run(form):
     ("changes", "words"),
     [
         ({"speech": None}, "no speech yet"),
-        ({"systems": []}, "No system is chosen"),
+        ({"systems": []}, "Select at least one system"),
         ({"seed": -1}, "Seed must be a whole number from 0 to 2147483647; got -1"),
         ({"seed": 2**31}, "got 2147483648"),
         ({"samples": 0}, "from 1 to 8; got 0"),
@@ -255,14 +255,14 @@ def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_g
     ("motions", "changes", "words"),
     [
         (["s.wav", "said.txt"], {}, "at least one motion"),
-        (["a.npz", "s.wav", "t.mp3"], {}, "One file of speech goes with all motions; 2"),
-        (["a.npz"], {"recorded": "b"}, "no motion 'b' among the files"),
+        (["a.npz", "s.wav", "t.mp3"], {}, "Only one speech file can be used; 2"),
+        (["a.npz"], {"recorded": "b"}, "The reference 'b' is no longer among the files"),
         (MOTIONS, {}, "At most 24 files are measured at once; 25"),
-        (MOTIONS[:8], {"shown": [*"abcdefg"]}, "At most 6 motions are shown"),
+        (MOTIONS[:8], {"shown": [*"abcdefg"]}, "At most 6 motions can be shown"),
         (MOTIONS[:8], {"shown": [*"abcdefg"], "recorded": "h"}, "At most 5 motions"),
         (MOTIONS[:1], {"start_frame": -1}, "from 0 to 1000000; got -1"),
         (MOTIONS[:1], {"start_frame": 1.5}, "from 0 to 1000000; got 1.5"),
-        (MOTIONS[:1], {"window": 0.5}, "Frames of a window must be a whole number"),
+        (MOTIONS[:1], {"window": 0.5}, r"Window length \(frames\) must be a whole number"),
         ([f"{n}.zip" for n in range(7)], {}, "At most 6 motions"),
     ],
 )
@@ -275,7 +275,7 @@ def test_a_zip_of_sounds_goes_beside_zips_only(own_form, tmp_path):
     path = tmp_path / "set.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.wav", b"")
-    with pytest.raises(RunError, match="A zip goes beside zips"):
+    with pytest.raises(RunError, match="Zips cannot be mixed"):
         own(own_form, "a.npz", str(path))
     assert own(own_form, "a.zip", str(path)).speech.path == path
 
@@ -327,10 +327,13 @@ def test_the_form_of_a_study_becomes_a_plan(study_form, tmp_path):
         ({"speeches": None}, "There is no speech yet"),
         ({"length_s": None}, "The length of the videos is missing"),
         ({"motions": ["/cache/one.npz"]}, "must be named <system>--<clip>.npz"),
-        ({"length_s": 300}, "40 minutes of video; the page makes at most 30"),
+        ({"length_s": 300}, "40 minutes of video; this page renders at most 30"),
         ({"length_s": 135, "changed": ["smaller", "larger"]}, "36 minutes of video"),
         ({"speeches": [f"/cache/{i}.wav" for i in range(61)]}, "At most 60 files"),
-        ({"changed": ["slower"]}, "There is no change 'slower'; there are on wrong words, "),
+        (
+            {"changed": ["slower"]},
+            "Unknown modification 'slower'; choose from strokes on other words",
+        ),
     ],
 )
 def test_a_study_that_cannot_be_made_gives_a_sentence(study_form, changes, words):

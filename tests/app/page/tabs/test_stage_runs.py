@@ -170,7 +170,7 @@ def make(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
         if request.edits:
             number = len(record.rows)
             take = EditInfo(number=number, of=ROW, start=start.name, fresh=[(0.5, 1.0)])
-            row.name, row.label, row.take = f"{ROW}.take{number}", f"take {number}", take
+            row.name, row.label, row.take = f"{ROW}.take{number}", f"version {number}", take
             row.files.pop("told", None)
             record.put(row)
     if number:
@@ -216,7 +216,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     last = editor.ask(NOD)
     assert rows(last) == [ROW, f"{ROW}.take1"]
     take = last["rows"][1]
-    assert (take["label"], take["take"], take["of"]) == ("take 1", 1, ROW)
+    assert (take["label"], take["take"], take["of"]) == ("version 1", 1, ROW)
     assert take["noise"] == last["rows"][0]["noise"] and take["there"]["end"] == 8
     editing = last["editing"]
     assert editing["said"] == f"{text.TAKE_DONE.format(number=1)} It was mended."

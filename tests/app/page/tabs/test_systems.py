@@ -79,10 +79,10 @@ def test_two_speeches_are_compared_examples_where_one_is_missing(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "values", "words", "examples"),
     [
-        (StepCurveRunner, ([], "/up/s.wav"), "Tick at least one system to measure.", EXAMPLES),
+        (StepCurveRunner, ([], "/up/s.wav"), "Select at least one system to measure.", EXAMPLES),
         (StepCurveRunner, (["gan/5"], None), "no examples", ()),
         (StepCurveRunner, (list("abcdefg"), None), "One to 6 systems", EXAMPLES),
-        (HearingRunner, ([], None, None, "", False), "Tick at least one system", EXAMPLES),
+        (HearingRunner, ([], None, None, "", False), "Select at least one system", EXAMPLES),
         (HearingRunner, (["gan/5"], None, None, "", False), "fewer than two", ()),
         (HearingRunner, (["gan/5"], "/up/a.wav", "/a.wav", "", False), "one name", EXAMPLES),
     ],

@@ -194,7 +194,7 @@ def test_a_long_field_that_is_no_file_is_refused(served):
         form = {"data": {"a": "x" * length}, "files": {"files": ("a.wav", b"sound")}}
         answer = served.visitor().post("/gradio_api/upload", **form)
         assert answer.status_code == status
-    assert "may have 65536 bytes" in answer.text
+    assert "larger than 65536 bytes" in answer.text
 
 
 def test_a_full_disk_is_said_and_leaves_nothing(served, monkeypatch):
