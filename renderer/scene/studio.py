@@ -13,8 +13,6 @@ from renderer.scene.camera_setup import Stage
 RESOLUTION = 160
 """Texels along each side of the floor; the shadow is soft, so few are enough."""
 HALF_SIZE_M = 2.0
-SHADOW_VERTICES = 10_000
-"""Vertices below which the shadow has holes, so that face centres are added."""
 TOUCHING_M = 0.10
 """Height (m) above the floor below which a vertex also casts a contact shadow."""
 LOST, BLURS, MOST_LOST = (0.30, 0.45), (2.6, 1.5), 0.62
@@ -62,6 +60,7 @@ class ShadowGround:
     def __init__(self, stage: Stage) -> None:
         self.centre_xz, self.floor_m = stage.centre_xz, stage.floor_m
         self.half_size_m = HALF_SIZE_M + stage.extent_m / 2.0
+        self.texel_m = 2.0 * self.half_size_m / RESOLUTION
         x, y, z = STUDIO.shadow_from
         self._slope = (x / y, z / y)
         axis = (np.arange(RESOLUTION) + 0.5) / RESOLUTION * 2.0 - 1.0
@@ -74,14 +73,15 @@ class ShadowGround:
 
     def shadow(self, points: Float[np.ndarray, "N 3"]) -> Float32[np.ndarray, "R R"]:
         """Compute the share of light lost per texel, 0 to 1; rows run along z, columns along x."""
-        height = np.maximum(points[:, 1] - self.floor_m, 0.0)
-        scale = RESOLUTION / (2.0 * self.half_size_m)
-        offset = np.array(self.centre_xz) - self.half_size_m
-        column = (points[:, 0] - self._slope[0] * height - offset[0]) * scale
-        row = (points[:, 2] - self._slope[1] * height - offset[1]) * scale
+        x, y, z = np.ascontiguousarray(points.T, np.float32)  # one axis, one row
+        height = np.maximum(y - self.floor_m, 0.0)
+        left, upper = (centre - self.half_size_m for centre in self.centre_xz)
+        column = ((x - left - self._slope[0] * height) / self.texel_m).astype(np.int32)
+        row = ((z - upper - self._slope[1] * height) / self.texel_m).astype(np.int32)
         inside = (column >= 0) & (column < RESOLUTION) & (row >= 0) & (row < RESOLUTION)
-        texel = row[inside].astype(np.intp) * RESOLUTION + column[inside].astype(np.intp)
-        touching = texel[height[inside] < TOUCHING_M]
+        texel = row * RESOLUTION + column
+        touching = texel[inside & (height < TOUCHING_M)]
+        texel = texel[inside]
         lost = LOST[0] * _splat(texel, BLURS[0]) + LOST[1] * _splat(touching, BLURS[1])
         return np.clip(lost, 0.0, MOST_LOST) * self._fade
 
@@ -103,9 +103,8 @@ class ShadowGround:
 
     def _corners(self, columns: Sequence[int], rows: Sequence[int]) -> Float32[np.ndarray, "4 3"]:
         """Return the corners of a rectangle of texels, metres."""
-        texel_m = 2.0 * self.half_size_m / RESOLUTION
         x, z = (
-            centre - self.half_size_m + np.array(texels) * texel_m
+            centre - self.half_size_m + np.array(texels) * self.texel_m
             for centre, texels in zip(self.centre_xz, (columns, rows), strict=True)
         )
         around = [(x[i], self.floor_m, z[j]) for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
@@ -152,7 +151,10 @@ class FramePreparer:
     def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int, stage: Stage) -> None:
         self.normals = VertexNormals(faces, num_vertices)
         self.ground = ShadowGround(stage)
-        self._faces = faces.T.copy() if num_vertices < SHADOW_VERTICES else None
+        self._faces = faces
+        self._large: tuple[Int[np.ndarray, " F"], ...] | None = None
+        """Corners of the faces that are larger than a texel, in whose middle the shadow would have
+        holes; chosen by the first frame."""
 
     def __call__(
         self,
@@ -168,11 +170,12 @@ class FramePreparer:
         if behind is not None:
             normals = self.normals(vertices)
             return replace(behind, vertices=vertices, normals=normals, colors=colors)
-        points = vertices
-        if self._faces is not None:
-            a, b, c = (vertices[corner] for corner in self._faces)
-            points = np.concatenate([vertices, (a + b + c) / 3.0])
-        shadow = self.ground.shadow(points)
+        if self._large is None:
+            corners = vertices[self._faces]
+            edge_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+            self._large = tuple(self._faces[edge_m > self.ground.texel_m].T.copy())
+        a, b, c = (vertices[corner] for corner in self._large)
+        shadow = self.ground.shadow(np.concatenate([vertices, (a + b + c) / 3.0]))
         return PosedFrame(
             vertices=vertices,
             normals=self.normals(vertices),

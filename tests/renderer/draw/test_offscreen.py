@@ -178,12 +178,13 @@ def tube(rings: int, around: int = 12) -> tuple[np.ndarray, np.ndarray]:
 
 def test_only_near_openings_a_mesh_is_seen_from_behind():
     open_gl(gl_backend())
-    from renderer.draw.gl import OPENING_EDGES, near_openings
+    from renderer.draw.gl import OPENING_M, near_openings
 
     vertices, faces = tube(30)
-    height = vertices[faces][..., 1]
-    reach = 0.1 * (OPENING_EDGES + 1)
-    is_near = (height.min(axis=1) < reach - 1e-6) | (height.max(axis=1) > 2.9 - reach + 1e-6)
+    edge_m = OPENING_M / 4.5
+    vertices *= edge_m / 0.1
+    ring = np.rint(vertices[faces][..., 1] / edge_m)
+    is_near = (ring.min(axis=1) <= 4) | (ring.max(axis=1) >= 29 - 4)
     np.testing.assert_array_equal(near_openings(faces, vertices), is_near)
 
 
