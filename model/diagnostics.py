@@ -6,8 +6,8 @@ filter, and once more after the filter of the official GlobalDiff inference
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -35,8 +35,15 @@ from model.metrics.joints import (
 )
 from model.metrics.lag import find_lag
 from model.metrics.posture import posture_measures
+from model.metrics.protocols.record import ProtocolInputs
+from model.metrics.protocols.table import (
+    protocol_of,
+    protocol_sums,
+    protocol_values,
+    without_parts,
+)
 from model.metrics.reference_error import diversity, error_to_reference
-from model.metrics.results import BeatMeasures, BeatSpeeds, Measures
+from model.metrics.results import BeatMeasures, BeatSpeeds, Measures, PublishedMeasures
 from model.metrics.seams import find_period, seam_measures
 from model.metrics.tracked_point import point_measures
 from model.motion.kinematics import RestSkeleton
@@ -60,6 +67,13 @@ class Versions:
 
     def of(self, kind: Version) -> Measures:
         return self.raw if kind == "raw" else self.savgol
+
+    def without(self, lacks: Collection[str]) -> "Versions":
+        """Leave out published protocols that need a part which the motion lacks."""
+        if self.raw.published is None or not lacks:
+            return self
+        published = PublishedMeasures(without_parts(self.raw.published.protocols, lacks))
+        return replace(self, raw=replace(self.raw, published=published))
 
     def as_json(self) -> dict[str, Any]:
         return {"raw": self.raw.as_json(), "savgol": self.savgol.as_json()}
@@ -90,6 +104,16 @@ class Diagnostics:
         reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
         return {**self.systems, **reference}
 
+    @property
+    def protocol_of(self) -> dict[str, str]:
+        """Ids of the protocols of all metrics but the published ones, which are listed by id."""
+        measures = next(iter(self.of_all.values())).raw if self.of_all else None
+        if measures is None:
+            return {}
+        speeds = measures.beats.beat_speeds_of if measures.beats else "own"
+        keys = measures.as_json().keys() - {"protocols"}
+        return {key: protocol_of(key, speeds) for key in sorted(keys)}
+
     def as_json(self) -> dict[str, Any]:
         """Return the content of ``diagnostics.json``."""
         return {
@@ -110,6 +134,7 @@ class Diagnostics:
                 name: [finding.as_json() for finding in found]
                 for name, found in self.findings.items()
             },
+            "protocol_of": self.protocol_of,
             "reference": None if self.reference is None else self.reference.as_json(),
             "systems": {name: versions.as_json() for name, versions in self.systems.items()},
         }
@@ -125,7 +150,7 @@ def diagnose(
     tip_source: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     heard: Float[np.ndarray, "frames bands"] | None = None,
-    mean_speeds: Float[np.ndarray, " 13"] | None = None,
+    inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Measure motions and the reference, unfiltered and filtered.
 
@@ -143,7 +168,8 @@ def diagnose(
             a fingertip and 'joint' for a joint.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
         heard: log-mel bands of the speech by frame (`lag.heard_of`), for the lag of the motion.
-        mean_speeds: published ones for BeatAlign (`beats.read_mean_speeds`).
+        inputs: mean speeds for BeatAlign (`beats.read_mean_speeds`), and what published protocols
+            take besides motion and reference.
 
     Raises:
         ValueError: if there is no such fingertip or joint.
@@ -152,7 +178,8 @@ def diagnose(
         raise ValueError(
             f"{point} is neither a fingertip nor a joint; choose one of {', '.join(POINT_NAMES)}."
         )
-    ways = _Ways(skeleton, point, tip_track, onsets_s, heard, mean_speeds)
+    inputs = inputs or ProtocolInputs()
+    ways = _Ways(skeleton, point, tip_track, onsets_s, heard, inputs)
     windows = windows or {}
     motions, reference, notes = _cut_alike(motions, reference)
     notes += [
@@ -192,16 +219,17 @@ def raw_evidence(
     point: str = TIP,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     heard: Float[np.ndarray, "frames bands"] | None = None,
-    mean_speeds: Float[np.ndarray, " 13"] | None = None,
+    inputs: ProtocolInputs | None = None,
 ) -> Evidence:
     """Measure one motion without the filter, as the input of fault detectors.
 
     A reference must be as long.
 
     Args:
-        onsets_s, heard, mean_speeds: see `diagnose`.
+        onsets_s, heard, inputs: see `diagnose`; without inputs, published protocols
+            are not measured.
     """
-    ways = _Ways(skeleton, point, None, onsets_s, heard, mean_speeds)
+    ways = _Ways(skeleton, point, None, onsets_s, heard, inputs)
     return next(_versions(motion, ways, windows, () if reference is None else (reference,)))
 
 
@@ -214,7 +242,7 @@ class _Ways:
     tip_track: TipTrack | None
     onsets_s: Float[np.ndarray, " onsets"] | None
     heard: Float[np.ndarray, "frames bands"] | None
-    mean_speeds: Float[np.ndarray, " 13"] | None
+    inputs: ProtocolInputs | None
 
 
 def _versions(
@@ -227,7 +255,8 @@ def _versions(
     tracks = track_points(motion, ways.skeleton)
     period = find_period(tracks)
     lag = None if ways.heard is None else find_lag(motion, ways.heard)
-    usual_speed = _usual_speed(ways.mean_speeds, recorded[0].tracks if recorded else None, tracks)
+    published = None if ways.inputs is None else ways.inputs.mean_speeds
+    usual_speed = _usual_speed(published, recorded[0].tracks if recorded else None, tracks)
     for k in range(len(VERSIONS)):
         if k > 0:
             motion = smooth_motion(motion)
@@ -249,9 +278,23 @@ def _versions(
             error_to_reference(tracks, recorded[k].tracks) if recorded else None,
             None if onsets_s is None else _measure_beats(tracks, *usual_speed, onsets_s),
             lag,
+            _measure_published(motion, tracks, ways.inputs, recorded) if k == 0 else None,
         )
         yield Evidence(motion, tracks, numbers, ways.point, recorded[k] if recorded else None)
         del tracks, point  # a long clip's are large
+
+
+def _measure_published(
+    motion: Motion, tracks: Tracks, inputs: ProtocolInputs | None, recorded: Sequence[Evidence]
+) -> PublishedMeasures | None:
+    if inputs is None:
+        return None
+    reference = None
+    if recorded:
+        reference = inputs.clip(recorded[0].motion, recorded[0].tracks)
+        motion = replace(motion, betas=recorded[0].motion.betas)  # faces of one shape
+    sums = protocol_sums(inputs.clip(motion, tracks, reference))
+    return PublishedMeasures(protocol_values(sums))
 
 
 def _measured(versions: Iterator[Evidence]) -> tuple[Versions, list[Finding]]:

@@ -20,6 +20,7 @@ from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
 from model.diagnostics import Diagnostics, Versions, diagnose
 from model.generation.base import Windowing
 from model.metrics.beats import speech_onsets
+from model.metrics.protocols.record import ProtocolInputs
 from model.metrics.results import Measures
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
@@ -30,7 +31,7 @@ from model.storage.escaping import csv_text
 from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6, fits_column
 from renderer.figures.jitter import Jitter, JitterSheet
 
-CSV_HEADER = ("name", "post_filter", "measure", "index", "value")
+CSV_HEADER = ("name", "post_filter", "measure", "index", "value", "protocol")
 _ONSETS: WeakKeyDictionary[Speech, np.ndarray] = WeakKeyDictionary()
 
 
@@ -41,7 +42,7 @@ def measure_motions(
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windowing] | None = None,
     heard: np.ndarray | None = None,
-    mean_speeds: np.ndarray | None = None,
+    inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Compute all metrics and findings of the motions.
 
@@ -53,7 +54,7 @@ def measure_motions(
             once for a long one; an exception from it stops the work.
         windows: generation windows by name, if known.
         heard: log-mel bands of the speech per motion frame, for the lag of motions.
-        mean_speeds: published mean speeds of the joints, for BeatAlign.
+        inputs: published mean speeds for BeatAlign, and inputs of published protocols.
     """
     done, count = 0, 2 * len(motions)
 
@@ -70,7 +71,7 @@ def measure_motions(
         reference=motions.get(REFERENCE_NAME),
         windows=windows,
         heard=heard,
-        mean_speeds=mean_speeds,
+        inputs=inputs,
         tip_track=follow,
         tip_source=tip.name,
         point=tip.point,
@@ -105,12 +106,17 @@ def write_diagnostics(
     return json_path, csv_path
 
 
-def _rows(diagnostics: Diagnostics) -> Iterator[tuple[str, str, str, str, float]]:
+def _rows(diagnostics: Diagnostics) -> Iterator[tuple[str, str, str, str, float, str]]:
+    protocol_of = diagnostics.protocol_of
     for name, versions in diagnostics.of_all.items():
         for post_filter, values in versions.as_json().items():
+            published = values.pop("protocols", {})
             for measure, value in values.items():
                 for index, number in _numbers(value):
-                    yield name, post_filter, measure, index, number
+                    yield name, post_filter, measure, index, number, protocol_of[measure]
+            for protocol, by_name in published.items():
+                for measure, number in by_name.items():
+                    yield name, post_filter, measure, "", number, protocol
 
 
 def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:

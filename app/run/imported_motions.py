@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from app.errors import RunError
-from app.run.bodies import FOOT_JOINT_HEIGHT_M, make_tracked_point, picture_motions
+from app.run.bodies import (
+    FOOT_JOINT_HEIGHT_M,
+    body_motion,
+    make_tracked_point,
+    picture_motions,
+)
 from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body
 from app.run.output.provenance import motion_labels
@@ -19,6 +25,7 @@ from app.run.requests.parts import MAX_COMPARED
 from app.run.requests.requests import DiagnoseRequest
 from app.run.run_writer import RunMotions, RunWriter
 from app.run.timeline import WordSearch
+from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding
@@ -29,10 +36,13 @@ from model.generation.base import Windowing
 from model.metrics.beats import read_mean_speeds
 from model.metrics.lag import heard_of
 from model.metrics.posture import FEET
+from model.metrics.protocols.record import FaceVertices, ProtocolInputs
+from model.metrics.protocols.semantics import read_semantics
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
-from model.speech.audio import SpeechLimits, load_speech
+from model.speech.audio import Speech, SpeechLimits, load_speech
+from renderer.body.body import Body
 
 NO_SPEECH = (
     "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
@@ -91,13 +101,44 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         sound=request.speech.path if is_first_track else run.folder.at(HEARD),
         onsets_s=None if speech is None else onsets_of(speech),
         heard=None if speech is None else heard_of(speech.waveform),
-        mean_speeds=None
-        if request.metrics.mean_speeds is None
-        else read_mean_speeds(request.metrics.mean_speeds),
+        inputs=protocol_inputs(request, speech, max(each.num_frames for each in motions.values())),
         windows=windows,
         notes=tuple(notes),
         readings=readings,
     )
+
+
+def protocol_inputs(
+    request: DiagnoseRequest, speech: Speech | None, num_frames: int
+) -> ProtocolInputs:
+    """Read the inputs of published protocols from the files of a request.
+
+    Raises:
+        MotionError, BodyError: for other files.
+    """
+    metrics, path = request.metrics, request.video.body
+    return ProtocolInputs(
+        waveform=None if speech is None else speech.waveform,
+        mean_speeds=None if metrics.mean_speeds is None else read_mean_speeds(metrics.mean_speeds),
+        semantics=None
+        if metrics.semantics is None
+        else read_semantics(metrics.semantics, num_frames),
+        face_vertices=None if path is None else partial(_face_vertices, get_body(path)),
+    )
+
+
+def _face_vertices(body: Body, motion: Motion) -> FaceVertices | None:
+    """Return the posed vertices of a licensed body of which only jaw and expressions move.
+
+    None if the body has other expressions than the motion.
+    """
+    if motion.expression_basis != body.expression_basis:
+        return None
+    jaw = slice(3 * JOINT_INDEX["jaw"], 3 * JOINT_INDEX["jaw"] + 3)
+    poses = np.zeros_like(motion.poses)
+    poses[:, jaw] = motion.poses[:, jaw]
+    still = replace(motion, poses=poses, trans=np.zeros_like(motion.trans))
+    return lambda frames: np.concatenate(list(body.vertices(body_motion(still.part(frames)))))
 
 
 def _shown(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str, Motion]:
@@ -179,6 +220,9 @@ def with_import_notes(measured: Diagnostics, rows: RunMotions) -> Diagnostics:
     return replace(
         measured,
         notes=[*rows.notes, *measured.notes],
+        systems={
+            name: each.without(readings[name].lacks) for name, each in measured.systems.items()
+        },
         findings={
             name: without(found, readings[name].lacks) for name, found in measured.findings.items()
         },

@@ -184,7 +184,7 @@ def _measure(rows: RunMotions, run: RunWriter) -> Diagnostics:
         on_share,
         rows.windows,
         heard=rows.heard,
-        mean_speeds=rows.mean_speeds,
+        inputs=rows.inputs,
     )
     if rows.readings:
         diagnostics = with_import_notes(diagnostics, rows)

@@ -46,6 +46,7 @@ from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding, ranked
 from model.formats.reading import Reading
 from model.generation.base import Windowing
+from model.metrics.protocols.record import ProtocolInputs
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, put_together, save_motion
 from model.plan.detection import found_plan
@@ -104,7 +105,8 @@ class RunMotions:
     heard: np.ndarray | None = None
     """Log-mel bands of the speech per motion frame (T, bands), for estimating the lag of imported
     motions; None without speech."""
-    mean_speeds: np.ndarray | None = None
+    inputs: ProtocolInputs | None = None
+    """Further inputs of published protocols."""
     notes: tuple[str, ...] = ()
     """Notes on reading imported motions, added to the metrics."""
     readings: Mapping[str, Reading] = field(default_factory=dict)

@@ -43,6 +43,13 @@ class BeatMeasures:
 
 
 @dataclass(frozen=True)
+class PublishedMeasures:
+    """Values of published protocols (`model.metrics.protocols`) by id and name."""
+
+    protocols: Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True)
 class Measures:
     """All metrics of one motion; in files the fields of all groups are on one level."""
 
@@ -60,6 +67,8 @@ class Measures:
     """BeatAlign; None without speech."""
     lag: Lag | None = None
     """Lag of the unfiltered motion behind the speech; None without speech."""
+    published: PublishedMeasures | None = None
+    """Published protocols; None for filtered motion, to which their authors do not apply them."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the metrics by the keys of ``diagnostics.json``."""

@@ -25,6 +25,7 @@ from model.generation.base import Windowing
 from model.metrics import posture, smoothness, tracked_point
 from model.metrics.beats import read_mean_speeds
 from model.metrics.joints import elbow_backwards_share, finger_is_outside, rotation_noise
+from model.metrics.protocols.record import ProtocolInputs
 from model.metrics.reference_error import error_to_reference
 from model.metrics.smoothness import HIGH_FREQUENCY_HZ, velocity_spectrum
 from model.metrics.tracked_point import attribute_jerk
@@ -385,7 +386,8 @@ def test_beats_come_with_chance_and_speeds_of_somebody_decide_what_is_one(tmp_pa
     rates = []
     for speed in (1e-3, 1e3):
         np.save(tmp_path / "speeds.npy", np.full(55, speed, np.float32))
-        given = beats(onsets_s, mean_speeds=read_mean_speeds(tmp_path / "speeds.npy"))
+        speeds = read_mean_speeds(tmp_path / "speeds.npy")
+        given = beats(onsets_s, inputs=ProtocolInputs(mean_speeds=speeds))
         assert given.beat_speeds_of == "emage"
         rates.append(given.beats_per_joint_s)
     assert rates[0] > own.beats_per_joint_s > rates[1] == 0

@@ -27,6 +27,7 @@ from app.run.batch.speech_batch import inputs_digest, run_jobs
 from app.run.batch.table import draw_spread, mean_of_samples, write_tables
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import onsets_of
+from app.run.imported_motions import protocol_inputs
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.convert import replace_fields, with_paths
 from app.run.requests.requests import DiagnoseRequest
@@ -37,7 +38,6 @@ from model.faults.table import find_faults, without
 from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import LACKS, MOTIONS, REFERENCE, Reading
-from model.metrics.beats import read_mean_speeds
 from model.metrics.lag import heard_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
@@ -174,6 +174,7 @@ def _diagnose_clips(
             sound=sounds[clip].absolute() if clip in sounds else None,
             request=here,
             record=kept / f"{clip}.json",
+            semantics=_semantics_of(here, clip),
         )
         for clip in clips
     }
@@ -209,6 +210,13 @@ def _diagnose_clips(
         },
         sounds={clip: sounds[clip] for clip in numbers if clip in sounds},
     )
+
+
+def _semantics_of(request: DiagnoseRequest, clip: str) -> Path | None:
+    """Return the file of BEAT's labels of a clip, if there is one."""
+    folder = request.metrics.semantics
+    path = None if folder is None else folder / f"{clip.rpartition('/')[2]}.txt"
+    return path if path is not None and path.is_file() else None
 
 
 def _counts(numbers: Iterable[int]) -> str:
@@ -250,6 +258,8 @@ class _Clip:
     sound: Path | None
     request: DiagnoseRequest
     record: Path
+    semantics: Path | None = None
+    """Labels of semantic relevance."""
 
     def _stamp(self) -> str:
         """Return the digest of everything that determines the metrics."""
@@ -258,6 +268,8 @@ class _Clip:
             "sound": self.sound,
             "speeds": request.metrics.mean_speeds,
             "encoder": request.metrics.emage_weights,
+            "genea encoder": request.metrics.genea_weights,
+            "semantics": self.semantics,
         }
         files = {
             f"{name} {sample}": path
@@ -295,13 +307,13 @@ class _Clip:
         """
         unread: list[str] = []
         readings = {name: self._readings(name, unread) for name in self.files}
-        heard = self._heard()
         of_all = {
             f"{name} {sample}": each
             for name, found in readings.items()
             for sample, each in found.items()
         }
         shortest = min(each.motion.num_frames for each in of_all.values())
+        heard = self._heard(shortest)
         apart = parts_apart({which: each.lacks for which, each in of_all.items()})
         reference = None
         systems: dict[str, Any] = {}
@@ -331,18 +343,17 @@ class _Clip:
             self.record, json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n"
         )
 
-    def _heard(self) -> dict[str, Any]:
-        """Return the arguments of `raw_evidence` for the speech."""
-        if self.sound is None:
-            return {}
-        speech, speeds = (
-            load_speech(self.sound, SpeechLimits(channel=self.request.speech.channel)),
-            None,
-        )
-        if self.request.metrics.mean_speeds is not None:
-            speeds = read_mean_speeds(self.request.metrics.mean_speeds)
+    def _heard(self, num_frames: int) -> dict[str, Any]:
+        """Return the arguments of `raw_evidence` that do not depend on the motion."""
+        speech = None
+        if self.sound is not None:
+            speech = load_speech(self.sound, SpeechLimits(channel=self.request.speech.channel))
+        metrics = replace(self.request.metrics, semantics=self.semantics)
+        inputs = protocol_inputs(replace(self.request, metrics=metrics), speech, num_frames)
+        if speech is None:
+            return {"inputs": inputs}
         heard = heard_of(speech.waveform)
-        return {"onsets_s": onsets_of(speech), "heard": heard, "mean_speeds": speeds}
+        return {"onsets_s": onsets_of(speech), "heard": heard, "inputs": inputs}
 
     def _readings(self, name: str, unread: list[str]) -> dict[str, Reading]:
         """Read the samples of a set, and append the reasons of unreadable ones to ``unread``.

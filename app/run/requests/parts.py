@@ -328,6 +328,12 @@ class MetricOptions:
     emage_weights: File = None
     """EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 report it; for folders of motions
     with --reference (docs/many-clips.md)."""
+    genea_weights: File = None
+    """GENEA's model_checkpoint_30, _60 or _90.bin, for FGD as its evaluations report it; for
+    folders of motions with --reference."""
+    semantics: File = None
+    """BEAT's labels of semantic relevance, for SRGR: a file of its folder sem, or for folders of
+    motions that folder."""
     weights: Suppress[Path] = BUNDLED_WEIGHTS
     """Folder of the accent network, which marks prominent words in the timeline."""
 

@@ -50,6 +50,8 @@ def correlation_sums(clip: Clip) -> Sums:
     Empty for a clip that has fewer frames than coordinates, where it is always 1.
     """
     assert clip.reference is not None
+    if len(clip.joints) < 2:
+        return {}
     bases = [_basis(_positions_cm(each)) for each in (clip, clip.reference)]
     if sum(basis.shape[1] for basis in bases) >= len(clip.joints) or not all(
         basis.shape[1] for basis in bases

@@ -11,10 +11,15 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from model.motion.motion import Motion
+from model.motion.tracks import Tracks
+
 Need = Literal[
     "reference", "waveform", "mean_speeds", "semantics", "face_vertices", "emage_weights",
     "genea_weights",
 ]  # fmt: skip
+FaceVertices = Callable[[slice], Float[np.ndarray, "n V 3"]]
+"""Function from frames to vertices (m) that only jaw and expressions move."""
 Sums = dict[str, np.ndarray]
 """Additive statistics of a clip by name; ``count`` is the weight of the others in `mean_values`."""
 
@@ -34,8 +39,7 @@ class Clip:
     """Published mean speeds (m/s) of the upper-body joints."""
     semantics: Float[np.ndarray, " T"] | None = None
     """Semantic relevance of each frame, 0 to 1, as annotated in BEAT."""
-    face_vertices: Callable[[slice], Float[np.ndarray, "n V 3"]] | None = None
-    """Function that returns the vertices (m) of frames, moved by jaw and expressions alone."""
+    face_vertices: FaceVertices | None = None
 
     @property
     def rooted(self) -> Float[np.ndarray, "T 55 3"]:
@@ -51,6 +55,29 @@ class Clip:
             root_rotations=self.root_rotations[frames],
             reference=self.reference and self.reference.first(num_frames),
             semantics=None if self.semantics is None else self.semantics[frames],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ProtocolInputs:
+    """Inputs that clips of one speech share; None for what is missing."""
+
+    waveform: Float[np.ndarray, " N"] | None = None
+    mean_speeds: Float[np.ndarray, " 13"] | None = None
+    semantics: Float[np.ndarray, " M"] | None = None
+    """Semantic relevance of at least as many frames as are measured."""
+    face_vertices: Callable[[Motion], FaceVertices | None] | None = None
+
+    def clip(self, motion: Motion, tracks: Tracks, reference: Clip | None = None) -> Clip:
+        """Make the clip of a motion."""
+        return Clip(
+            tracks.joints,
+            tracks.global_rot[:, 0],
+            reference,
+            self.waveform,
+            self.mean_speeds,
+            None if self.semantics is None else self.semantics[: motion.num_frames],
+            None if self.face_vertices is None else self.face_vertices(motion),
         )
 
 
@@ -78,6 +105,8 @@ class Protocol:
     values: Mapping[str, str] | None = None
     """Units by value of the result."""
     needs: tuple[Need, ...] = ()
+    parts: tuple[str, ...] = ()
+    """Parts (`model.formats.reading.Part`) without which a motion is left out."""
     rate_fps: float = 30.0
     encoder: str = "none"
     """File of the encoder and its sha256."""

@@ -4,7 +4,8 @@ A number that is measured by another rule gets another id. The table of docs/eva
 command ``protocols`` are made from these records.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from typing import TypeVar
 
 from model.metrics.protocols.alignment import SlicedBeats
 from model.metrics.protocols.coverage import coverage_sums
@@ -13,6 +14,7 @@ from model.metrics.protocols.genea import correlation_sums, hellinger, histogram
 from model.metrics.protocols.physical import physical_sums
 from model.metrics.protocols.record import Clip, Need, Protocol, Sums
 from model.metrics.protocols.semantics import RelevanceRecall
+from model.metrics.results import BeatSpeeds
 
 WORKBENCH = "workbench/1"
 """Id of the metrics that have no published rule of their own."""
@@ -166,7 +168,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "equal to 4e-7 relative on six clips",
             {"slide_m": "m", "floating_share": "share", "jitter_m": "m", "dynamic_m": "m",
              "penetration_m": "m"},
-            sums=physical_sums,
+            parts=("detail", "place", "legs"), sums=physical_sums,
         ),
         Protocol(
             "gac/unicamp",
@@ -176,7 +178,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "20 bones of the 22 body joints (cm), pelvis-aligned, lowest point at 0", _WHOLE,
             "AI-Unicamp/gesture-area-coverage, GAC",
             "equal cells on six clips, equal Dice on four pairs",
-            {"cells": "cells", "dice": "0 to 1"}, sums=coverage_sums,
+            {"cells": "cells", "dice": "0 to 1"}, parts=("legs",), sums=coverage_sums,
         ),
         Protocol(
             "srgr/beat",
@@ -203,7 +205,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "steps between frames of all clips together",
             f"{_GENEA}, calc_histogram.py and hellinger_distance.py",
             values={"hellinger": "0 to 1"}, needs=("reference",),
-            sums=histogram_sums, evaluate=hellinger,
+            parts=("detail", "hands"), sums=histogram_sums, evaluate=hellinger,
         ),
         Protocol(
             "cca/genea",
@@ -248,6 +250,34 @@ NEEDS: Mapping[Need, str] = {
 """Flag of `diagnose` that gives each input."""
 
 
+_BEATS: Mapping[BeatSpeeds, str] = {
+    "reference": "beats/workbench",
+    "own": "beats/workbench-own",
+    "emage": "beats/workbench-emage",
+}
+OWN_METRICS: Mapping[str, str] = {
+    "l1_diversity_m": "l1div/emage",
+    "l1_to_mean_m": "l1div/emage",
+    "pairwise_l1_m": "diversity/globaldiff",
+    **dict.fromkeys(("div", "div_gesture"), "div/asynfusion"),
+    **{metric: f"{metric}/workbench" for metric in ("fgd", "fed", "fmd")},
+    "beat_align_audio_to_motion": "beats/workbench",
+    "beat_align_motion_to_audio": "beats/asynfusion",
+}
+"""Protocols of metrics in ``diagnostics.json`` and ``evaluation.json`` that have a rule of their
+own."""
+
+
+def protocol_of(metric: str, speeds: BeatSpeeds = "own") -> str:
+    """Return the protocol's id of a metric in our files.
+
+    Args:
+        speeds: source of the mean speeds of BeatAlign.
+    """
+    metric = metric.removesuffix("_floor").removesuffix("_chance").removesuffix("_chance_highest")
+    return OWN_METRICS.get(metric, _BEATS[speeds] if metric == "beat_align" else WORKBENCH)
+
+
 def protocol_sums(clip: Clip) -> dict[str, Sums]:
     """Compute the sums of a clip for all protocols that have their inputs, by id."""
     sums = {name: record.sums_of(clip) for name, record in PROTOCOLS.items()}
@@ -257,6 +287,14 @@ def protocol_sums(clip: Clip) -> dict[str, Sums]:
 def protocol_values(sums: Mapping[str, Mapping]) -> dict[str, dict[str, float]]:
     """Return the values of added sums by id and name."""
     return {name: PROTOCOLS[name].evaluate(each) for name, each in sums.items()}
+
+
+T = TypeVar("T")
+
+
+def without_parts(by_id: Mapping[str, T], lacks: Collection[str]) -> dict[str, T]:
+    """Leave out protocols that need a part which a motion lacks."""
+    return {name: each for name, each in by_id.items() if not set(PROTOCOLS[name].parts) & {*lacks}}
 
 
 def protocol_rows() -> list[tuple[str, str, str, str, str]]:

@@ -27,6 +27,8 @@ from model.faults.analysis import Finding
 from model.faults.table import FAULTS, without
 from model.formats.reading import read_told
 from model.metrics.beats import speech_onsets
+from model.metrics.protocols.record import ProtocolInputs
+from model.metrics.protocols.table import PROTOCOLS
 from model.metrics.smoothness import VelocitySpectrum
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion, save_motion
@@ -222,16 +224,41 @@ def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path
     assert content["systems"]["a/b"]["raw"]["tip_path_m_s"] is None
     with (tmp_path / "diagnostics.csv").open() as file:
         header, *rows = csv.reader(file)
-    assert header == ["name", "post_filter", "measure", "index", "value"]
+    assert header == ["name", "post_filter", "measure", "index", "value", "protocol"]
     assert rows[:5] == [
-        ["a/b", "raw", "tip_jerk_m_s3", "", "1.5"],
-        ["a/b", "raw", "tip_spectrum", "frequency_hz/0", "0.0"],
-        ["a/b", "raw", "tip_spectrum", "frequency_hz/1", "5.0"],
-        ["a/b", "raw", "tip_spectrum", "velocity_power/0", "0.25"],
-        ["a/b", "raw", "tip_spectrum", "velocity_power/1", "0.75"],
+        ["a/b", "raw", "tip_jerk_m_s3", "", "1.5", "workbench/1"],
+        ["a/b", "raw", "tip_spectrum", "frequency_hz/0", "0.0", "workbench/1"],
+        ["a/b", "raw", "tip_spectrum", "frequency_hz/1", "5.0", "workbench/1"],
+        ["a/b", "raw", "tip_spectrum", "velocity_power/0", "0.25", "workbench/1"],
+        ["a/b", "raw", "tip_spectrum", "velocity_power/1", "0.75", "workbench/1"],
     ]
-    assert ["reference", "savgol", "foot_slide_m_s", "", "0.5"] in rows
+    assert ["reference", "savgol", "foot_slide_m_s", "", "0.5", "workbench/1"] in rows
     assert len({tuple(row[:4]) for row in rows}) == len(rows)
+
+
+def test_every_number_carries_the_id_of_its_protocol(tmp_path: Path) -> None:
+    motions = {"a": smooth_motion_example(400), "reference": smooth_motion_example(400, seed=1)}
+    inputs = ProtocolInputs(np.zeros(16000 * 13, np.float32), np.full(13, 0.1))
+    onsets_s = np.arange(2.5, 11, 0.4)
+    found = measure_motions(motions, TipSource(), onsets_s, inputs=inputs)
+    with ResultFolder(tmp_path) as folder:
+        write_diagnostics(found, folder)
+        folder.publish()
+    content = json.loads((tmp_path / "diagnostics.json").read_text())
+    raw = content["systems"]["a"]["raw"]
+    assert content["protocol_of"].keys() == raw.keys() - {"protocols"}
+    assert content["protocol_of"]["beat_align"] == "beats/workbench-emage"
+    assert content["protocol_of"]["l1_diversity_m"] == "l1div/emage"
+    measured = {"physical/mbench", "gac/unicamp", "hellinger/genea", "cca/genea"}
+    assert raw["protocols"].keys() == measured  # no onsets in silence
+    assert content["reference"]["raw"]["protocols"].keys() == {"physical/mbench", "gac/unicamp"}
+    assert "protocols" not in content["systems"]["a"]["savgol"]
+    rows = csv_rows(tmp_path / "diagnostics.csv")
+    assert {row["protocol"] for row in rows} == {*content["protocol_of"].values(), *measured}
+    assert set(content["protocol_of"].values()) <= PROTOCOLS.keys()
+    (dice,) = (row for row in rows if row["measure"] == "dice")
+    assert (dice["name"], dice["protocol"]) == ("a", "gac/unicamp")
+    assert float(dice["value"]) == raw["protocols"]["gac/unicamp"]["dice"]
 
 
 def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:
