@@ -179,7 +179,7 @@ def diagnose(
             f"{point} is neither a fingertip nor a joint; choose one of {', '.join(POINT_NAMES)}."
         )
     inputs = inputs or ProtocolInputs()
-    ways = _Ways(skeleton, point, tip_track, onsets_s, heard, inputs)
+    ways = _Ways(skeleton, point, tip_track, onsets_s, heard, inputs, True)
     windows = windows or {}
     motions, reference, notes = _cut_alike(motions, reference)
     notes += [
@@ -226,10 +226,10 @@ def raw_evidence(
     A reference must be as long.
 
     Args:
-        onsets_s, heard, inputs: see `diagnose`; without inputs, published protocols
-            are not measured.
+        onsets_s, heard, inputs: see `diagnose`; published protocols are not measured.
     """
-    ways = _Ways(skeleton, point, None, onsets_s, heard, inputs)
+    inputs = inputs or ProtocolInputs()
+    ways = _Ways(skeleton, point, None, onsets_s, heard, inputs, False)
     return next(_versions(motion, ways, windows, () if reference is None else (reference,)))
 
 
@@ -242,7 +242,9 @@ class _Ways:
     tip_track: TipTrack | None
     onsets_s: Float[np.ndarray, " onsets"] | None
     heard: Float[np.ndarray, "frames bands"] | None
-    inputs: ProtocolInputs | None
+    inputs: ProtocolInputs
+    is_published: bool
+    """True to measure published protocols."""
 
 
 def _versions(
@@ -255,8 +257,9 @@ def _versions(
     tracks = track_points(motion, ways.skeleton)
     period = find_period(tracks)
     lag = None if ways.heard is None else find_lag(motion, ways.heard)
-    published = None if ways.inputs is None else ways.inputs.mean_speeds
-    usual_speed = _usual_speed(published, recorded[0].tracks if recorded else None, tracks)
+    usual_speed = _usual_speed(
+        ways.inputs.mean_speeds, recorded[0].tracks if recorded else None, tracks
+    )
     for k in range(len(VERSIONS)):
         if k > 0:
             motion = smooth_motion(motion)
@@ -278,17 +281,17 @@ def _versions(
             error_to_reference(tracks, recorded[k].tracks) if recorded else None,
             None if onsets_s is None else _measure_beats(tracks, *usual_speed, onsets_s),
             lag,
-            _measure_published(motion, tracks, ways.inputs, recorded) if k == 0 else None,
+            _measure_published(motion, tracks, ways.inputs, recorded)
+            if ways.is_published and k == 0
+            else None,
         )
         yield Evidence(motion, tracks, numbers, ways.point, recorded[k] if recorded else None)
         del tracks, point  # a long clip's are large
 
 
 def _measure_published(
-    motion: Motion, tracks: Tracks, inputs: ProtocolInputs | None, recorded: Sequence[Evidence]
-) -> PublishedMeasures | None:
-    if inputs is None:
-        return None
+    motion: Motion, tracks: Tracks, inputs: ProtocolInputs, recorded: Sequence[Evidence]
+) -> PublishedMeasures:
     reference = None
     if recorded:
         reference = inputs.clip(recorded[0].motion, recorded[0].tracks)

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 from app.commands.cli import parse
+from model.metrics.protocols.table import HEADINGS, PROTOCOLS, protocol_row
 from tests.helpers import ROOT
 
 DOCUMENTS = sorted(
@@ -74,6 +75,12 @@ def test_model_card_repeats_the_means_of_the_experiment():
             means = [cell.split(" ")[0] for cell in cells]
             told.setdefault(system, {}).update(zip(measures[1:], means, strict=True))
     assert {row[0]: dict(zip(head[1:], row[1:], strict=True)) for row in rows} == told
+
+
+def test_the_table_of_protocols_is_that_of_the_records():
+    tables = tables_of(ROOT / "docs" / "evaluation.md")
+    (rows,) = ([[cell.strip("`") for cell in row] for row in t] for t in tables if t[0][0] == "id")
+    assert rows == [list(HEADINGS), *(list(protocol_row(each)) for each in PROTOCOLS.values())]
 
 
 def test_the_readme_lists_every_room():

@@ -16,6 +16,7 @@ from app import text
 from app.commands import runs, studies
 from app.commands.convert import convert
 from app.commands.doctor import doctor
+from app.commands.protocols import protocols
 from app.config import use_file_backend
 from app.errors import Cancelled, sentence_of
 from app.flags import read_flags
@@ -35,6 +36,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "leaderboard add": runs.leaderboard_add,
     "leaderboard merge": runs.leaderboard_merge,
     "leaderboard page": runs.leaderboard_page,
+    "protocols": protocols,
     "doctor": doctor,
     "study export": studies.export,
     "study check": studies.check,

@@ -50,6 +50,8 @@ _DRAWS_PLANS = ("weights", "speaker", "seed", "guidance", "transcript", "words",
 _FIGURE = ("joint", "start_frame", "figure_panels", "figure_frames", "figure_width")
 _OF_ONE = ("transcript", "words", "window", "overlap", *_FIGURE, "shown", "has_video")
 """Options of `diagnose` that apply to single motions and not to sets."""
+_METRICS = ("mean_speeds", "emage_weights", "genea_weights", "semantics", "expected")
+"""Options of `diagnose` that apply to metrics."""
 Files = Annotated[Any, family_files()]
 Flat = arg(name="")
 """Annotation that names flags after the fields of a request's parts, without the request's own
@@ -160,15 +162,17 @@ def diagnose(
     if any(path.is_dir() or is_packed(path) for path in paths):
         _diagnose_folders(request, pool.jobs())
         return
-    if request.metrics.emage_weights is not None:
-        raise RunError("FGD is a measure of many clips; --emage-weights goes with folders.")
+    if request.metrics.emage_weights is not None or request.metrics.genea_weights is not None:
+        raise RunError("FGD is a measure of many clips; encoders of FGD go with folders.")
+    if request.metrics.expected:
+        raise RunError("Papers report values of many clips; --expect goes with folders.")
     _run(DIAGNOSE, request, request.output.out)
 
 
 def _check_sets(request: DiagnoseRequest) -> None:
     from app.run.batch.submission_check import check_sets
 
-    ignored = (*_OF_ONE, "speech", "import_overrides", "channel", "mean_speeds", "emage_weights")
+    ignored = (*_OF_ONE, "speech", "import_overrides", "channel", *_METRICS)
     refuse_ignored(request, ignored, "--check genea measures nothing")
     out = request.output.out
     found = check_sets(request.motions.motions, request.imports.reference, out)

@@ -161,11 +161,12 @@ MEASURES = (
 
 JERK, SPEED = "tracked_point_jerk_m_s3", "tracked_point_speed_m_s"
 FAST_POWER, SEAMS = "tracked_point_power_above_5hz_percent", "seam_jerk_ratio"
-FGD, FGD_EMAGE = "fgd", "fgd_emage"
+FGD, FGD_EMAGE, FGD_GENEA = "fgd", "fgd_emage", "fgd_genea"
 """Keys of the distances of whole sets to the recorded one, by our encoder and by EMAGE's."""
 TITLES = {row.key: row.full_title for row in MEASURES} | {
     FGD: "Distribution: FGD to the recorded set, our encoder",
     FGD_EMAGE: "Distribution: FGD to the recorded set, EMAGE's encoder",
+    FGD_GENEA: "Distribution: FGD to the recorded set, GENEA's encoder",
 }
 KEYS_OF_OLD_TITLES = {
     "Followed point: Speed": "tracked_point_speed_m_s",

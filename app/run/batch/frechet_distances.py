@@ -1,4 +1,4 @@
-"""Fréchet distances of sets of motion to the recorded set, with our encoder and with EMAGE's.
+"""Fréchet distances of sets of motion to the recorded set, with our encoder and with others'.
 
 A clip's features are stored next to its record. Sets are summed up clip by clip, for all bootstrap
 draws at once, so that memory does not grow with the number of clips.
@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 
 from app.errors import RunError
-from app.findings.measure_rows import FGD, FGD_EMAGE, TITLES
+from app.findings.measure_rows import FGD, FGD_EMAGE, FGD_GENEA, TITLES
+from app.run.batch.published_metrics import PLAIN, varied
+from app.run.requests.parts import MetricOptions
 from conventions.names import REFERENCE_NAME
 from model.evaluation.frechet import Moments, distance_of, motion_features
 from model.evaluation.tables import drawn_clips, interval_of
@@ -24,7 +26,7 @@ from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
 from model.storage.cards import BUNDLED_WEIGHTS
 from model.storage.files import written_atomically
-from model.systems.helpers import emage
+from model.systems.helpers import emage, genea
 from model.systems.helpers.config import FGD_ENCODER
 
 LEFT_OUT = (
@@ -41,6 +43,8 @@ class FeatureEncoder:
 
     metric: str
     """Key of the distance by this encoder."""
+    protocol: str
+    """Id of the protocol (`model.metrics.protocols`)."""
     codes: Callable[[Motion], Any]
     frames_a_code: int
     offset: float = 0.0
@@ -48,36 +52,41 @@ class FeatureEncoder:
 
 
 @cache
-def judges_of(emage_weights: Path | None) -> tuple[FeatureEncoder, ...]:
-    """Load our encoder, and EMAGE's if there is one, once per process.
+def judges_of(metrics: MetricOptions) -> tuple[FeatureEncoder, ...]:
+    """Load our encoder, and those of EMAGE and GENEA if there are any, once per process.
 
     Raises:
-        CheckpointError: for a file that is not EMAGE's.
+        CheckpointError: for other files.
     """
     ours = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
-    judges = [FeatureEncoder(FGD, partial(motion_features, ours), max(ours.network.config.scales))]
-    if emage_weights is not None:
-        theirs = emage.load_emage_encoder(emage_weights)
-        codes = partial(emage.emage_codes, theirs)
-        judges.append(FeatureEncoder(FGD_EMAGE, codes, emage.FRAMES_A_CODE, emage.ROOT_OFFSET))
+    codes, frames = partial(motion_features, ours), max(ours.network.config.scales)
+    judges = [FeatureEncoder(FGD, "fgd/workbench", codes, frames)]
+    if metrics.emage_weights is not None:
+        codes = partial(emage.emage_codes, emage.load_emage_encoder(metrics.emage_weights))
+        frames, offset = emage.FRAMES_A_CODE, emage.ROOT_OFFSET
+        judges.append(FeatureEncoder(FGD_EMAGE, "fgd/emage", codes, frames, offset))
+    if metrics.genea_weights is not None:
+        encoder = genea.load_genea_encoder(metrics.genea_weights)
+        codes = partial(genea.genea_codes, encoder)
+        judges.append(FeatureEncoder(FGD_GENEA, "fgd/genea", codes, encoder.length // 2))
     return tuple(judges)
 
 
-def check_weights(weights: Path | None, reference: Path | None) -> None:
-    """Check before measuring that the weights are EMAGE's and can be used.
+def check_weights(metrics: MetricOptions, reference: Path | None) -> None:
+    """Check before measuring that files of encoders are right and can be used.
 
     Raises:
         RunError: without a recorded set.
         CheckpointError: for any other file.
     """
-    if weights is None:
+    if metrics.emage_weights is None and metrics.genea_weights is None:
         return
     if reference is None:
         raise RunError(
-            "EMAGE's encoder tells how far a set is from the recorded one; give it, too "
+            "An encoder of FGD tells how far a set is from the recorded one; give it, too "
             "(--reference FOLDER)."
         )
-    judges_of(weights.absolute())
+    judges_of(metrics)
 
 
 def codes_path(record: Path) -> Path:
@@ -86,20 +95,58 @@ def codes_path(record: Path) -> Path:
 
 
 def save_codes(
-    record: Path, motions: Mapping[str, Sequence[Motion]], emage_weights: Path | None
+    record: Path,
+    motions: Mapping[str, Sequence[Motion]],
+    metrics: MetricOptions,
+    variations: Sequence[str] = (),
 ) -> None:
-    """Write the features of all samples of one clip, by system, atomically next to its record."""
+    """Write the features of all samples of one clip, by system, atomically next to its record.
+
+    Args:
+        variations: names of `VARIATIONS` under which features are also written.
+    """
     codes: dict[str, Any] = {
-        f"{number} {name}": np.concatenate([judge.codes(motion) for motion in samples])
-        for number, judge in enumerate(judges_of(emage_weights))
+        _key(number, name, variation): np.concatenate(
+            [judge.codes(varied(motion, variation)) for motion in samples]
+        )
+        for number, judge in enumerate(judges_of(metrics))
+        for variation in (PLAIN, *variations)
         for name, samples in motions.items()
     }
     with written_atomically(codes_path(record)) as part:
         np.savez(part, **{key: each.astype(np.float32) for key, each in codes.items()})
 
 
+def _key(judge: int, name: str, variation: str) -> str:
+    return f"{judge} {name}" + (f"|{variation}" if variation else "")
+
+
+def distance_values(
+    systems: Sequence[str],
+    records: Sequence[Path],
+    metrics: MetricOptions,
+    variations: Sequence[str] = (),
+) -> dict[tuple[str, str, str, str], float]:
+    """Return the distances of all clips by system, protocol, ``fgd`` and variation.
+
+    Distances with too few codes are left out.
+    """
+    values: dict[tuple[str, str, str, str], float] = {}
+    for number, judge in enumerate(judges_of(metrics) if REFERENCE_NAME in systems else ()):
+        for variation in (PLAIN, *variations):
+            recorded = np.concatenate(list(_codes_of(number, records, REFERENCE_NAME, variation)))
+            if len(recorded) < least_codes(recorded.shape[1]):
+                continue
+            for name in (name for name in systems if name != REFERENCE_NAME):
+                made = np.concatenate(list(_codes_of(number, records, name, variation)))
+                moments = Moments.of(recorded), Moments.of(made)
+                distance = distance_of(*moments, judge.offset)
+                values[name, judge.protocol, "fgd", variation] = distance
+    return values
+
+
 def distance_rows(
-    systems: Sequence[str], records: Sequence[Path], emage_weights: Path | None
+    systems: Sequence[str], records: Sequence[Path], metrics: MetricOptions
 ) -> tuple[list[tuple[Any, ...]], list[str]]:
     """Return the distances of systems and their differences as table rows, and notes.
 
@@ -110,7 +157,7 @@ def distance_rows(
     """
     rows: list[tuple[Any, ...]] = []
     notes: list[str] = []
-    for number, judge in enumerate(judges_of(emage_weights) if REFERENCE_NAME in systems else ()):
+    for number, judge in enumerate(judges_of(metrics) if REFERENCE_NAME in systems else ()):
         shapes = [codes.shape for codes in _codes_of(number, records, REFERENCE_NAME)]
         count, least = sum(length for length, _ in shapes), least_codes(shapes[0][1])
         if count < least:
@@ -127,11 +174,13 @@ def least_codes(numbers: int) -> int:
     return numbers + 1
 
 
-def _codes_of(judge: int, records: Sequence[Path], name: str) -> Iterator[np.ndarray]:
+def _codes_of(
+    judge: int, records: Sequence[Path], name: str, variation: str = PLAIN
+) -> Iterator[np.ndarray]:
     """Yield the features of one set, clip by clip."""
     for record in records:
         with np.load(codes_path(record), allow_pickle=False) as file:
-            yield file[f"{judge} {name}"].astype(np.float64)
+            yield file[_key(judge, name, variation)].astype(np.float64)
 
 
 def _rows(
@@ -155,10 +204,21 @@ def _rows(
     }  # fmt: skip
     names = list(apart)
     for place, name in enumerate(names):
-        yield (judge.metric, "", name, num_clips, *told(apart[name]), *[""] * 4)
+        yield (judge.metric, "", name, num_clips, *told(apart[name]), *[""] * 4, judge.protocol)
         for other in names[place + 1 :]:
             difference = told(apart[name] - apart[other])
-            yield (judge.metric, "", name, num_clips, "", "", "", other, *difference)
+            yield (
+                judge.metric,
+                "",
+                name,
+                num_clips,
+                "",
+                "",
+                "",
+                other,
+                *difference,
+                judge.protocol,
+            )
 
 
 def _drawn(clips: Iterator[np.ndarray], num_clips: int) -> list[Moments]:

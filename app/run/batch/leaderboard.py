@@ -23,6 +23,7 @@ from app.findings.measure_rows import (
     FAST_POWER,
     FGD,
     FGD_EMAGE,
+    FGD_GENEA,
     MEASURES,
     TITLES,
     by_key,
@@ -50,6 +51,8 @@ class MetricValue:
     high: float
     unit: str
     clips: int
+    protocol: str = "workbench/1"
+    """Id of the protocol; values of different protocols are in different columns."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +160,7 @@ def _entry(told: dict[str, Any], where: dict[str, Any], name: str, note: str) ->
         project=where["project"],
         measures={
             row["measure"]: MetricValue(
-                row["mean"], row["low"], row["high"], row["unit"], row["clips"]
+                *(row[key] for key in ("mean", "low", "high", "unit", "clips", "protocol"))
             )
             for row in rows
         },
@@ -204,7 +207,7 @@ def read_leaderboard(path: Path) -> list[Entry]:
         raise RunError(f"{path.name} is no leaderboard of format {FORMAT}: {error}.") from None
 
 
-_OF_SETS = {FGD, FGD_EMAGE}
+_OF_SETS = {FGD, FGD_EMAGE, FGD_GENEA}
 _TO_RECORDED = _OF_SETS | {row.key for row in MEASURES if row.is_error}
 """Metrics that are distances to the recorded motion."""
 _WITHOUT_AIM = {row.key for row in MEASURES if not row.has_target}
@@ -237,9 +240,25 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
     )
 
 
+def _by_protocol(entry: Entry, entries: Sequence[Entry]) -> Entry:
+    """Give metrics that the entries measured by several protocols keys with their protocol."""
+    used: dict[str, set[str]] = {}
+    for each in entries:
+        for key, value in each.measures.items():
+            used.setdefault(key, set()).add(value.protocol)
+    measures = with_partners(entry.measures).items()
+    return replace(
+        entry,
+        measures={
+            key if len(used[key]) == 1 else f"{key} · {value.protocol}": value
+            for key, value in measures
+        },
+    )
+
+
 def _table(entries: list[Entry]) -> dict[str, Any]:
     """Return one test for the template; BeatAlign is only included with its chance level."""
-    entries = [replace(entry, measures=with_partners(entry.measures)) for entry in entries]
+    entries = [_by_protocol(entry, entries) for entry in entries]
     keys = dict.fromkeys(key for entry in entries for key in entry.measures)
     recorded = next((entry.measures for entry in entries if entry.is_recorded), {})
 
@@ -256,6 +275,10 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
         "clips": max(entry.clips for entry in entries),
         "units": {
             key: next(each.measures[key].unit for each in entries if key in each.measures)
+            for key in keys
+        },
+        "protocols": {
+            key: next(each.measures[key].protocol for each in entries if key in each.measures)
             for key in keys
         },
         "rare": set(keys) - _OF_SETS - _FIRST,

@@ -20,8 +20,24 @@ from typing import Any
 from app.errors import RunError
 from app.findings.measure_rows import MEASURES, numbers_of, parts_apart
 from app.run.batch.archives import UNPACKED, UnpackLimits, unpack_archives
-from app.run.batch.frechet_distances import check_weights, codes_path, distance_rows, save_codes
+from app.run.batch.frechet_distances import (
+    check_weights,
+    codes_path,
+    distance_rows,
+    distance_values,
+    save_codes,
+)
 from app.run.batch.pairing import Samples, first_sample, no_common_clips, pair_files, shorten_list
+from app.run.batch.published_metrics import (
+    PLAIN,
+    VARIATIONS,
+    PublishedMetrics,
+    mean_sums,
+    rule_lines,
+    save_sums,
+    sums_of,
+    sums_path,
+)
 from app.run.batch.speech_batch import ENDINGS as SOUND_ENDINGS
 from app.run.batch.speech_batch import inputs_digest, run_jobs
 from app.run.batch.table import draw_spread, mean_of_samples, write_tables
@@ -30,6 +46,7 @@ from app.run.diagnostics import onsets_of
 from app.run.imported_motions import protocol_inputs
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.convert import replace_fields, with_paths
+from app.run.requests.parts import MetricOptions
 from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import SetResults
 from conventions.names import REFERENCE_NAME, printable
@@ -39,6 +56,9 @@ from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import LACKS, MOTIONS, REFERENCE, Reading
 from model.metrics.lag import heard_of
+from model.metrics.protocols.record import ProtocolInputs, Sums
+from model.metrics.protocols.table import PROTOCOLS, protocol_of, without_parts
+from model.metrics.results import BeatSpeeds
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.speech.audio import SpeechLimits, load_speech
@@ -91,7 +111,7 @@ def diagnose_folders(
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if the workers are lost.
     """
-    check_weights(request.metrics.emage_weights, request.imports.reference)
+    check_weights(with_paths(request, Path.absolute).metrics, request.imports.reference)
     with ResultFolder(request.output.out, is_kept=True) as results:
         folders = unpack_archives(sets_of(request), results.scratch("sets"))
         return _diagnose_sets(in_folders(request, folders), on_progress, pool or JobPool(1))
@@ -191,12 +211,24 @@ def _diagnose_clips(
     notes += [sentence for each in numbers.values() for sentence in each["unread"]]
     above = told_above(files, list(numbers.values()))
     notes[:0] = above
-    distances, unsaid = distance_rows(
-        list(files), list(records.values()), here.metrics.emage_weights
+    systems, kept_records = list(files), list(records.values())
+    distances, unsaid = distance_rows(systems, kept_records, here.metrics)
+    origin = _origin_of(systems, numbers, request.metrics)
+    published = PublishedMetrics(kept_records)
+    speeds = _speeds_of(here)
+    compared = _by_rule(published, systems, numbers, speeds) | distance_values(
+        systems, kept_records, here.metrics, _variations(here)
     )
-    origin = _origin_of(list(files), numbers, request.metrics.mean_speeds)
     written, told = write_tables(
-        request.output.out, list(files), numbers, above, left_out, origin=origin, more=distances
+        request.output.out,
+        systems,
+        numbers,
+        above,
+        left_out,
+        origin=origin,
+        more=[*distances, *published.rows(systems)],
+        speeds=speeds,
+        below=rule_lines(systems, compared, here.metrics.expected),
     )
     drawn, said = draw_spread(request.output.out, list(files), list(numbers.values()))
     return SetResults(
@@ -210,6 +242,42 @@ def _diagnose_clips(
         },
         sounds={clip: sounds[clip] for clip in numbers if clip in sounds},
     )
+
+
+def _variations(request: DiagnoseRequest) -> tuple[str, ...]:
+    """Return the variations of rules that are measured: all, if values are expected."""
+    return tuple(name for name in VARIATIONS if name != PLAIN) if request.metrics.expected else ()
+
+
+def _speeds_of(request: DiagnoseRequest) -> BeatSpeeds:
+    """Return the source of the mean speeds of BeatAlign."""
+    if request.metrics.mean_speeds is not None:
+        return "emage"
+    return "own" if request.imports.reference is None else "reference"
+
+
+def _by_rule(
+    published: PublishedMetrics,
+    systems: list[str],
+    numbers: Mapping[str, dict[str, Any]],
+    speeds: BeatSpeeds,
+) -> dict[tuple[str, str, str, str], float]:
+    """Return the values of all protocols by system, id, name and variation."""
+    values = {
+        (system, protocol, key, variation): float(drawn[0])
+        for system in systems
+        for protocol in PROTOCOLS
+        for variation in VARIATIONS
+        for key, drawn in published.values(protocol, system, variation).items()
+    }
+    for system in systems:
+        for key in ("beat_align", "l1_diversity_m"):
+            measured = [each["systems"][system]["numbers"].get(key) for each in numbers.values()]
+            known = [value for value in measured if value is not None]
+            if known:
+                protocol = protocol_of(key, speeds)
+                values[system, protocol, key, PLAIN] = sum(known) / len(known)
+    return values
 
 
 def _semantics_of(request: DiagnoseRequest, clip: str) -> Path | None:
@@ -288,6 +356,7 @@ class _Clip:
                 str(request.imports.import_overrides),
                 str(request.video.body),
                 request.speech.channel,
+                bool(request.metrics.expected),
             ],
         )
 
@@ -297,7 +366,7 @@ class _Clip:
             is_kept = json.loads(self.record.read_text()).get("stamp") == self._stamp()
         except (OSError, ValueError, AttributeError):
             return False
-        return is_kept and codes_path(self.record).is_file()
+        return is_kept and all(path(self.record).is_file() for path in (codes_path, sums_path))
 
     def measure(self) -> None:
         """Measure all systems and the reference over their common frames, with means over samples.
@@ -337,11 +406,35 @@ class _Clip:
             assumed = [assumed_in(each) for each in readings[name].values()]
             systems[name] = {**mean_of_samples(told), "assumed": assumed}
         self.record.parent.mkdir(parents=True, exist_ok=True)
-        save_codes(self.record, motions, self.request.metrics.emage_weights)
+        variations = _variations(self.request)
+        save_codes(self.record, motions, self.request.metrics, variations)
+        save_sums(self.record, self._sums(readings, motions, heard["inputs"]))
         told = {"frames": shortest, "systems": systems, "unread": unread}
         write_atomically(
             self.record, json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n"
         )
+
+    def _sums(
+        self,
+        readings: Mapping[str, Mapping[str, Reading]],
+        motions: Mapping[str, Sequence[Motion]],
+        inputs: ProtocolInputs,
+    ) -> dict[tuple[str, str], dict[str, Sums]]:
+        """Return the sums of published protocols by system and variation."""
+        sums: dict[tuple[str, str], dict[str, Sums]] = {}
+        varied, with_own = _variations(self.request), bool(self.request.metrics.expected)
+        for name, samples in motions.items():
+            recorded = None
+            if name != REFERENCE_NAME and REFERENCE_NAME in motions:
+                recorded = motions[REFERENCE_NAME][0]
+            for variation in (PLAIN, *varied):
+                sums[name, variation] = mean_sums([
+                    without_parts(
+                        sums_of(motion, recorded, inputs, variation, with_own), reading.lacks
+                    )
+                    for motion, reading in zip(samples, readings[name].values(), strict=True)
+                ])  # fmt: skip
+        return sums
 
     def _heard(self, num_frames: int) -> dict[str, Any]:
         """Return the arguments of `raw_evidence` that do not depend on the motion."""
@@ -378,13 +471,13 @@ class _Clip:
 
 
 def _origin_of(
-    systems: list[str], numbers: Mapping[str, dict[str, Any]], mean_speeds: Path | None
+    systems: list[str], numbers: Mapping[str, dict[str, Any]], metrics: MetricOptions
 ) -> dict[str, Any]:
     """Return the ``provenance`` of ``many.json``.
 
     Args:
         numbers: records by clip, with the ``sha256`` of each file.
-        mean_speeds: file of published mean speeds, if BeatAlign used it.
+        metrics: files that protocols used.
     """
     digests = {}
     for name in systems:
@@ -395,8 +488,16 @@ def _origin_of(
         "project": revision(),
         "systems": digests,
         "reference": digests.get(REFERENCE_NAME),
-        "encoders": {"FGD": load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256},
-        "mean_speeds": mean_speeds and file_sha256(mean_speeds),
+        "encoders": {"FGD": load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256}
+        | {
+            protocol: file_sha256(path)
+            for protocol, path in (
+                ("fgd/emage", metrics.emage_weights),
+                ("fgd/genea", metrics.genea_weights),
+            )
+            if path is not None
+        },
+        "mean_speeds": metrics.mean_speeds and file_sha256(metrics.mean_speeds),
         "measures": METRICS_VERSION,
     }
 

@@ -20,6 +20,8 @@ from app.findings.measure_rows import JERK, MEASURES, TITLES, Measure, ranged, w
 from app.findings.verdict import ENOUGH_CLIPS
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
+from model.metrics.protocols.table import WORKBENCH, protocol_of
+from model.metrics.results import BeatSpeeds
 from model.storage.escaping import csv_text, markdown, tex
 
 NUM_WORST = 10
@@ -31,7 +33,7 @@ OfSystems = dict[str, list[tuple[str, dict[str, Any]]]]
 Row = tuple[Any, ...]
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
-    *("difference_to", "difference", "difference_low", "difference_high"),
+    *("difference_to", "difference", "difference_low", "difference_high", "protocol"),
 )
 
 
@@ -75,6 +77,8 @@ def write_tables(
     *,
     origin: Mapping[str, Any] | None = None,
     more: Iterable[Row] = (),
+    speeds: BeatSpeeds = "own",
+    below: Sequence[str] = (),
 ) -> tuple[tuple[Path, ...], dict[str, Any]]:
     """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
 
@@ -85,6 +89,8 @@ def write_tables(
         left_out: reasons by omitted clip.
         origin: provenance of the numbers.
         more: rows of metrics of whole sets.
+        speeds: source of the mean speeds of BeatAlign.
+        below: Markdown lines below the tables of ``sheet.md``.
 
     Returns:
         The files, and the content of ``many.json``.
@@ -93,7 +99,7 @@ def write_tables(
     of_systems = {
         name: [(clip, each["systems"][name]) for clip, each in numbers.items()] for name in systems
     }
-    rows = [*_rows(of_systems), *more]
+    rows = [*_rows(of_systems, speeds), *more]
     findings = {
         name: dict(Counter(kind for _, each in of for kind in set(each["findings"])).most_common())
         for name, of in of_systems.items()
@@ -111,6 +117,7 @@ def write_tables(
         *_sheet(systems, told, means),
         *_worst_lines(told["worst"]),
         *_spread_lines(of_systems),
+        *below,
     ]
     contents = {
         "many.csv": csv_text([HEADER, *rows]),
@@ -210,7 +217,7 @@ def _latex(systems: list[str], clips: int, means: Cells) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _rows(of_systems: OfSystems) -> Iterator[Row]:
+def _rows(of_systems: OfSystems, speeds: BeatSpeeds) -> Iterator[Row]:
     """Yield the mean of each system and the differences of all pairs, by metric."""
     for measure in MEASURES:
         values = {
@@ -221,22 +228,36 @@ def _rows(of_systems: OfSystems) -> Iterator[Row]:
             known = own[~np.isnan(own)]
             if not len(known):
                 continue
-            head = measure.key, measure.unit, name
-            yield (*head, len(known), *interval(known.tolist()), *[""] * 4)
+            head, protocol = (measure.key, measure.unit, name), protocol_of(measure.key, speeds)
+            yield (*head, len(known), *interval(known.tolist()), *[""] * 4, protocol)
             for other in list(values)[place + 1 :]:
                 pairs = own - values[other]
                 pairs = pairs[~np.isnan(pairs)]
                 if len(pairs):
-                    yield (*head, len(pairs), "", "", "", other, *interval(pairs.tolist()))
+                    yield (
+                        *head,
+                        len(pairs),
+                        "",
+                        "",
+                        "",
+                        other,
+                        *interval(pairs.tolist()),
+                        protocol,
+                    )
 
 
 def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
-    """Format means with their intervals, and stars as explained by `star_legend`."""
+    """Format means with their intervals, and stars as explained by `star_legend`.
+
+    Values of different protocols are never in one row; the title names all but the workbench's own.
+    """
     told: Cells = {}
-    for key in dict.fromkeys(row["measure"] for row in rows):
-        own = [row for row in rows if row["measure"] == key]
+    for key, protocol in dict.fromkeys((row["measure"], row["protocol"]) for row in rows):
+        own = [row for row in rows if (row["measure"], row["protocol"]) == (key, protocol)]
         cells = [_cell(own, name, systems[-1]) for name in systems]
-        told[_with_unit(TITLES.get(str(key), str(key)), own[0]["unit"])] = cells
+        title = _with_unit(TITLES.get(str(key), str(key)), own[0]["unit"])
+        is_named = protocol == WORKBENCH or str(key).startswith(protocol)
+        told[title if is_named else f"{title} · {protocol}"] = cells
     return told
 
 

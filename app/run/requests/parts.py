@@ -127,6 +127,26 @@ def parse_overrides(value: str) -> Assumptions:
         raise RunError(str(error)) from error
 
 
+def parse_expected(text: str) -> tuple[tuple[str, float], ...]:
+    """Parse ``fgd=4.2,beats/emage=.77``; raises RunError for what is none.
+
+    A name is a metric (the part of an id before the slash), an id, or a value such as slide_m.
+    """
+    from model.metrics.protocols.table import PROTOCOLS
+
+    names = {name for record in PROTOCOLS.values() for name in record.names}
+    expected = []
+    for part in parse_names(text):
+        name, _, value = (word.strip() for word in part.rpartition("="))
+        try:
+            expected.append((name, float(value)))
+        except ValueError:
+            raise RunError(f"{part!r} is no expected value, such as fgd=4.2.") from None
+        if name not in names:
+            raise RunError(f"There is no metric {name!r}; there are {', '.join(sorted(names))}.")
+    return tuple(expected)
+
+
 def check_choice(value: object, choices: tuple[Any, ...], what: str) -> None:
     """Check that a value is one of the choices; the RunError lists them."""
     if value not in choices:
@@ -334,6 +354,13 @@ class MetricOptions:
     semantics: File = None
     """BEAT's labels of semantic relevance, for SRGR: a file of its folder sem, or for folders of
     motions that folder."""
+    expected: Annotated[
+        tuple[tuple[str, float], ...],
+        text_type(parse_expected, "NAME=N,...", "none"),
+        arg(name="expect"),
+    ] = ()
+    """Values that a paper reports, such as fgd=4.2,beats/emage=.77: a table shows how much the rule
+    alone changes them on these motions; for folders of motions (docs/evaluation.md)."""
     weights: Suppress[Path] = BUNDLED_WEIGHTS
     """Folder of the accent network, which marks prominent words in the timeline."""
 

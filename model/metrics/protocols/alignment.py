@@ -6,6 +6,7 @@ whereas its speed is compared with the threshold at that index of the whole clip
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.signal import argrelextrema
@@ -15,6 +16,8 @@ from model.metrics.beats import (
     BEAT_JOINTS,
     NEIGHBOURS,
     audio_to_motion,
+    beats_of,
+    counted,
     joint_speeds,
     speech_onsets,
 )
@@ -65,3 +68,23 @@ class SlicedBeats:
         count = frames - 2 * self.margin
         score = audio_to_motion(onsets, beats)
         return {"count": np.array(float(count)), "beat_align": np.array(score * count)}
+
+
+def workbench_sums(clip: Clip, speeds: Literal["reference", "own", "emage"]) -> Sums:
+    """Compute the sums of this workbench's BeatAlign (`model.metrics.beats`) for a clip.
+
+    Args:
+        speeds: source of the mean speeds of the joints.
+    """
+    assert clip.waveform is not None
+    mean_speeds = clip.mean_speeds
+    if speeds != "emage":
+        source = clip.reference if speeds == "reference" else clip
+        assert source is not None
+        mean_speeds = joint_speeds(source.rooted[:, BEAT_JOINTS]).mean(axis=0)
+    assert mean_speeds is not None
+    onsets = counted(speech_onsets(clip.waveform), len(clip.joints) / FPS)
+    if not len(onsets):
+        return {}
+    score = audio_to_motion(onsets, beats_of(clip.rooted, mean_speeds))
+    return {"count": np.array(1.0), "beat_align": np.array(score)}

@@ -82,8 +82,10 @@ class ProtocolInputs:
 
 
 def mean_values(sums: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Divide all sums by ``count``."""
+    """Divide all sums by ``count``; nothing if that is 0."""
     count = float(sums["count"])
+    if not count:
+        return {}
     return {key: float(value) / count for key, value in sums.items() if key != "count"}
 
 
@@ -111,10 +113,18 @@ class Protocol:
     encoder: str = "none"
     """File of the encoder and its sha256."""
     seeds: str = "none"
+    is_own: bool = False
+    """True for a metric of this program, which ordinary runs measure without the sums."""
     sums: Callable[[Clip], Sums] | None = None
     """Function from a clip to its sums, empty if it is too short; None if others measure it."""
     evaluate: Callable[[Mapping[str, np.ndarray]], dict[str, float]] = mean_values
     """Function from added sums to values."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the metric: its values, and if there is one only, the id and its first part."""
+        values = tuple(self.values or ())
+        return (*values, self.id, self.id.partition("/")[0]) if len(values) == 1 else values
 
     def sums_of(self, clip: Clip) -> Sums:
         """Compute the sums of a clip; empty if it lacks an input."""

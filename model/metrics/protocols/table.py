@@ -5,15 +5,19 @@ command ``protocols`` are made from these records.
 """
 
 from collections.abc import Collection, Mapping
+from functools import partial
 from typing import TypeVar
 
-from model.metrics.protocols.alignment import SlicedBeats
+import numpy as np
+
+from model.metrics.protocols.alignment import SlicedBeats, workbench_sums
 from model.metrics.protocols.coverage import coverage_sums
 from model.metrics.protocols.face import squared_error_sums, velocity_error_sums
 from model.metrics.protocols.genea import correlation_sums, hellinger, histogram_sums
 from model.metrics.protocols.physical import physical_sums
 from model.metrics.protocols.record import Clip, Need, Protocol, Sums
 from model.metrics.protocols.semantics import RelevanceRecall
+from model.metrics.reference_error import l1_to_mean
 from model.metrics.results import BeatSpeeds
 
 WORKBENCH = "workbench/1"
@@ -26,6 +30,12 @@ _UPPER = "13 upper-body joints of the open body (m), pelvis-aligned; onsets of l
 _PANTOMATRIX = "PantoMatrix/PantoMatrix"
 _GENEA = "genea-workshop/genea_numerical_evaluations"
 _RAG = "m-hamza-mughal/RAG-Gesture"
+
+
+def diversity_sums(clip: Clip) -> Sums:
+    """Compute the L1 distance to the mean pose of a clip."""
+    return {"count": np.array(1.0), "l1_diversity_m": np.array(l1_to_mean(clip.rooted))}
+
 
 PROTOCOLS: Mapping[str, Protocol] = {
     record.id: record
@@ -44,6 +54,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             _UPPER, "all but 2 s at both ends; mean over clips",
             "EMAGE's formula, with beats and onsets counted from the start of the clip", "our own",
             {"beat_align": "0 to 1"}, ("waveform", "reference"),
+            is_own=True, sums=partial(workbench_sums, speeds="reference"),
         ),
         Protocol(
             "beats/workbench-own",
@@ -51,6 +62,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "motion. A slow motion is thus not penalised.",
             _UPPER, "all but 2 s at both ends; mean over clips", "as beats/workbench", "our own",
             {"beat_align": "0 to 1"}, ("waveform",),
+            is_own=True, sums=partial(workbench_sums, speeds="own"),
         ),
         Protocol(
             "beats/workbench-emage",
@@ -58,6 +70,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "counts beats from another start and so gives another number: beats/emage.",
             _UPPER, "all but 2 s at both ends; mean over clips", "as beats/workbench", "our own",
             {"beat_align": "0 to 1"}, ("waveform", "mean_speeds"),
+            is_own=True, sums=partial(workbench_sums, speeds="emage"),
         ),
         Protocol(
             "beats/emage",
@@ -99,7 +112,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "L1 distance of the joints to their mean position in the clip, summed over all 165 "
             "coordinates. EMAGE adds the mean hand pose and the betas of the clip's body.",
             _ROOTED, "whole clip; mean over clips", f"{_PANTOMATRIX}, L1div",
-            values={"l1_diversity_m": "m"},
+            values={"l1_diversity_m": "m"}, is_own=True, sums=diversity_sums,
         ),
         Protocol(
             "diversity/globaldiff",
@@ -278,9 +291,14 @@ def protocol_of(metric: str, speeds: BeatSpeeds = "own") -> str:
     return OWN_METRICS.get(metric, _BEATS[speeds] if metric == "beat_align" else WORKBENCH)
 
 
-def protocol_sums(clip: Clip) -> dict[str, Sums]:
-    """Compute the sums of a clip for all protocols that have their inputs, by id."""
-    sums = {name: record.sums_of(clip) for name, record in PROTOCOLS.items()}
+def protocol_sums(clip: Clip, with_own: bool = False) -> dict[str, Sums]:
+    """Compute the sums of a clip for all protocols that have their inputs, by id.
+
+    Args:
+        with_own: also compute metrics of this program, which are measured apart.
+    """
+    chosen = {name: each for name, each in PROTOCOLS.items() if with_own or not each.is_own}
+    sums = {name: record.sums_of(clip) for name, record in chosen.items()}
     return {name: each for name, each in sums.items() if each}
 
 
@@ -297,22 +315,17 @@ def without_parts(by_id: Mapping[str, T], lacks: Collection[str]) -> dict[str, T
     return {name: each for name, each in by_id.items() if not set(PROTOCOLS[name].parts) & {*lacks}}
 
 
-def protocol_rows() -> list[tuple[str, str, str, str, str]]:
-    """Return rows for a table: id, rule, input with pieces and encoder, flags, comparison."""
-    return [
-        (
-            record.id,
-            record.rule,
-            "; ".join(
-                [
-                    f"{record.input}, {record.rate_fps:g} fps",
-                    record.pieces,
-                    *([] if record.encoder == "none" else [f"encoder {record.encoder}"]),
-                    *([] if record.seeds == "none" else [f"seed {record.seeds}"]),
-                ]
-            ),
-            " ".join(NEEDS[need] for need in record.needs) or "motion only",
-            f"{record.source}; compared with it: {record.compared}",
-        )
-        for record in PROTOCOLS.values()
-    ]
+HEADINGS = ("id", "rule", "input", "flags", "source")
+
+
+def protocol_row(record: Protocol) -> tuple[str, str, str, str, str]:
+    """Return the cells of a record in a table with `HEADINGS`."""
+    parts = [f"{record.input}, {record.rate_fps:g} fps", record.pieces]
+    parts += [f"{name} {each}" for name, each in (
+        ("encoder", record.encoder), ("seed", record.seeds)
+    ) if each != "none"]  # fmt: skip
+    flags = " ".join(NEEDS[need] for need in record.needs)
+    source = record.source
+    if record.compared != "our own":
+        source += f"; compared with it: {record.compared}"
+    return record.id, record.rule, "; ".join(parts), flags or "motion only", source

@@ -240,7 +240,7 @@ def test_every_number_carries_the_id_of_its_protocol(tmp_path: Path) -> None:
     motions = {"a": smooth_motion_example(400), "reference": smooth_motion_example(400, seed=1)}
     inputs = ProtocolInputs(np.zeros(16000 * 13, np.float32), np.full(13, 0.1))
     onsets_s = np.arange(2.5, 11, 0.4)
-    found = measure_motions(motions, TipSource(), onsets_s, inputs=inputs)
+    found = measure_motions(motions, TrackedPoint(), onsets_s, inputs=inputs)
     with ResultFolder(tmp_path) as folder:
         write_diagnostics(found, folder)
         folder.publish()

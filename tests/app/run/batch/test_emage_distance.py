@@ -13,6 +13,7 @@ from app.findings.measure_rows import FGD_EMAGE
 from app.run.batch.frechet_distances import distance_rows, least_codes, save_codes
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
+from app.run.requests.parts import MetricOptions
 from app.run.requests.requests import AnyRun
 from model.motion.motion import Motion, save_motion
 from model.storage.cards import CheckpointError
@@ -50,13 +51,13 @@ def _motions(frames: int, seed: int) -> dict[str, Motion]:
 
 @pytest.mark.usefixtures("few_draws")
 def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_path: Path):
-    encoder = load_emage_encoder(weights)
+    encoder, metrics = load_emage_encoder(weights), MetricOptions(emage_weights=weights)
     codes: dict[str, list[np.ndarray]] = {"reference": [], **{name: [] for name in SIZES}}
     records: list[Path] = []
     for seed, (clip, length) in enumerate(FRAMES.items()):
         motions = _motions(length, seed)
         record = tmp_path / f"{clip}.json"
-        save_codes(record, {name: [motion] for name, motion in motions.items()}, weights)
+        save_codes(record, {name: [motion] for name, motion in motions.items()}, metrics)
         records.append(record)
         for name, motion in motions.items():
             codes[name] += [emage_codes(encoder, motion)] * (length >= 32)
@@ -66,7 +67,7 @@ def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_pa
         name: np.array([_plain_distance(codes["reference"], codes[name], i) for i in indices])
         for name in SIZES
     }
-    rows, notes = distance_rows(["lively", "calm", "reference"], records, weights)
+    rows, notes = distance_rows(["lively", "calm", "reference"], records, metrics)
     assert not notes
     lively, apart, calm = (row for row in rows if row[0] == FGD_EMAGE)
     for row, name, other in ((lively, "lively", ""), (calm, "calm", "")):
@@ -76,7 +77,7 @@ def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_pa
     values = told["lively"] - told["calm"]
     assert apart[2:7] == ("lively", 3, "", "", "") and apart[7] == "calm"
     wanted = [values[0], *np.percentile(values[1:], [2.5, 97.5])]
-    assert apart[8:] == pytest.approx(wanted, rel=1e-5)
+    assert apart[8:11] == pytest.approx(wanted, rel=1e-5) and apart[11] == "fgd/emage"
 
 
 def _save_sets(top: Path) -> None:

@@ -1,0 +1,243 @@
+"""Published protocols of sets of clips, and how much the rule alone changes a number.
+
+The sums of each clip are stored next to its record; those of sets and of bootstrap draws are added
+from them. With expected values, the sums are stored once more for each variation of the rule: other
+pieces, frame rate and skeleton, and no translation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.findings.measure_rows import written
+from conventions.names import REFERENCE_NAME
+from model.evaluation.tables import drawn_clips, interval_of
+from model.metrics.protocols.record import ProtocolInputs, Sums
+from model.metrics.protocols.table import PROTOCOLS, protocol_sums
+from model.motion.kinematics import RestSkeleton, open_body_skeleton
+from model.motion.motion import Motion, first_frames
+from model.motion.tracks import track_points
+from model.storage.escaping import markdown
+from model.storage.files import written_atomically
+
+DRAWS = 200
+PLAIN = ""
+"""Variation that is none."""
+PIECE_FRAMES, TALLER = 300, 1.1
+Expected = tuple[tuple[str, float], ...]
+"""Names of metrics or protocols with the values that a paper reports."""
+
+
+def _at_15_fps(motion: Motion) -> Motion:
+    """Return a motion of which every second frame is the mean of its neighbours."""
+    arrays = {}
+    for name in ("poses", "trans", "expressions"):
+        values = getattr(motion, name).copy()
+        values[1:-1:2] = (values[:-2:2] + values[2::2])[: len(values[1:-1:2])] / 2
+        arrays[name] = values
+    return replace(motion, **arrays)
+
+
+@dataclass(frozen=True)
+class Variation:
+    """Change of the rule of which the effect is measured."""
+
+    motion: Callable[[Motion], Motion] = lambda motion: motion
+    scale: float = 1.0
+    """Size of the skeleton."""
+
+
+VARIATIONS: Mapping[str, Variation] = {
+    PLAIN: Variation(),
+    "first 10 s of each clip": Variation(lambda motion: first_frames(motion, PIECE_FRAMES)),
+    "sampled at 15 frames per second": Variation(_at_15_fps),
+    "without translation": Variation(
+        lambda motion: replace(motion, trans=np.zeros_like(motion.trans))
+    ),
+    "skeleton 10 % larger": Variation(scale=TALLER),
+}
+
+
+def _pairs_of(name: str) -> list[tuple[str, str]]:
+    """Return the ids and values that a name of a metric stands for."""
+    return [
+        (record.id, value)
+        for record in PROTOCOLS.values()
+        if name in record.names
+        for value in record.values or ()
+        if name == value or len(record.values or ()) == 1
+    ]
+
+
+def varied(motion: Motion, name: str) -> Motion:
+    """Return the motion of a variation."""
+    return VARIATIONS[name].motion(motion)
+
+
+def sums_of(
+    motion: Motion,
+    reference: Motion | None,
+    inputs: ProtocolInputs,
+    variation: str = PLAIN,
+    with_own: bool = False,
+) -> dict[str, Sums]:
+    """Compute the sums of all protocols for a motion, under a variation of the rule.
+
+    Args:
+        with_own: also for metrics of this program that have a protocol of their own.
+    """
+    bones = open_body_skeleton()
+    scale = VARIATIONS[variation].scale
+    skeleton = RestSkeleton(bones.rest_joints * scale, bones.tip_offsets * scale)
+    recorded = None
+    if reference is not None:
+        there = varied(reference, variation)
+        recorded = inputs.clip(there, track_points(there, skeleton))
+        motion = replace(motion, betas=reference.betas)  # faces of one shape
+    here = varied(motion, variation)
+    clip = inputs.clip(here, track_points(here, skeleton), recorded)
+    return protocol_sums(clip, with_own)
+
+
+def sums_path(record: Path) -> Path:
+    """Return the path of a clip's sums, next to its record."""
+    return record.with_suffix(".sums.npz")
+
+
+def save_sums(record: Path, sums: Mapping[tuple[str, str], Mapping[str, Sums]]) -> None:
+    """Write the sums of one clip by system and variation, atomically next to its record."""
+    arrays: dict[str, Any] = {
+        "|".join((variation, protocol, key, system)): value
+        for (system, variation), by_protocol in sums.items()
+        for protocol, each in by_protocol.items()
+        for key, value in each.items()
+    }
+    with written_atomically(sums_path(record)) as part:
+        np.savez(part, **arrays)
+
+
+def mean_sums(samples: Sequence[Mapping[str, Sums]]) -> dict[str, Sums]:
+    """Average the sums of the samples of one clip, of the protocols that all have."""
+    shared = set.intersection(*(set(each) for each in samples))
+    return {
+        name: {
+            key: np.mean([each[name][key] for each in samples], axis=0) for key in samples[0][name]
+        }
+        for name in samples[0]
+        if name in shared
+    }
+
+
+class PublishedMetrics:
+    """Values of all published protocols over sets of clips, with their bootstrap draws."""
+
+    def __init__(self, records: Sequence[Path]) -> None:
+        count = len(records)
+        drawn = [np.bincount(each, minlength=count) for each in drawn_clips(count, DRAWS)]
+        self._draws = np.array([np.ones(count), *drawn])
+        # Sums by variation, protocol, system and key, and the clips that have them.
+        self._sums: dict[tuple[str, str, str], dict[str, Any]] = {}
+        self.clips: dict[tuple[str, str, str], int] = {}
+        for place, record in enumerate(records):
+            with np.load(sums_path(record), allow_pickle=False) as file:
+                for name in file.files:
+                    variation, protocol, key, system = name.split("|", 3)
+                    where = variation, protocol, system
+                    drawn = np.multiply.outer(self._draws[:, place], file[name])
+                    known = self._sums.setdefault(where, {})
+                    known[key] = known.get(key, 0.0) + drawn
+                    self.clips[where] = self.clips.get(where, 0) + (key == next(iter(known)))
+
+    def values(self, protocol: str, system: str, variation: str = PLAIN) -> dict[str, np.ndarray]:
+        """Return the value of all clips and those of the draws, by name; NaN for an empty draw."""
+        sums = self._sums.get((variation, protocol, system), {})
+        if not sums:
+            return {}
+        draws = [
+            PROTOCOLS[protocol].evaluate({key: each[k] for key, each in sums.items()})
+            for k in range(len(self._draws))
+        ]
+        return {key: np.array([each.get(key, np.nan) for each in draws]) for key in draws[0]}
+
+    def rows(self, systems: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+        """Yield table rows (`app.run.batch.table.HEADER`) of values and paired differences."""
+        for protocol, record in PROTOCOLS.items():
+            if record.is_own:
+                continue
+            values = {name: self.values(protocol, name) for name in systems}
+            for key, unit in (record.values or {}).items():
+                known = {name: each[key] for name, each in values.items() if key in each}
+                for place, (name, own) in enumerate(known.items()):
+                    head = f"{protocol}/{key}", unit, name, self.clips[PLAIN, protocol, name]
+                    yield (*head, *_interval(own), *[""] * 4, protocol)
+                    for other in list(known)[place + 1 :]:
+                        apart = _interval(own - known[other])
+                        yield (*head, "", "", "", other, *apart, protocol)
+
+
+def _interval(values: np.ndarray) -> tuple[float, float, float]:
+    drawn = values[1:][~np.isnan(values[1:])]
+    found = interval_of(values[0], drawn if len(drawn) else values[:1])
+    return found.mean, found.low, found.high
+
+
+def rule_lines(
+    systems: Sequence[str],
+    values: Mapping[tuple[str, str, str, str], float],
+    expected: Expected,
+) -> list[str]:
+    """Format how much the rule alone changes the metrics that several protocols measured.
+
+    Args:
+        values: values by system, protocol, name and variation.
+        expected: values that papers report; their metrics are also listed if only one protocol
+            measured them.
+
+    Returns:
+        Lines of Markdown; none if there is nothing to compare.
+    """
+    rows: list[tuple[str, ...]] = []
+    groups = {name: _pairs_of(name) for name, _ in expected}
+    for record in PROTOCOLS.values():
+        family = record.id.partition("/")[0]
+        if family in record.names:
+            groups.setdefault(family, _pairs_of(family))
+    for name, pairs in groups.items():
+        reported = dict(expected).get(name)
+        shown = VARIATIONS if reported is not None else (PLAIN,)
+        for system in systems:
+            own = [
+                (protocol, variation, values[system, protocol, key, variation])
+                for protocol, key in pairs
+                for variation in shown
+                if (system, protocol, key, variation) in values
+            ]
+            if system == REFERENCE_NAME or (reported is None and len(own) < 2):
+                continue
+            plain = {protocol: value for protocol, variation, value in own if variation == PLAIN}
+            first = next(iter(plain.values()))
+            for place, (protocol, variation, value) in enumerate(own):
+                change = value - (first if variation == PLAIN else plain[protocol])
+                told = f"{change:+.3g}" if abs(change) > 1e-9 * abs(value) else "0"
+                gap = ["" if reported is None else f"{value - reported:+.3g}"] if expected else []
+                rule = protocol if variation == PLAIN else f"{protocol}, {variation}"
+                cells = name, markdown(system), rule, written(value), told if place else "", *gap
+                rows.append(cells)
+    if not rows:
+        return []
+    head = ["metric", "system", "rule", "value", "change by the rule"]
+    head += ["above the expected value"] if expected else []
+    told = ", ".join(f"{name} {value:g}" for name, value in expected)
+    return [
+        "",
+        "The same motion by different rules: how much the rule alone changes the number. Another "
+        "protocol is compared with the first one, a variation with the same protocol unvaried."
+        + (f" Expected: {told}." if told else ""),
+        "",
+        *(f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)),
+    ]
