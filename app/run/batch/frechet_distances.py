@@ -117,8 +117,8 @@ def save_codes(
         np.savez(part, **{key: each.astype(np.float32) for key, each in codes.items()})
 
 
-def _key(judge: int, name: str, variation: str) -> str:
-    return f"{judge} {name}" + (f"|{variation}" if variation else "")
+def _key(number: int, name: str, variation: str) -> str:
+    return f"{number} {name}" + (f"|{variation}" if variation else "")
 
 
 def distance_values(
