@@ -138,8 +138,8 @@ def distance_values(
             if len(recorded) < least_codes(recorded.shape[1]):
                 continue
             for name in (name for name in systems if name != REFERENCE_NAME):
-                made = np.concatenate(list(_codes_of(number, records, name, variation)))
-                moments = Moments.of(recorded), Moments.of(made)
+                codes = np.concatenate(list(_codes_of(number, records, name, variation)))
+                moments = Moments.of(recorded), Moments.of(codes)
                 distance = distance_of(*moments, judge.offset)
                 values[name, judge.protocol, "fgd", variation] = distance
     return values
@@ -196,8 +196,8 @@ def _rows(
     recorded = _drawn(clips(REFERENCE_NAME), num_clips)
     apart = {
         name: np.array([
-            distance_of(real, made, judge.offset)
-            for real, made in zip(recorded, _drawn(clips(name), num_clips), strict=True)
+            distance_of(real, other, judge.offset)
+            for real, other in zip(recorded, _drawn(clips(name), num_clips), strict=True)
         ])
         for name in systems
         if name != REFERENCE_NAME
