@@ -11,7 +11,7 @@ from torch import nn
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.batch.leaderboard import board_page, entries_of
+from app.run.batch.leaderboard import entries_of, leaderboard_html
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MetricOptions, parse_expected
@@ -136,11 +136,11 @@ def test_values_of_different_protocols_are_in_different_rows_of_tables(results: 
         assert f"| {name}/beat_align (0 to 1) |" in sheet
     lively, calm, *_ = entries_of(results.output.out)
     other = {key: replace(each, protocol="x/y") for key, each in calm.measures.items()}
-    page = board_page([lively, replace(calm, measures=other)])
+    page = leaderboard_html([lively, replace(calm, measures=other)])
     assert page.count("Slide on the ground <small>cm/s</small>") <= 1
     assert "foot_sliding_cm_s · workbench/1" in page and "foot_sliding_cm_s · x/y" in page
     assert lively.measures["beats/emage/beat_align"].protocol == "beats/emage"
-    assert "Protocol beats/emage." in board_page([lively, calm])
+    assert "Protocol beats/emage." in leaderboard_html([lively, calm])
 
 
 def test_the_effect_of_the_rule_alone_is_told_next_to_expected_values(results: AnyRun):
