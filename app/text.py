@@ -16,6 +16,16 @@ UNTRAINED = (
     "that the software works."
 )
 
+PAPER = (
+    "This page is about <b>GlobalDiff</b>: X. Zhang, J. Li, J. Ren and J. Zhang, <i>Mitigating "
+    "Error Accumulation in Co-Speech Motion Generation via Global Rotation Diffusion and "
+    "Multi-Level Constraints</i>, AAAI 2026. It is an independent project."
+)
+PAPER_LINKS = {
+    "Paper": "https://arxiv.org/abs/2511.10076",
+    "Project page": "https://xiangyuezhang.com/GlobalDiff/",
+    "The authors' code": "https://github.com/Xiangyue-Zhang/GlobalDiff",
+}
 WEIGHTS = "Weights: {are}."
 
 MOTION_TAB = "Motion"
@@ -50,18 +60,7 @@ WORDS_HELP = (
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
 
-LOOK_QUESTION = "Which hand trembles?"
-LOOK_ABOUT = (
-    "Two bodies, one motion: what {system} made of an example's speech. On one arm of one of them "
-    "lies a tremble that its joints hardly show, and a fingertip does. Watch the hands."
-)
-LOOK_SHOW = "Show the answer"
-LOOK_ANSWER = (
-    "The right hand of {row}, on the left of the picture. Shoulder, elbow and wrist turn by "
-    "{noise:g} rad at random in each frame; its fingertip jerks {trembling:,} m/s³, that of the "
-    "other {steady:,}. The time line shows it, and Worst second leads to it."
-)
-ENLARGE_FIGURE = "Enlarge: {title}"
+ENLARGE_FIGURE = "Show large: {title}"
 
 
 @dataclass(frozen=True)

@@ -62,14 +62,15 @@ def build_app(services: Services) -> gr.Blocks:
                 live_results = live_tab.build_live_tab(page, services)
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_own_motion_tab(page, services)
-            with gr.Tab(text.LADDER_TAB) as systems_tab:
-                MechanismRunner(systems_tab, services)
+            with gr.Tab(text.LADDER_TAB):
+                MechanismRunner(services)
                 build_systems_tab(services.catalogue.systems)
                 HearingRunner(services)
                 StepCurveRunner(services)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(services)
                 build_analysis(services)
+        gr.HTML(markup.about_paper())
         for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
             SeenRunner(services, parts).wire(prefix)
         TakesRunner(services, results).wire()

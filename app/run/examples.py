@@ -124,9 +124,9 @@ PLANTS = (
 """Planted faults; those that are detected by the mean or median of all frames last longer."""
 
 
-STEADY, TREMBLING = "A", "B"
 FIRST_LOOK = EXAMPLES / "first_look"
-"""Run folder that a fresh page shows first, made with the bundled weights by `python -m
+"""Run folder of the motion that a fresh page shows, made with the bundled weights by `python -m
 tests.app.run.made_first_look`."""
+FIRST_MOTION = FIRST_LOOK / "shown" / "A.npz"
 FIRST_LOOK_METADATA = "first_look.json"
-"""File in it: jerk (m/s^3) of both fingertips by row, the noise, and the source of the motion."""
+"""File in `FIRST_LOOK`: the source of the motion."""

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from app import text
 from app.config import AppConfig
 from app.findings.measure_rows import JERK
 from app.page.tabs import own_motion
-from app.run.experiments.rotation_noise import NAMES
 from model.motion.motion import save_motion
 from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import write_wav
@@ -70,6 +69,11 @@ def address(
         yield address
 
 
+def errors_of(headline: Locator) -> list[float]:
+    """The error on local and on global rotations (cm) that the first screen tells."""
+    return [float(each) for each in re.findall(r"([\d.]+) cm", headline.inner_text())]
+
+
 def followed(page: Page, link: str, bodies: int) -> Page:
     """The page of two runs, opened by the link below one."""
     with page.context.expect_page() as both:
@@ -96,16 +100,20 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     page = watched(context.new_page())
     page.goto(f"{address}#stage&x=4&t=1")  # left by a run before
 
-    # The example moves, and all of its picture is in the first window, the hands below the body.
-    page.locator(".first-look").wait_for()
-    expect(page.get_by_role("heading", name=text.LOOK_QUESTION)).to_be_visible()
+    # Two bodies move with equal noise; the sentence says at once what the slider makes of them.
+    headline = page.locator("#player .argument-head")
+    expect(headline).to_contain_text(re.compile(r"Same noise, 2\.\d times the fingertip error"))
     page.wait_for_function("() => document.querySelector('#player .lockstep')?.stage?.pictures > 5")
     expect(page.locator("#player .stage-view")).to_be_in_viewport(ratio=0.99)
     assert page.evaluate(f"{LOCKSTEP}.isPlaying && {SOUND}.muted")
-    page.evaluate(f"{LOCKSTEP}.pause()")
-    page.get_by_text(text.LOOK_SHOW).click()
-    expect(page.locator(".first-look details")).to_contain_text(re.compile(r"jerks \d,\d{3} m/s³"))
+    slider = page.get_by_label("Noise on every joint").first
     expect(page.locator("#player .controls")).to_be_in_viewport(ratio=0.99)
+    few = errors_of(headline)
+    slider.fill("0.06")
+    expect(headline).to_contain_text("noise of 3.4°")
+    for more, less in zip(errors_of(headline), few, strict=True):
+        assert 2.7 < more / less < 3.3, "three times the noise"
+    page.evaluate(f"{LOCKSTEP}.pause()")
     page.get_by_role("tab", name=text.MOTION_TAB, exact=True).focus()
     reached = [tabbed(page)]  # by the keyboard alone
     while reached[-1] != text.GENERATE:
@@ -135,7 +143,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     waiting = page.locator("#player .stage .said", has_text="Waiting for the next window")
     expect(waiting).to_be_visible()
     assert page.evaluate("document.querySelector('.lockstep').look.get('factor')") == 4
-    expect(page.locator("#look")).to_be_hidden()
+    expect(headline).to_be_hidden()
 
     # Whoever comes meanwhile is told the place in the queue.
     other = watched(context.new_page())
@@ -300,7 +308,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     both.close()
     again.close()
 
-    # The other tabs; two bodies argue by themselves where they are first looked at, once.
+    # The other tabs; in one of them the same two bodies.
     for tab in (own_motion.TAB, text.STUDY_TAB):
         page.get_by_role("tab", name=tab, exact=True).click()
         expect_fit(page)
@@ -311,16 +319,14 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(page.locator(".ladder .equation .katex-html")).to_have_count(5)
     expect(page.locator(".ladder .katex-error")).to_have_count(0)
     page.wait_for_function(ARGUE)
-    names = page.locator("#mechanism-player .stage-tag header b")
-    expect(names.first).to_have_text(NAMES[0])
-    expect(page.locator("#mechanism-says")).to_contain_text("Equal noise is an assumption")
-    run = page.evaluate("document.querySelector('#mechanism-player audio').src")
-    page.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
-    page.get_by_role("tab", name=text.LADDER_TAB).click()
-    assert page.evaluate("document.querySelector('#mechanism-player audio').src") == run
+    told = page.locator("#mechanism-player .argument-head")
+    expect(told).to_contain_text("noise of 1.1°")
     page.locator("#mechanism-noise input[type=number]").fill("0.05")
+    expect(told).to_contain_text("noise of 2.9°")  # before anything is asked of the server
+    run = page.evaluate("document.querySelector('#mechanism-player audio').src")
     page.locator("#mechanism-start").click()
     expect(page.locator("#mechanism-status")).to_contain_text("0.05 rad")
+    expect(page.locator("#mechanism-says")).to_contain_text("Equal noise is an assumption")
     page.wait_for_function(
         f"run => ({ARGUE})() && {ARGUED}.querySelector('audio').src !== run", arg=run
     )

@@ -56,6 +56,15 @@ def header(trained_on: str) -> str:
     )
 
 
+def about_paper() -> str:
+    """Format the foot of the page: the paper that it is about, with links."""
+    links = " ".join(
+        f'<a href="{url}" target="_blank" rel="noopener">{words}</a>'
+        for words, url in text.PAPER_LINKS.items()
+    )
+    return f'<footer class="paper"><p>{text.PAPER}</p><p>{links}</p></footer>'
+
+
 def step(number: int, title: str) -> str:
     return f'<h2 class="step"><span aria-hidden="true">{number}</span>{escape(title)}</h2>'
 

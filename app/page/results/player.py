@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app import text
 from app.errors import RunError, page_sentence
 from app.page.routes.media import Address, Media
-from app.run.examples import FIRST_LOOK, FIRST_LOOK_METADATA, STEADY, TREMBLING
+from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import (
     DAMAGED,
     MAX_RUN_BYTES,
@@ -28,6 +25,8 @@ from app.run.output.run_folder import (
     read_run,
     runs_in,
 )
+from app.run.requests.requests import MAX_NOISE_RAD, MIN_NOISE_RAD, RotationNoiseRequest
+from conventions.colors import colors_of
 from conventions.names import REFERENCE_NAME, file_stem
 from model.storage.json_validation import FieldError, read_checked
 
@@ -169,26 +168,29 @@ def _assumed(row: Row) -> dict[str, Any]:
     return {"kind": f"*{row.ending}", "read": read}
 
 
-def first_look(media: Media) -> tuple[dict[str, Any], str]:
-    """Return the player's value and the HTML question of the example on a newly opened page."""
+def first_look(media: Media) -> dict[str, Any]:
+    """Return the player's value of the example on a newly opened page: the paper's argument."""
     value = Showing(FIRST_LOOK, media.share(FIRST_LOOK, "")).value()
-    plays = {**value, "plays": True, "guess": True, "running": False, "begins": False}
-    return plays, question(json.loads((FIRST_LOOK / FIRST_LOOK_METADATA).read_text()))
+    value |= {"running": False, "begins": False}
+    return with_noise(value, value["rows"][0], RotationNoiseRequest.noise_rad)
 
 
-def question(facts: dict[str, Any]) -> str:
-    """Format the question about the example, with the answer folded."""
-    jerk, (system,) = facts["jerk_m_s3"], facts["provenance"]["weights"]
-    answer = text.LOOK_ANSWER.format(
-        row=TREMBLING,
-        noise=facts["noise_rad"],
-        trembling=jerk[TREMBLING],
-        steady=jerk[STEADY],
-    )
-    about = text.LOOK_ABOUT.format(system=system)
-    return (
-        f'<div class="first-look"><h2>{escape(text.LOOK_QUESTION)}</h2>'
-        f"<p>{escape(about)}</p>"
-        f"<details><summary>{escape(text.LOOK_SHOW)}</summary><p>{escape(answer)}</p></details>"
-        f'<a class="own" href="#speech">{escape("Make your own")}</a></div>'
-    )
+ROTATION_SPACES = {"local": "Local rotations", "global": "Global rotations"}
+"""Labels of the two bodies with noise."""
+
+
+def with_noise(value: dict[str, Any], clean: dict[str, Any], rad: float) -> dict[str, Any]:
+    """Return a player's value with a row twice, for the browser to add noise to its rotations.
+
+    Args:
+        clean: row of the motion without noise.
+        rad: noise about each axis (rad) until the slider is moved.
+    """
+    colors = colors_of(ROTATION_SPACES, None)
+    kept = {key: clean[key] for key in ("frames", "there", "is_reference", "noise", "is_drawn")}
+    rows = [
+        {**kept, "name": name, "label": label, "stem": name, "space": name, "color": colors[name]}
+        for name, label in ROTATION_SPACES.items()
+    ]
+    noise = {"rad": rad, "range": [MIN_NOISE_RAD, MAX_NOISE_RAD], "has_slider": True}
+    return {**value, "rows": rows, "noise": noise, "plays": True}

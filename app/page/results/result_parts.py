@@ -22,8 +22,6 @@ class ResultParts:
     def __init__(self, prefix: str = "", ready: str = text.READY) -> None:
         self.message = told_part(prefix + "message")
         self.status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
-        self.look = told_part(prefix + "look")
-        """Question about the example that plays before the first run."""
         self.clips = gr.HTML("", visible=False, apply_default_css=False, elem_id=prefix + "clips")
         """Table over several clips."""
         self.clip = gr.Radio([], label="Shown below", visible=False, elem_id=prefix + "clip")

@@ -134,7 +134,7 @@ def build_form(services: Services) -> FormParts:
     """Lay out the form: speech, systems, settings and buttons."""
     catalogue, config = services.catalogue, services.config
     of: dict[str, Any] = {}
-    gr.HTML(markup.step(1, "Speech"))
+    gr.HTML(markup.step(1, "Generate from your speech"))
     of["speech"] = gr.Audio(
         label="Speech",
         sources=["upload", "microphone"],

@@ -191,7 +191,6 @@ class RunRunner(TabRunner):
     def blank(self) -> Updates:
         return {
             **self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), ""),
-            self._parts.look: shown(""),
             self._parts.runs: shown(""),
             **self._buttons(is_running=True),
         }
@@ -285,8 +284,7 @@ class Opening:
             return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
         if self._services.first_look is not None:
-            updates[parts.player], question = self._services.first_look
-            updates[parts.look] = shown(question)
+            updates[parts.player] = self._services.first_look
         if tokens:
             gone = text.RUN_GONE.format(minutes=round(self._services.config.keep_results_s / 60))
             updates[parts.message] = shown(markup.note(gone))

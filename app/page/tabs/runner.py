@@ -78,8 +78,8 @@ class Services:
     media: Media = field(default_factory=Media)
     private: Kept[Path] = field(default_factory=Kept)
     """Folders of researchers' parts that have not been fetched yet."""
-    first_look: tuple[dict[str, Any], str] | None = None
-    """Player's value and question of the example before the first run."""
+    first_look: dict[str, Any] | None = None
+    """Player's value of the example before the first run."""
     opened: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""
 

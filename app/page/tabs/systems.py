@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from html import escape
 from typing import Any, ClassVar
 
@@ -15,15 +15,16 @@ from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, about_systems, groups_of, strength_choices
 from app.page.parts.markup import Updates, player_part, reveal_on_click, shown, told_part
-from app.page.results.player import NOTHING, Showing
+from app.page.results.player import NOTHING, Showing, with_noise
 from app.page.results.result_parts import figures_html
 from app.page.tabs.runner import Services, TabRunner, last_share, page_request
 from app.page.visitors.files import Job
 from app.run.callbacks import FolderUpdated, RunEvent
-from app.run.examples import CLEAN
+from app.run.examples import FIRST_MOTION
 from app.run.requests.requests import (
     MAX_NOISE_RAD,
     MIN_NOISE_RAD,
+    WITHOUT_NOISE,
     RotationNoiseRequest,
     SpeechEffectRequest,
     StepSweepRequest,
@@ -101,14 +102,16 @@ MOTION_TYPES = [".npz", ".npy", ".bvh"]
 class FigureRunner(TabRunner):
     """Runner of an experiment: a part of the tab with a form and a figure."""
 
+    preview: dict[str, Any] = NOTHING
+    """Player's value before a run."""
     title: ClassVar[str]
     introduction: ClassVar[str]
     verb: ClassVar[str]
     asks: ClassVar[type[Any]]
     measure: ClassVar[Task]
 
-    def __init__(self, services: Services, also: Sequence[Callable[..., Any]] = ()) -> None:
-        """Lay out and wire the part; runs also start on the events in ``also``."""
+    def __init__(self, services: Services) -> None:
+        """Lay out and wire the part."""
         self.examples = services.catalogue.examples
         gr.HTML(f'{markup.heading(self.title)}<p class="hint">{self.introduction}</p>')
         with gr.Row(elem_classes="columns"):
@@ -125,10 +128,8 @@ class FigureRunner(TabRunner):
         super().__init__(services, status)
         reveal_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]
-        runs = [self.begins_on(start.click, self.fields, outputs=outputs, api_name=self.tab)]
-        inputs = [*self.fields.values()]
-        runs += [self.begins_on(event, inputs, outputs=outputs) for event in also]
-        self.ends_on(cancel, runs, outputs)
+        run = self.begins_on(start.click, self.fields, outputs=outputs, api_name=self.tab)
+        self.ends_on(cancel, run, outputs)
 
     def systems(self, catalogue: Catalogue, use: Use) -> gr.CheckboxGroup:
         """Make a field of systems, in which those usual for a use are ticked."""
@@ -159,7 +160,7 @@ class FigureRunner(TabRunner):
             updates: Updates = {}
             has_grown = any(isinstance(event, FolderUpdated) for event in events)
             if has_grown and showing.has_begun and showing.record.is_moving:
-                updates[self.player] = showing.value() | {"plays": True}
+                updates[self.player] = self.played(showing, wanted)
             share = last_share(events)
             if share is not None:
                 updates[self._status] = markup.sentence_status(f"Measuring: {share:.0%}")
@@ -171,15 +172,19 @@ class FigureRunner(TabRunner):
         files = (asked.out / name for name in record.results)
         yield {
             self._status: markup.sentence_status(record.sentence),
-            self.player: showing.value() | {"plays": True},
+            self.player: self.played(showing, wanted),
             self.message: shown(f'<ul class="hint">{lines}</ul>'),
             self.figure: shown(figures_html(files, address)),
         }
 
+    def played(self, showing: Showing, wanted: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the player's value of a run."""
+        return showing.value() | {"plays": True}
+
     def stopped(self, status: str, message: str) -> Updates:
         return {
             self._status: status,
-            self.player: NOTHING,
+            self.player: self.preview,
             self.message: shown(message),
             self.figure: shown(""),
         }
@@ -190,24 +195,30 @@ def _file(label: str, file_types: list[str]) -> gr.File:
 
 
 class MechanismRunner(FigureRunner):
-    """Runner of the paper's argument on two bodies, without a network; it starts with the tab."""
+    """Runner of the paper's argument on two bodies, without a network.
 
-    tab, verb = "mechanism", "Show both bodies"
+    The page adds the noise, so that its slider acts at once; a run measures and draws the error
+    along the arm, of the example or of an own motion.
+    """
+
+    tab, verb = "mechanism", "Measure along the arm"
     title = "Why global rotations? Equal noise on local and on global rotations"
     introduction = (
-        "One motion, shown twice. The same random noise is added to every joint, once to its "
-        "local rotation (relative to the parent) and once to its global rotation. No network is "
-        "involved. Look at the fingertips, then move the slider."
+        "One motion, two bodies. Every joint is turned at random by the same amount, once against "
+        "its parent and once in world coordinates. No network takes part. Move the slider and "
+        "watch the fingertips."
     )
     asks, measure = RotationNoiseRequest, COMPARE_ROTATION_NOISE
 
-    def __init__(self, tab: gr.Tab, services: Services) -> None:
-        """Lay out the part, and start the experiment when ``tab`` is first selected."""
-        first = gr.Button(elem_id="mechanism-first", elem_classes="told-elsewhere")
-        super().__init__(services, [first.click])
-        press = 'import(new URL("web/begun.js", document.baseURI))'
-        press += '.then(({ pressOnce }) => pressOnce("mechanism-first"));'
-        tab.select(None, js=f"() => {{ {press} }}", api_visibility="private")
+    def __init__(self, services: Services) -> None:
+        super().__init__(services)
+        if services.first_look is not None:
+            self.preview = _without_slider(services.first_look)
+            self.player.value = self.preview
+        set_noise = f"rad => document.querySelector('#{self.tab}-player .lockstep').setNoise(rad)"
+        self.fields["noise_rad"].input(
+            None, self.fields["noise_rad"], js=set_noise, api_visibility="private"
+        )
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         noise = gr.Slider(
@@ -223,10 +234,21 @@ class MechanismRunner(FigureRunner):
 
     def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
         return {
-            "motion": told["motion"] or CLEAN,
+            "motion": told["motion"] or FIRST_MOTION,
             "noise_rad": told["noise_rad"],
             "has_video": False,
         }
+
+    def played(self, showing: Showing, wanted: Mapping[str, Any]) -> dict[str, Any]:
+        value = showing.value()
+        clean = next((row for row in value["rows"] if row["name"] == WITHOUT_NOISE), {})
+        if "there" not in clean:
+            return NOTHING
+        return _without_slider(with_noise(value, clean, wanted["noise_rad"]))
+
+
+def _without_slider(value: dict[str, Any]) -> dict[str, Any]:
+    return {**value, "noise": {**value["noise"], "has_slider": False}}
 
 
 class HearingRunner(FigureRunner):

@@ -3,14 +3,6 @@
 import { found, wantsStillness } from "./dom.js";
 
 const SETTLED_MS = 2000; // in which what comes and goes above results moves them
-const pressed = new Set();
-
-/** Press what has an id, once, as soon as it is there: what a part of the page begins when it is first looked at. */
-export async function pressOnce(id) {
-  if (pressed.has(id)) return;
-  pressed.add(id);
-  (await found(`#${id}`))?.click();
-}
 
 /** Scroll to the results that hold the element of that id, unless their beginning is seen already. */
 export async function reveal(id) {

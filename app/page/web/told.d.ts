@@ -27,6 +27,8 @@ export interface Row {
   /** Number of a take of an edited plan, and the row that it is of. */
   take?: number;
   of?: string;
+  /** Rotations that the stage's noise is added to. */
+  space?: "local" | "global";
   /** How its file was understood, as model/formats/read.py has it; `kind` as "*.npz". */
   assumed?: { kind: string; read: Assumption[] };
 }
@@ -121,9 +123,10 @@ export interface Value {
   sounds?: Sound[];
   /** That more of it is being made. */
   running?: boolean;
-  /** An example that plays at once, and whether somebody is to guess what it shows. */
+  /** An example that plays at once. */
   plays?: boolean;
-  guess?: boolean;
+  /** Noise on both bodies at first (rad), its limits, and whether its slider is here. */
+  noise?: { rad: number; range: [number, number]; has_slider: boolean };
   /** That it plays as soon as it can. */
   begins?: boolean;
   /** Where its gestures can be edited. */

@@ -15,6 +15,7 @@ from app.run.output.run_folder import RunRecord
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.requests.requests import (
     ROTATION_NOISE_VIDEO,
+    WITHOUT_NOISE,
     RotationNoiseRequest,
 )
 from app.run.run_writer import RunWriter, open_run_writer
@@ -59,7 +60,8 @@ def compare_rotation_noise(request: RotationNoiseRequest, ear: RunCallbacks = NO
     with open_run_writer(request.out, record, ear, is_kept=request.is_kept) as run:
         tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
         run.note(*found.notes, *_growth_told(growth, request.noise_rad))
-        run.timeline(run.show(noisy, None, tip), NOTHING_SAID)
+        shown = run.show({**noisy, WITHOUT_NOISE: found.motion}, None, tip)
+        run.timeline(shown, NOTHING_SAID)
         _draw_growth(request, growth, run)
         if request.has_video:
             _draw_bodies(request, found.motion, noisy, run)

@@ -301,6 +301,8 @@ class SpeechEffectRequest:
 
 MIN_NOISE_RAD, MAX_NOISE_RAD = 0.005, 0.1
 ROTATION_NOISE_VIDEO = "mechanism.mp4"
+WITHOUT_NOISE = "without noise"
+"""Name of the unchanged motion in a run of the noise experiment."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,7 +30,7 @@ from app.findings.measure_rows import (
 )
 from app.findings.sentences import sentences_of
 from app.findings.verdict import verdict_of
-from app.run.examples import FIRST_LOOK
+from app.run.examples import FIRST_MOTION, tremble
 from app.run.output.run_folder import read_run
 from app.run.pipeline import run
 from app.run.run_writer import findings_told
@@ -40,6 +40,7 @@ from model.faults.analysis import Finding
 from model.metrics.results import BeatMeasures
 from model.metrics.seams import Period
 from model.metrics.tracked_point import JerkAttribution
+from model.motion.motion import load_motion, save_motion
 from tests.app.measured import both, diagnostics_of
 from tests.app.requests import diagnose_request
 from tests.helpers import ROOT
@@ -364,7 +365,9 @@ def test_in_what_the_claimed_system_is_worse_beyond_chance_is_told() -> None:
 def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     tmp_path: Path,
 ) -> None:
-    motions = (FIRST_LOOK / "shown" / "A.npz", FIRST_LOOK / "shown" / "B.npz")
+    trembling = tmp_path / "b.npz"
+    save_motion(tremble(load_motion(FIRST_MOTION)), trembling)
+    motions = (FIRST_MOTION, trembling)
     run(
         diagnose_request(motions=motions, out=tmp_path / "out", names=("A", "B"), has_figures=False)
     )

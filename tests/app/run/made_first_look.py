@@ -8,14 +8,13 @@ from pathlib import Path
 
 from app.config import EXAMPLES
 from app.run.bodies import TrackedPoint, picture_motions
-from app.run.examples import FIRST_LOOK, FIRST_LOOK_METADATA, NOISE_RAD, STEADY, TREMBLING, tremble
+from app.run.examples import FIRST_LOOK, FIRST_LOOK_METADATA, FIRST_MOTION
 from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.pipeline import generate
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.run_writer import open_run_writer
 from conventions.names import file_stem
 from conventions.rates import SAMPLE_RATE
-from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import NOTHING_SAID
@@ -27,7 +26,7 @@ LOOK_S = 6.7
 
 
 def make_first_look(out: Path) -> None:
-    """What the best system makes of the beginning of an example, and the same with a tremble."""
+    """What the best system makes of the beginning of an example."""
     tip = TrackedPoint()
     with tempfile.TemporaryDirectory() as temporary:
         beginning = Path(temporary, SPEECH)
@@ -40,17 +39,13 @@ def make_first_look(out: Path) -> None:
         result = generate(ask)
         motion = load_motion(result.out / f"{file_stem(BEST)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
-    motions = {STEADY: motion, TREMBLING: tremble(motion)}
+    motions = {FIRST_MOTION.stem: motion}
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
     with open_run_writer(out, record) as run:
-        jerk = {
-            name: round(float(derivative_magnitudes(tip.track(each), 3).mean()))
-            for name, each in motions.items()
-        }
         shown, _ = picture_motions(motions)
         run.timeline(run.show(shown, speech, tip, ask.sampling.weights), NOTHING_SAID)
         run.find_plans(shown)
-        facts = {"jerk_m_s3": jerk, "noise_rad": NOISE_RAD, "provenance": provenance}
+        facts = {"provenance": provenance}
         path = run.folder.path(FIRST_LOOK_METADATA)
         path.write_text(json.dumps(facts, indent=1) + "\n")
         run.file(path)

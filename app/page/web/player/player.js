@@ -6,10 +6,11 @@
 
 import { make, wantsStillness } from "../dom.js";
 import { FPS } from "../stage/motion.js";
-import { Look } from "../stage/look.js";
+import { DISPLAYS, Look } from "../stage/look.js";
 import { saidOtherwise } from "../stage/reading.js";
 import { Stage } from "../stage/stage.js";
 import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
+import { Argument } from "./argument.js";
 import { Controls } from "./controls.js";
 import { Editing } from "./editing.js";
 import { Findings } from "./findings.js";
@@ -22,6 +23,7 @@ const PRESSES = "button, a, summary"; // what the space bar presses
 const NO_STAGE = "This browser does not support 3D graphics (WebGL 2). Videos are shown instead, as soon as they are rendered.";
 
 const CROWD = 4; // bodies that need the width of the form
+const ARGUED = { hasHeat: true, hasTrail: false, heatScale: 2000 };
 const NOTE_MS = 400; // browsers allow few changes of an address in a while
 const MARK = "stage"; // of what is seen, behind the # of an address
 
@@ -55,11 +57,13 @@ class Player {
     this.editing = new Editing(this.#lockstep, this.timeline, { send: () => this.#press(".take-start"), onShown: () => this.#showStage(), onExpected: (places) => this.#stage?.expect(places) });
     this.editing.toggle.addEventListener("click", () => this.editing.isOpen && this.#foldForm(true));
     this.#stage?.element.addEventListener("body", ({ detail }) => this.timeline.bodies.value && this.timeline.showBody(detail));
+    this.argument = new Argument(this.#stage);
+    this.controls.element.append(this.argument.slider);
     this.timeline.bar.append(this.sounds, this.controls.worst.line);
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
     this.findings = new Findings(this.#lockstep);
     const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
-    const parts = [this.fold, this.#why, seen, this.#videos.element, this.controls.element, this.controls.displays.box, this.editing.element, this.timeline.element, this.#audio];
+    const parts = [this.fold, this.#why, this.argument.head, seen, this.#videos.element, this.controls.element, this.controls.displays.box, this.editing.element, this.timeline.element, this.#audio];
     root.replaceChildren(...parts);
     new ResizeObserver(() => this.#stage?.fit()).observe(this.timeline.element);
     root.classList.toggle("staged", this.#stage !== null);
@@ -67,12 +71,11 @@ class Player {
       const isEdited = target.closest(".editing.open ~ .timeline .event"); // and keys go on with it
       if (detail > 0 && !isEdited) target.closest("button")?.blur(); // after a mouse, the space bar plays again
     });
-    const answered = ({ target }) => this.#value.guess && target.closest(".first-look") && this.#showAnswer(target.open);
-    document.addEventListener("toggle", answered, true);
     root.setAttribute("role", "group");
     root.setAttribute("aria-label", "Synchronised playback of all bodies");
     root.lockstep = this.#lockstep; // for whoever wants to look at it from outside
     root.stage = this.#stage;
+    root.setNoise = (rad) => this.argument.set(rad);
     root.seen = () => JSON.stringify(this.#seen);
     root.edits = () => this.editing.asked;
     root.addEventListener("otherwise", ({ detail }) => {
@@ -165,8 +168,8 @@ class Player {
     const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, findings = [] } = value;
     if (run !== this.#run) {
       this.#clear(run);
-      if (value.guess) this.#showAnswer(false);
     }
+    this.#showArgument(value.noise ?? null);
     this.#value = value;
     const isDrawn = this.#stage || !plays; // an example has no videos
     const isWorthIt = rows.some((row) => row.video || (isDrawn && (row.frames || row.motion)));
@@ -295,14 +298,15 @@ class Player {
     this.controls.worst.set(data.worst.map((each) => ({ ...each, name: labelOf(each.name) })));
   }
 
-  /** Where one is to guess which hand trembles: trail, time line and numbers, which tell it. */
-  #showAnswer(isShown) {
-    this.#root.classList.toggle("guess", !isShown);
-    this.#look.set("hasTrail", isShown);
+  /** Nothing but the bodies, in the colours of their jerk, and how far noise moves them. */
+  #showArgument(noise) {
+    if (!noise === !this.#value.noise && noise?.rad === this.#value.noise?.rad) return;
+    this.#root.classList.toggle("argument", !!noise);
+    for (const [name, value] of Object.entries(ARGUED)) this.#look.set(name, noise ? value : DISPLAYS[name].usual);
+    this.argument.show(noise);
   }
 
   #clear(run) {
-    if (this.#value.guess) this.#showAnswer(true);
     this.#run = run;
     if (this.#isExample) this.#audio.muted = false;
     this.#isExample = this.#hasBegun = false;

@@ -137,7 +137,7 @@ function smoothed(motion) {
 }
 
 /** Quaternion products. */
-function times(ax, ay, az, aw, b, at) {
+export function times(ax, ay, az, aw, b, at) {
   const [bx, by, bz, bw] = [b[at], b[at + 1], b[at + 2], b[at + 3]];
   return [
     aw * bx + ax * bw + ay * bz - az * by,

@@ -18,6 +18,7 @@ import { theBuilds } from "./builds.js";
 import { theBody } from "./mesh.js";
 import { FPS, NUM_JOINTS, partlyBack, placed } from "./motion.js";
 import { axisCorners, boneCorners, inPanel, line, rigid } from "./bones.js";
+import { distance, noisy } from "./noise.js";
 import { cells, grid, pairPanels, panels } from "./packing.js";
 import { Painter } from "./painter.js";
 import { isSoftware, Pace } from "./pace.js";
@@ -84,6 +85,7 @@ export class Stage {
   #words = [];
   #expected = []; // where hands are to be, [side, place from the chest]
   #isRunning = false;
+  #noise = 0; // on rotations of bodies that have a space for it, radians
   #glidesUntil = 0; // cameras and bodies, to where they belong now
   orbit = new Orbit();
   mode = "grid";
@@ -159,7 +161,7 @@ export class Stage {
     for (const row of rows) {
       const known = this.#known.get(row.name);
       if (known) known.row = row;
-      else this.#known.set(row.name, { row, shown: null, place: null, moved: null, tips: new Map(), arrival: null, isFollowed: false });
+      else this.#known.set(row.name, { row, shown: null, clean: null, error: 0, place: null, moved: null, tips: new Map(), arrival: null, isFollowed: false });
     }
     const isOther = rows.length !== this.#rows.size || this.names.some((name, i) => rows[i].name !== name);
     if (isOther) this.#replace(rows.map(({ name }) => name));
@@ -197,6 +199,7 @@ export class Stage {
     if (isGliding) this.#glidesUntil = performance.now() + GLIDE_MS;
     this.#painter.setBodies(this.#present.length);
     this.element.dataset.bodies = String(this.#present.length);
+    this.element.dispatchEvent(new Event("bodies"));
   }
 
   /** Words of the speech, [start, end, text] in seconds, as captions. */
@@ -264,11 +267,33 @@ export class Stage {
     const isMoved = entry.place && String(entry.place) !== String(there.place);
     entry.moved = isMoved && !wantsStillness() ? { from: entry.place, to: there.place, at: performance.now() } : null;
     entry.place = there.place;
-    entry.shown = new Shown(placed(motion, there.place, mesh.rest.subarray(0, 3)), mesh, told.exaggeration.max_turn);
-    entry.tips.clear();
+    entry.clean = placed(motion, there.place, mesh.rest.subarray(0, 3));
+    this.#disturb(entry);
     this.#frame(!isFirst || this.#coming.length > 0);
     this.fit();
     this.#tellLimit();
+  }
+
+  /** Have the noise of the stage on a motion, if it takes any. */
+  #disturb(entry) {
+    const { row, clean } = entry;
+    const motion = row.space && this.#noise ? noisy(clean, row.space, this.#noise, this.#mesh) : clean;
+    entry.shown = new Shown(motion, this.#mesh, this.#facts.exaggeration.max_turn);
+    entry.tips.clear();
+    if (row.space) entry.error = distance(motion, clean, this.#mesh, this.#pointOf("right_middle"));
+  }
+
+  /** Pose all bodies that take noise anew, under the cameras that there are. */
+  setNoise(rad) {
+    this.#noise = rad;
+    for (const entry of this.#present) if (entry.row.space) this.#disturb(entry);
+    this.element.dispatchEvent(new Event("bodies"));
+    this.#ask();
+  }
+
+  /** By the space of its noise, how far a body's fingertip is from where it is without noise (root mean square, m). */
+  get noiseErrors() {
+    return Object.fromEntries(this.#present.map(({ row, error }) => [row.space, error]));
   }
 
   /**
@@ -454,9 +479,9 @@ export class Stage {
     return [left, top + above, width, height - above - below];
   }
 
-  /** Whose close-ups of several they are, is said again under them. */
+  /** Whose close-ups of two in one place they are, is said under them. */
   get #isNamedBelow() {
-    return this.closeUp !== "off" && (this.mode !== "grid" || (this.closeUp !== "face" && this.#seen.length > 1));
+    return this.closeUp !== "off" && this.mode !== "grid";
   }
 
   /** The room of two in one place. */
@@ -495,7 +520,7 @@ export class Stage {
     const [width, height] = this.#size;
     const isPair = this.mode !== "grid";
     const shown = isPair ? [] : this.#cells;
-    const below = isPair ? this.pair.map((name, i) => ({ cell: [(i * width) / 2, 0, width / 2, height], entry: this.#rows.get(name) })) : shown;
+    const below = this.#isNamedBelow ? this.pair.map((name, i) => ({ cell: [(i * width) / 2, 0, width / 2, height], entry: this.#rows.get(name) })) : [];
     const put = (element, { row }, left, top, wide) => {
       Object.assign(element.style, { left: `${(100 * left) / width}%`, top: `${(100 * top) / height}%`, width: `${(100 * wide) / width}%` });
       element.style.setProperty("--series", row.is_reference ? "#1b2733" : row.color);
@@ -507,7 +532,7 @@ export class Stage {
     const name = focused?.closest("[data-name]")?.getAttribute("data-name");
     this.#labels.replaceChildren(
       ...shown.map(({ cell: [left, top, wide], entry }) => put(this.#tag(entry), entry, left, top, wide)),
-      ...(this.#isNamedBelow ? below : []).map(({ cell: [left, top, wide, tall], entry }) => put(named(entry), entry, left, top + tall - NAME_PX, wide)),
+      ...below.map(({ cell: [left, top, wide, tall], entry }) => put(named(entry), entry, left, top + tall - NAME_PX, wide)),
     );
     const same = focused?.isConnected ? focused : this.#labels.querySelector(`[data-name="${CSS.escape(name ?? "")}"] .enlarge`);
     if (focused) /** @type {HTMLElement} */ (same)?.focus({ preventScroll: true });
@@ -523,7 +548,7 @@ export class Stage {
     if (!entry.reading && row.assumed) entry.reading = readingOf(row);
     const swatch = make("i", { "aria-hidden": "true" });
     const tools = make("span", { class: "tools" }, filesOf(row) ?? "");
-    if (this.#rows.size > 1) {
+    if (this.#rows.size > 1 && !row.space) {
       const isLarge = this.#large === row.name;
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
       tools.append(iconButton("large", label, () => this.enlarge(row.name), { class: "enlarge", "aria-pressed": String(isLarge) }));
@@ -798,12 +823,17 @@ export class Stage {
     const known = entry.tips.get(key);
     if (!known.has(frame)) {
       const world = entry.shown.world(frame, look);
-      const tip = this.#facts.marks.tips[point];
-      const joint = tip ? tip.joint : this.#mesh.names.indexOf(point);
-      const offset = [0, 1, 2].map((k) => (tip ? this.#mesh.positions[3 * this.#mesh.place[tip.vertex] + k] - this.#mesh.rest[3 * joint + k] : 0));
+      const { joint, offset } = this.#pointOf(point);
       known.set(frame, rigid(world, joint, offset));
     }
     return known.get(frame);
+  }
+
+  /** The joint of a followed point, and where from it the point is. */
+  #pointOf(point) {
+    const tip = this.#facts.marks.tips[point];
+    const joint = tip ? tip.joint : this.#mesh.names.indexOf(point);
+    return { joint, offset: [0, 1, 2].map((k) => (tip ? this.#mesh.positions[3 * this.#mesh.place[tip.vertex] + k] - this.#mesh.rest[3 * joint + k] : 0)) };
   }
 
   // -------------------------------------------------------------- words, hands, fingers

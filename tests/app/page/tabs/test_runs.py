@@ -441,14 +441,14 @@ class Page:
         return self.opening.opened(browser(cookie, query=query))
 
 
-def test_every_visitor_is_asked_the_first_question_and_told_of_runs_in_each_tab(tmp_path):
+def test_every_visitor_sees_the_example_and_is_told_of_runs_in_each_tab(tmp_path):
     page = Page(tmp_path)
-    told = replace(page.opening._services, first_look=({"rows": []}, "Which hand?"))
+    told = replace(page.opening._services, first_look={"rows": []})
     page.opening._services = told
     keep(page.runs, tmp_path / "job", "mine")
     for _ in range(2):
         updates = page.opened("mine")
-        assert updates[page.first.look].pop("value") == "Which hand?"  # as Gradio does
+        assert updates[page.first.player] == {"rows": []}
         lists = [updates[parts.runs].pop("value") for parts in (page.first, page.own)]
         assert lists[0] == lists[1]
 

@@ -9,10 +9,10 @@ import pytest
 
 from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, StepCurveRunner, ladder
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
-from app.run.examples import CLEAN
+from app.run.examples import FIRST_MOTION
 from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
 from app.run.output.run_folder import RunRecord, edit_record
-from app.run.requests.requests import RotationNoiseRequest
+from app.run.requests.requests import WITHOUT_NOISE, RotationNoiseRequest
 from app.run.run_writer import open_run_writer
 from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
 from model.systems.globaldiff.config import LADDER_EXPLAINED as EXPLAINED
@@ -94,8 +94,8 @@ def test_what_is_missing_is_said(tmp_path, kind, values, words, examples):
 
 def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
     services = made_services(tmp_path, {"compare_rotation_noise": show})
-    with gr.Blocks(), gr.Tabs(), gr.Tab() as tab:
-        runner = MechanismRunner(tab, services)
+    with gr.Blocks():
+        runner = MechanismRunner(services)
     return updates_of(runner, parts_of(runner, "message", "player", "figure"), *values)
 
 
@@ -104,7 +104,7 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
 
     def show(request: RotationNoiseRequest, ear: RunCallbacks) -> None:
         asked.append(request)
-        made_run(request.out.parent, jerk=dict.fromkeys(NAMES, 1.0))
+        made_run(request.out.parent, jerk=dict.fromkeys((*NAMES, WITHOUT_NOISE), 1.0))
         ear.hear(FolderUpdated(request.out))
         ear.hear(Progress("numbers", 0.5))
         with edit_record(request.out) as record:
@@ -112,10 +112,15 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
 
     *_, last = shown(show, tmp_path, 0.05, None)
     (one,) = asked
-    assert (one.motion, one.noise_rad) == (CLEAN, 0.05) and CLEAN.is_file()
+    assert (one.motion, one.noise_rad) == (FIRST_MOTION, 0.05) and FIRST_MOTION.is_file()
     assert one.is_kept and not one.has_video
     rows = last["player"]["rows"]
-    assert [row["label"] for row in rows] == list(NAMES) and all("frames" in row for row in rows)
+    # The browser adds the noise, so that the slider acts at once, on a motion of one's own too.
+    assert [row["space"] for row in rows] == ["local", "global"]
+    assert (
+        len({row["frames"] for row in rows}) == 1 and WITHOUT_NOISE.split()[0] in rows[0]["frames"]
+    )
+    assert last["player"]["noise"]["rad"] == 0.05 and not last["player"]["noise"]["has_slider"]
     assert last["player"]["plays"] and last["player"]["audio"] and last["player"]["timeline"]
     assert "Moved by &lt;1&gt; cm." in last["message"]["value"]
     assert "Noise of 0.05 rad" in last["status"]
