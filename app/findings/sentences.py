@@ -94,15 +94,18 @@ def _attribution(diagnostics: Diagnostics) -> str:
         joint = max(means, key=lambda name: means[name], default="")
         if joint and means[joint] >= SMALL_SHARE:
             share = plain(100 * means[joint])
-            told.append(f"in {system} the {point_title(joint).lower()} ({share} % less jerk)")
+            told.append(f"in {system} the {point_title(joint).lower()} (by {share} %)")
         elif joint:
             without.append(system)
     point = point_title(diagnostics.point).lower()
-    few = f"in {listed(without)} no single joint helps" if without else ""
-    start = f"To calm the {point} by smoothing one joint alone, smooth"
+    least = f"{100 * SMALL_SHARE:.0f} %"
+    if not told and not without:
+        return ""
     if not told:
-        return f"{few.capitalize()} to calm the {point} by being smoothed." if few else ""
-    return f"{start} {listed(told)}{f'; {few}' if few else ''}."
+        effect = f"reduces the jerk of the {point} by less than {least}"
+        return f"Filtering a single joint {effect} in {listed(without)}."
+    few = f"; in {listed(without)} no joint by {least} or more" if without else ""
+    return f"Joint whose filtering reduces the jerk of the {point} most: {listed(told)}{few}."
 
 
 def _seams(diagnostics: Diagnostics, raw: Table) -> str:
@@ -113,9 +116,9 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     found = _with_finding(diagnostics, "seams")
     beyond = f"in {listed(found)}" if found else "in none"
     return (
-        f"Peak jerk where windows join, every {diagnostics.windows.advance} frames, as a multiple"
-        f" of that elsewhere: {told_of(values)}. Jerk that recurs with the windows beyond chance:"
-        f" {beyond}."
+        f"Peak jerk at window seams, every {diagnostics.windows.advance} frames, as a multiple of "
+        f"that elsewhere: {told_of(values)}. Jerk that recurs significantly with the windows: "
+        f"{beyond}."
     )
 
 
@@ -137,10 +140,10 @@ def _periods(diagnostics: Diagnostics) -> str:
         if (period := diagnostics.systems[name].raw.seams.period) is not None
     ]
     if told:
-        return f"Jerk repeats, as it does where windows are joined: {'; '.join(told)}."
+        return f"The jerk is periodic, as it is at window seams: {'; '.join(told)}."
     if any("detail" in lacks for lacks in diagnostics.lacks.values()):
         return ""
-    return "No jerk repeats every 2 to 240 frames, so nothing tells of joined windows."
+    return "The jerk has no period between 2 and 240 frames, so there is no sign of window seams."
 
 
 def _beats(diagnostics: Diagnostics) -> str:
@@ -156,7 +159,7 @@ def _beats(diagnostics: Diagnostics) -> str:
         for name, (score, chance, highest) in beats.items()
         if round(score, 2) > round(highest, 2)
     ]
-    rest = "; the others are not" if len(told) < len(beats) else ""
+    rest = "; not of the others" if len(told) < len(beats) else ""
     return f"BeatAlign above chance: {', '.join(told)}{rest}." if told else ""
 
 
@@ -171,6 +174,7 @@ def _step(diagnostics: Diagnostics) -> str:
     ]
     if unknown := [name for name, lag in found.items() if lag is not None and not lag.is_known]:
         told.append(
-            f"{listed(unknown)} unknown, as neither face nor body follows it closely enough"
+            f"{listed(unknown)} unknown, because neither face nor body follows the speech closely "
+            "enough"
         )
-    return f"Behind the speech: {'; '.join(told)}." if told else ""
+    return f"Lag behind the speech: {'; '.join(told)}." if told else ""

@@ -94,7 +94,7 @@ def verdict_of(
         ratio = ratio_of(jerk[order[0]], jerk[order[-1]])
         least, most = names[order[0]], names[order[-1]]
         sentences = [
-            f"From {most}, which jerks most, to {least} {_change(ratio)}."
+            f"From {most}, which has the most jerk, to {least} {_change(ratio)}."
             if _is_calmer(ratio)
             else f"The largest difference in jerk, from {most} to {least}: {_change(ratio)}."
         ]
@@ -139,10 +139,10 @@ def _ladder(claim: Claim, table: Table, names: Mapping[str, str], here: str) -> 
     base, sentences = rungs[0], []
     if claim.more in jerk:
         ratio = ratio_of(jerk[base], jerk[claim.more])
-        shows = "shows" if _is_calmer(ratio) else "does not show"
+        shows = "is visible" if _is_calmer(ratio) else "is not visible"
         which = "" if base == claim.plain else f", which has {claim.what} too,"
         sentences.append(
-            f"{here} the paper's claim, that {claim.what} jerk less than {claim.than}, {shows}: "
+            f"{here} the paper's claim that {claim.what} have less jerk than {claim.than} {shows}: "
             f"from {names[claim.more]} to {names[base]}{which} {_change(ratio)}."
         )
         if worse := _worse(table, base, claim.more):
@@ -154,9 +154,9 @@ def _ladder(claim: Claim, table: Table, names: Mapping[str, str], here: str) -> 
         return sentences
     told = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
-    which = f"{listed(calmer)} {'is' if len(calmer) == 1 else 'are'}" if calmer else "none is"
-    start = f"Against {names[base]}, with {claim.added} added one by one"
-    return [*sentences, f"{start}: {told}; {which} calmer here."]
+    which = f"{listed(calmer)} {'has' if len(calmer) == 1 else 'have'}" if calmer else "none has"
+    start = f"Compared with {names[base]}, with {claim.added} added one by one"
+    return [*sentences, f"{start}: {told}; {which} less jerk here."]
 
 
 def _worse(table: Table, system: str, other: str) -> list[str]:
@@ -192,21 +192,21 @@ def _calmer(table: Table, names: Mapping[str, str]) -> list[str]:
             told.append(f"{label} ({plain(jerk.value)} times its jerk)")
             continue
         moves = float(plain(speed.value))
-        how = "smooth, not damped" if moves >= AS_FAST else "moves a little less"
-        how = "moves less, may be damped" if moves < CALM else how
+        how = "smooth, not over-smoothed" if moves >= AS_FAST else "slightly less movement"
+        how = "less movement, possibly over-smoothed" if moves < CALM else how
         shares = f"{plain(jerk.value)} times its jerk at {plain(speed.value)} times its speed"
         told.append(f"{label} ({shares}: {how})")
-    return [f"Calmer than the reference: {listed(told)}."] if told else []
+    return [f"Less jerk than the reference: {listed(told)}."] if told else []
 
 
 def _change(ratio: Ratio | None) -> str:
     """Format a ratio as a percentage of change, with the interval of several samples."""
     if ratio is None:
-        return "cannot be compared"
+        return "not comparable"
     if ratio.is_open:
-        return "not told apart"
+        return "no clear difference"
     if ratio.is_alike:
-        return "alike within 5 %"
+        return "equal within 5 %"
     share = f"{_percent(ratio.value)} % {'less' if ratio.value < 1.0 else 'more'}"
     if ratio.low is None or ratio.high is None or ratio.low == ratio.high:
         return share
@@ -228,12 +228,12 @@ def _is_calmer(ratio: Ratio | None) -> bool:
 def _needed(count: int, clips: int, is_made: bool) -> str:
     """Describe the evidence of this many clips, or samples of one clip."""
     if not is_made:
-        return "One clip is an example, no evidence."
+        return "One clip is an example, not evidence."
     samples = "one sample" if count == 1 else f"{count} samples"
     seen = f"{count} clips" if clips > 1 else f"One clip, {samples}"
     if clips > 1 and count >= ENOUGH_CLIPS:
         return f"{seen} and one training of each: other trainings may give other numbers."
     return (
-        f"{seen} and one training of each: an example, no evidence. A claim takes {ENOUGH_CLIPS} "
+        f"{seen} and one training of each: an example, not evidence. A claim needs {ENOUGH_CLIPS} "
         "clips or more, several samples of each, and systems trained from several seeds."
     )

@@ -362,5 +362,5 @@ def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[FindingReco
     clean = [label for name, label in labels.items() if not findings[name]]
     if clean:
         which = f" in {listed(clean)}" if len(labels) > 1 else ""
-        told.append(FindingRecord(sentence=truncate(f"Nothing stands out{which}.")))
+        told.append(FindingRecord(sentence=truncate(f"No findings{which}.")))
     return told

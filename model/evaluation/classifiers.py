@@ -52,7 +52,7 @@ from model.systems.helpers.config import HEARING_JUDGE
 from model.systems.helpers.matching import MatchingJudge, agreement
 
 NO_HEARING_JUDGE = (
-    f"Matched speech is left out: its judge {HEARING_JUDGE} is not among the weights."
+    f"Matched-speech accuracy is omitted: the classifier {HEARING_JUDGE} is not installed."
 )
 PIECE_FRAMES = 300
 MEASURES: Mapping[str, tuple[str, ...]] = {
@@ -144,8 +144,8 @@ ARMS = [
 JOINTS = [JOINT_INDEX[name] for name in ("spine1", "spine2", "spine3", "neck", "head", *ARMS)]
 WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
 NO_SPEAKER_JUDGE = (
-    "Speakers are not told apart: fewer than two of those in the test clips have recordings of 10 s"
-    " in the training split."
+    "Speaker classification is omitted: fewer than two speakers of the test clips have 10 s of "
+    "recordings in the training split."
 )
 NUM_CLIPS = 6
 SPEECH_S = 10.0

@@ -76,7 +76,7 @@ class Finding:
     numbers: dict[str, Any]
     """Values behind the sentence, by name."""
     people: str = ""
-    """Clause on what people do instead; appended last, and once for several motions."""
+    """Normal range, appended in brackets, and only once for several motions."""
     excess: float = 1.0
     """Ratio of the value to its limit; 1 if there is no metric."""
     span: float = 4.0
@@ -92,7 +92,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        return f"{self.said.removesuffix('.')}; {self.people}." if self.people else self.said
+        return f"{self.said.removesuffix('.')} ({self.people})." if self.people else self.said
 
     @property
     def worst_s(self) -> float | None:

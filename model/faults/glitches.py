@@ -61,12 +61,11 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
     named = listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
-        who = f"{len(noise)} of the body's {len(JOINT_NAMES)} joints shake"
-        most = f", most of all {named}"
+        where = f"{len(noise)} of the {len(JOINT_NAMES)} joints, most in {named}"
     else:
-        who, most = f"The {named} {'shakes' if len(noise) == 1 else 'shake'}", ""
-    little = ", hardly seen" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
-    said = f"{who} from frame to frame in the angle to the parent bone{little}{most}."
+        where = f"the {named}"
+    little = ", hardly visible" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
+    said = f"Rotation noise{little}, in {where} (recordings: under {NOISE_DEG:g}°)."
     numbers: dict[str, Any] = {"noise_deg": noise}
     attribution = raw.point.tip_jerk_attribution
     shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))
@@ -74,11 +73,11 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     if blamed in noise and shares[blamed] > 0.1:
         numbers |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
         said += (
-            f" Smoothing the {point_words(blamed)} alone takes {100 * shares[blamed]:.0f} % of the"
-            f" jerk of the {point_words(evidence.point)} away."
+            f" Filtering the {point_words(blamed)} alone reduces the jerk of the "
+            f"{point_words(evidence.point)} by {100 * shares[blamed]:.0f} %."
         )
     excess = max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG)
-    yield Finding(said, numbers, "the rotation noise of recordings is under 0.3°", excess)
+    yield Finding(said, numbers, excess=excess)
 
 
 def pops(evidence: Evidence) -> Iterator[Finding]:
@@ -96,10 +95,10 @@ def pops(evidence: Evidence) -> Iterator[Finding]:
     frames = np.flatnonzero(is_pop.any(axis=1)) + 1
     name = JOINT_NAMES[BODY[joint]]
     degrees = float(np.degrees(off[frame, BODY[joint]]) / FPS)
-    count = f"{len(frames)} frames pop" if len(frames) > 1 else "One frame pops"
+    count = f"{len(frames)} frames" if len(frames) > 1 else "one frame"
     yield Finding(
-        f"{count} out and back, most the {point_words(name)} by {degrees:.0f}° at"
-        f" {clock(int(frame) + 1)}.",
+        f"In {count} a joint jumps away and back; the largest jump is {degrees:.0f}° of the "
+        f"{point_words(name)} at {clock(int(frame) + 1)}.",
         {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
         excess=float(beyond.max() / POP_DEG),
         worst_frame=int(frame) + 1,
@@ -120,10 +119,10 @@ def snaps(evidence: Evidence) -> Iterator[Finding]:
     at, joint = np.unravel_index(beyond.argmax(), beyond.shape)
     frames = np.flatnonzero(is_snap) + 1
     name = JOINT_NAMES[BODY[joint]]
-    count = f"{len(frames)} times joints snap" if len(frames) > 1 else "A joint snaps"
+    count = f"{len(frames)} times" if len(frames) > 1 else "once"
     yield Finding(
-        f"{count} to another angle within one frame, most the {point_words(name)} by"
-        f" {steps[at, joint]:.0f}° at {clock(int(at) + 1)}.",
+        f"A joint jumps to another angle within one frame, {count}; the largest jump is "
+        f"{steps[at, joint]:.0f}° of the {point_words(name)} at {clock(int(at) + 1)}.",
         {"snaps": len(frames), "joint": name, "snap_deg": float(steps[at, joint])},
         excess=float(beyond.max() / SNAP_DEG),
         span=SNAP_SPAN,
@@ -146,10 +145,10 @@ def copied_frames(evidence: Evidence) -> Iterator[Finding]:
         return
     share = len(frames) / evidence.num_frames
     yield Finding(
-        f"{len(frames)} frames are copies of the frame before ({100 * share:.1f} %), the first at"
-        f" {clock(int(frames[0]))}.",
+        f"{len(frames)} frames ({100 * share:.1f} %) repeat the previous frame, first at "
+        f"{clock(int(frames[0]))}.",
         {"copies": len(frames), "share": share},
-        "recorded clips have none",
+        "recorded clips: none",
         excess=len(frames) / COPIES,
         worst_frame=int(frames[0]),
         stretches=stretches_of(np.concatenate([[False], is_copy])),
@@ -177,8 +176,8 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     if len(frames) < usual_skips:
         return
     yield Finding(
-        f"Frames seem to be missing in {len(frames)} places: the whole body steps about twice"
-        f" as far as before and after, first at {clock(int(frames[0]))}.",
+        f"Frames seem to be missing in {len(frames)} places: the whole body moves about twice as "
+        f"far as before and after, first at {clock(int(frames[0]))}.",
         {"skips": len(frames)},
         excess=len(frames) / usual_skips,
         worst_frame=int(frames[0]),
@@ -196,9 +195,9 @@ def stretched_rate(evidence: Evidence) -> Iterator[Finding]:
     if not ratio < HALF_RATE:
         return
     yield Finding(
-        "Every second frame lies between its neighbours, or is a copy: this was 15 frames a"
-        f" second, or fewer, and was stretched to 30 (movement, or its change, is"
-        f" {100 * ratio:.0f} % of that at the other frames). Jitter above 7.5 Hz cannot be in it.",
+        "Every second frame is interpolated or repeated: the motion seems to have been upsampled "
+        f"to 30 fps from 15 fps or less (movement, or its change, is {100 * ratio:.0f} % of that "
+        "at the other frames). Jitter above 7.5 Hz cannot be in it.",
         {"change_ratio": ratio},
         excess=HALF_RATE / max(ratio, 0.01),
     )
@@ -222,9 +221,8 @@ def seams(evidence: Evidence) -> Iterator[Finding]:
         return
     joins = range(found.phase_frame, evidence.num_frames, advance)
     yield Finding(
-        f"The body jumps every {advance} frames ({advance / FPS:.2f}"
-        f" s), at frame {found.phase_frame} of each window: its jerk there is"
-        f" {found.ratio:.1f} times the usual.",
+        f"The body jumps every {advance} frames ({advance / FPS:.2f} s): jerk is "
+        f"{found.ratio:.1f} times the median at frame {found.phase_frame} of each window.",
         {
             "window_advance_frames": advance,
             "phase_frame": found.phase_frame,
@@ -244,14 +242,13 @@ def period(evidence: Evidence) -> Iterator[Finding]:
         return
     if windows == found.frames and any(seams(evidence)):
         return
-    verb = "jerk" if found.part == "legs" else "jerks"
     if found.kind == "pulses":
-        how = f"{found.peak_over_usual:.1f} times the usual at frame {found.phase_frame} of each"
+        how = f"{found.peak_over_usual:.1f} times the median, at frame {found.phase_frame} of each"
     else:
         how = f"{found.peak_over_least:.1f} times as high at one of them as at another"
     yield Finding(
-        f"The {found.part} {verb} anew every {found.frames} frames"
-        f" ({found.frames / FPS:.2f} s), as where windows or codes are joined: jerk is {how}.",
+        f"The jerk of the {found.part} peaks every {found.frames} frames "
+        f"({found.frames / FPS:.2f} s), as at the seams of windows or codes: it is {how}.",
         {
             "period_frames": found.frames,
             "part": found.part,
@@ -284,7 +281,7 @@ def identical(evidence: Evidence) -> Iterator[Finding]:
     if apart.max() > SAME_RAD or np.abs(own.trans - theirs.trans).max() > SAME_RAD:
         return
     yield Finding(
-        "This is the reference: every joint is the same in every frame.",
+        "This motion is identical to the reference in every frame.",
         {"largest_difference_rad": float(apart.max())},
     )
 
@@ -302,8 +299,9 @@ def shifted_reference(evidence: Evidence) -> Iterator[Finding]:
     if abs(lag) < LEAST_LAG_FRAMES or best < COPY_CORRELATION:
         return
     yield Finding(
-        f"This moves as the reference does, {abs(lag) / FPS:.2f} s"
-        f" {'later' if lag > 0 else 'earlier'}: their speeds then correlate with {best:.2f}.",
+        f"This motion follows the reference {abs(lag) / FPS:.2f} s "
+        f"{'later' if lag > 0 else 'earlier'}: shifted by that, their speeds correlate with "
+        f"r = {best:.2f}.",
         {"against": "reference", "lag_frames": lag, "correlation": best},
         excess=abs(lag) / LEAST_LAG_FRAMES,
     )
@@ -318,20 +316,20 @@ def shifted_speech(evidence: Evidence) -> Iterator[Finding]:
     if not lag.lag_drift_s and not (is_apart and lag.lag_low_s * lag.lag_high_s > 0):
         return
     numbers = {"against": "speech", "lag_frames": round(lag.lag_s * FPS), **vars(lag)}
-    why = f"there its {lag.lag_ground} fits the speech best"
     if not lag.lag_drift_s:
         most_s = lag.lag_s
         sentence = (
-            f"This seems {_apart(lag.lag_s)}: {why} (between {lag.lag_low_s:.2f} and"
-            f" {lag.lag_high_s:.2f} s); --assume lag={lag.lag_s:.2f} moves it there."
+            f"The {lag.lag_ground} moves {_apart(lag.lag_s)} relative to the speech (95 % interval "
+            f"{lag.lag_low_s:.2f} to {lag.lag_high_s:.2f} s); --assume lag={lag.lag_s:.2f} "
+            "corrects it."
         )
     else:
         most_s = lag.lag_drift_s
         start, end = (lag.lag_s + sign * lag.lag_drift_s / 2 for sign in (-1, 1))
         sentence = (
-            f"This drifts against the speech, {_apart(start)} at its start and {_apart(end)} at its"
-            f" end: {why}, as with {lag.lag_rate:.4g} frames a second that are taken for {FPS};"
-            f" --assume rate={lag.lag_rate:.4g} makes up for it."
+            f"The {lag.lag_ground} drifts relative to the speech, {_apart(start)} at the start and "
+            f"{_apart(end)} at the end, as if {lag.lag_rate:.4g} fps were read as {FPS}; --assume "
+            f"rate={lag.lag_rate:.4g} corrects it."
         )
     excess = abs(most_s) * FPS / LEAST_SPEECH_LAG_FRAMES
     yield Finding(sentence, numbers, excess=excess)

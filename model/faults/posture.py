@@ -42,8 +42,8 @@ def lying(evidence: Evidence) -> Iterator[Finding]:
     if not tilt.mean > LYING_DEG:
         return
     yield Finding(
-        f"The spine is tilted by {tilt.mean:.0f}° on average: the body lies, or the file's up"
-        " is not y; --assume up=z reads z-up files.",
+        f"The spine is tilted by {tilt.mean:.0f}° on average: the body is lying, or the file's up "
+        "axis is not y (for z-up files: --assume up=z).",
         {"spine_tilt_deg": tilt.mean},
         excess=tilt.mean / LYING_DEG,
     )
@@ -60,7 +60,7 @@ def lifted(evidence: Evidence) -> Iterator[Finding]:
     yield Finding(
         f"The feet stand {100 * abs(apart):.0f} cm {where} the reference's.",
         {"height_m": apart},
-        "recorded clips of one speaker agree to a centimetre",
+        "recorded clips of one speaker: within 1 cm",
         excess=abs(apart) / LIFT_M,
     )
 
@@ -72,11 +72,11 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
     feet = evidence.tracks.joints[:, list(FEET)] * (1.0, 0.0, 1.0)
     contact = evidence.raw.posture.foot_contact_share
     is_rare = contact < CONTACT_SHARE
-    few = f" (on the ground in {100 * contact:.0f} % of the frames only)" if is_rare else ""
+    few = f", which is in {100 * contact:.0f} % of the frames only" if is_rare else ""
     yield Finding(
-        f"Feet on the ground slide at {100 * slide:.0f} cm/s on average{few}.",
+        f"Feet slide at {100 * slide:.0f} cm/s on average while on the ground{few}.",
         {"foot_slide_m_s": slide, "contact_share": contact},
-        f"recorded clips stay under {100 * FOOT_SLIDE_M_S:.0f} cm/s",
+        f"recorded clips: under {100 * FOOT_SLIDE_M_S:.0f} cm/s",
         excess=slide / FOOT_SLIDE_M_S,
         worst_frame=most_in_a_second(derivative_magnitudes(feet, 1).mean(axis=1)),
     )
@@ -92,10 +92,10 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
         return
     worst = int(above.argmax())
     found = (
-        f"Both feet leave the floor together by up to {100 * above[worst]:.0f} cm, at"
-        f" {clock(worst)}{f' and {len(runs) - 1} times more' if len(runs) > 1 else ''}"
+        f"Both feet are above the floor by up to {100 * above[worst]:.0f} cm, worst at "
+        f"{clock(worst)}{f', {len(runs)} times in all' if len(runs) > 1 else ''}"
         if runs
-        else "The feet hardly ever keep to one floor"
+        else "The feet have no consistent floor height"
     )
     yield Finding(
         f"{found}; a foot is on the ground in {100 * contact:.0f} % of the frames.",
@@ -104,7 +104,7 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
             "contact_share": contact,
             "floating_share": evidence.raw.posture.foot_floating_share,
         },
-        "in recorded clips in 97 % and more",
+        "recorded clips: in at least 97 %",
         excess=max(float(above[worst]) / FLOATING_M, CONTACT_SHARE / max(contact, 0.01)),
         worst_frame=worst,
         stretches=tuple(runs),
@@ -119,9 +119,9 @@ def feet_sink(evidence: Evidence) -> Iterator[Finding]:
     worst = int(below.argmax())
     share = float(np.mean(is_below))
     yield Finding(
-        f"A foot goes {100 * below[worst]:.0f} cm through the floor at {clock(worst)}, and"
-        f" deeper than {100 * SINKING_M:.0f} cm in {100 * share:.1f} % of the frames (the floor is"
-        " where the lower foot usually stands).",
+        f"A foot is up to {100 * below[worst]:.0f} cm below the floor, worst at {clock(worst)}, "
+        f"and deeper than {100 * SINKING_M:.0f} cm in {100 * share:.1f} % of the frames (floor: "
+        "median height of the lower foot).",
         {"depth_m": float(below[worst]), "share": share},
         excess=float(below[worst]) / SINKING_M,
         worst_frame=worst,
@@ -158,8 +158,8 @@ def finger_range(evidence: Evidence) -> Iterator[Finding]:
         [f"{point_words(name)} ({100 * by_joint[name]:.0f} %)" for name in worst if by_joint[name]]
     )
     yield Finding(
-        f"Fingers bend as no human hand can in {100 * share:.1f} % of frames and joints;"
-        f" most often the {named}.",
+        f"Fingers bend beyond human joint limits in {100 * share:.1f} % of frames and joints; most "
+        f"often the {named}.",
         {
             "outside_share": share,
             "joints": {name: by_joint[name] for name in worst if by_joint[name]},
@@ -188,8 +188,8 @@ def hand_in_body(evidence: Evidence) -> Iterator[Finding]:
     is_left = place % 2 == 0 if place < len(knuckles) else place - len(knuckles) < 5
     side = "left" if is_left else "right"
     yield Finding(
-        f"The {side} hand goes into the body at {clock(worst)}: it is"
-        f" {100 * distance[worst]:.0f} cm from the spine's line, in {is_inside.sum()} frames.",
+        f"The {side} hand penetrates the body at {clock(worst)}: it is {100 * distance[worst]:.0f} "
+        f"cm from the spine's line, in {is_inside.sum()} frames.",
         {"side": side, "distance_m": float(distance[worst]), "frames": int(is_inside.sum())},
         excess=INSIDE_M / max(float(distance[worst]), 0.005),
         worst_frame=worst,
@@ -249,7 +249,7 @@ MOVING_FRAMES = 2 * FPS
 def nothing_moves(evidence: Evidence) -> Iterator[Finding]:
     if not evidence.raw.positions.joint_speed_m_s.max() < STILL_M_S:
         return
-    yield Finding("Nothing moves in this motion.", {})
+    yield Finding("No joint moves in this motion.", {})
 
 
 def freezes(evidence: Evidence) -> Iterator[Finding]:
@@ -263,13 +263,13 @@ def freezes(evidence: Evidence) -> Iterator[Finding]:
     if not runs:
         return
     first, last = runs[0]
-    times = f"{len(runs)} times, longest" if len(runs) > 1 else "once,"
+    times = f"{len(runs)} times, at most" if len(runs) > 1 else "once,"
     total_s = sum(end - start for start, end in runs) / FPS
     yield Finding(
         f"Upper body and fingers freeze {times} for {(last - first) / FPS:.1f} s at"
         f" {clock(first)}.",
         {"times": len(runs), "longest_s": (last - first) / FPS, "total_s": total_s},
-        "in recorded clips no two frames are so still",
+        "recorded clips: never for two frames in a row",
         excess=(last - first) / FROZEN_FRAMES,
         worst_frame=first,
         stretches=tuple(runs),
@@ -295,8 +295,8 @@ def translation_never_changes(evidence: Evidence) -> Iterator[Finding]:
         return
     where = "all zero" if not trans.any() else "the same in every frame"
     yield Finding(
-        f"The translation is {where}: the body never leaves its place, so that feet slide or"
-        " float wherever it leans. Foot measures tell of that more than of the feet.",
+        f"The translation is {where}: the body never leaves its place, so that feet slide or float "
+        "wherever it leans. Foot metrics mainly reflect this.",
         {"trans_m": trans[0].tolist()},
     )
 
@@ -324,7 +324,7 @@ def still_face(evidence: Evidence) -> Iterator[Finding]:
     if is_jaw_still and unit < STILL_UNIT:
         said = "The face never moves, neither jaw nor expression."
         if not (jaw.any() or motion.expressions.any()):
-            said = "There is no face: jaw and expressions are zero throughout."
+            said = "The motion has no face: jaw and expressions are zero in every frame."
     elif is_jaw_still:
         said = "The jaw never moves, though the expression does."
     elif unit < STILL_UNIT:
@@ -347,8 +347,8 @@ def copied_face(evidence: Evidence) -> Iterator[Finding]:
     if share <= COPIED_SHARE or own.std(axis=0).max() < STILL_UNIT:
         return
     yield Finding(
-        f"The expressions are the reference's, bit for bit, in {100 * share:.0f} % of the frames:"
-        " they were copied, not made.",
+        f"The expressions are the reference's, bit for bit, in {100 * share:.0f} % of the frames: "
+        "they were copied from the reference.",
         {"copied_share": share},
         excess=share / COPIED_SHARE,
     )

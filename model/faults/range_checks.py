@@ -69,7 +69,7 @@ class Level:
             is_low, span = value < people.low_limit, people.highest / people.lowest
             excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
             lowest, highest = (self._told(each, False) for each in (people.lowest, people.highest))
-            usual = f"{lowest} to {highest} in recorded and procedural clips {people.lasts}"
+            usual = f"recorded and procedural clips {people.lasts}: {lowest} to {highest}"
             beside = ""
             numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
         elif (recorded := self.read(reference)) > 0.0:
@@ -77,17 +77,17 @@ class Level:
             is_low, span = ratio < 1.0, people.differ
             excess = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
             beside = f", {_times(ratio)} the reference's {self._told(recorded, False)}"
-            usual = f"recordings of people differ by {people.differ:g} times at most"
+            usual = f"recordings differ by a factor of at most {people.differ:g}"
             numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
         else:
             return
         if excess <= 1.0:
             return
         worst = _worst(self, evidence, is_low)
-        where = f", most at {clock(worst)}" if worst is not None and not is_low else ""
+        where = f", worst at {clock(worst)}" if worst is not None and not is_low else ""
         means = self.low_means if is_low else self.high_means
         yield Finding(
-            f"{means}{where}: {self.title} is {self._told(value)}{beside}.",
+            f"{means}{where}: {self.title} {self._told(value)}{beside}.",
             {"unit": self.unit, "value": value, **numbers},
             usual,
             excess=excess,
@@ -144,43 +144,43 @@ def turning_speed_deg_s(evidence: Evidence) -> float:
 
 JERK = Level(
     "jerk",
-    "the mean jerk of all ten fingertips",
+    "mean jerk of all ten fingertips",
     "m/s³",
     fingertip_jerk,
     long=People(65.0, 135.0, 2.0, 55.0, 175.0, LONG),
     short=People(43.0, 202.0, 2.4, 32.0, 235.0, SHORT),
-    low_means="Smoother than living hands, as behind a low-pass",
-    high_means="It shakes",
+    low_means="Hands smoother than in recordings, as if low-pass filtered",
+    high_means="Hands tremble",
     brief=People(49.0, 241.0, 5.0, 0.0, 310.0, BRIEF),
 )
 HIGH_FREQUENCY = Level(
     "high_frequency",
-    "the share of the wrists' power above 5 Hz",
+    "share of the wrists' power above 5 Hz",
     "%",
     high_frequency_share,
     long=People(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),
     short=People(0.0005, 0.025, 14.0, 0.00025, 0.035, SHORT),
-    low_means="Smoother than living hands, as behind a low-pass",
-    high_means="Fine shaking on top of the movement",
+    low_means="Hands smoother than in recordings, as if low-pass filtered",
+    high_means="High-frequency jitter on top of the movement",
     scale=100.0,
 )
 AMPLITUDE = Level(
     "amplitude",
-    "the swing of the upper body's joints",
+    "RMS deviation of the upper body's joint angles from their mean",
     "°",
     amplitude_deg,
     long=People(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
     short=People(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
-    low_means="Gestures are small",
-    high_means="Gestures are large",
+    low_means="Small gestures",
+    high_means="Large gestures",
 )
 SPEED = Level(
     "speed",
-    "the turning of the upper body's joints",
+    "mean angular speed of the upper body's joints",
     "°/s",
     turning_speed_deg_s,
     long=People(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
     short=People(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
-    low_means="It moves slowly or seldom",
-    high_means="It moves fast all the time",
+    low_means="Little movement",
+    high_means="Continuously fast movement",
 )

@@ -45,7 +45,10 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
     if is_posed:
         world = skeleton.begin_at_rest(text.rows, world)
         found, _ = skeleton.found()
-        why = "its rest pose is no person's; its first frame was taken for it, so limbs may twist"
+        why = (
+            "its rest pose is not a human pose; the first frame was used instead, so limbs may "
+            "twist"
+        )
         draft.assume("layout", "first frame", why, "unsure")
     turn = Rotation.identity() if is_ours else skeleton.to_ours(found, draft)
     places = skeleton.rest @ turn.as_matrix().T
@@ -58,11 +61,11 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
         draft.trans = turn.apply(scale * pelvis) - rest[0]
     else:
         draft.lacks.add("place")
-        draft.assume("place", "none", "no joint has positions; the body stays in its place")
+        draft.assume("place", "none", "no joint has positions; the body has no translation")
     if not is_ours:
         _tell(draft, skeleton, found, turns)
     draft.lacks.add("face")
-    draft.assume("face", "none", "a BVH has none; it stays at rest", is_usual=is_ours)
+    draft.assume("face", "none", "a BVH file has no face; it stays at rest", is_usual=is_ours)
     draft.goes_at(round(1 / text.frame_s, 3), "as the file says", "stated")
     return draft
 
@@ -71,11 +74,14 @@ def _tell(draft: Draft, skeleton: _Skeleton, found: JointMap, turns: dict[str, R
     without = sum(not found.get(name) for name in JOINT_NAMES)
     count = len(skeleton.rest)
     unused = count - sum(len(theirs) for theirs in found.values())
-    how = "names and tree"
+    how = "names and hierarchy"
     if skeleton.doubts:
         doubts = listed(list(dict.fromkeys(skeleton.doubts)))
-        how = f"tree, and their names do not say which joint is the {doubts}"
-    why = f"laid onto ours by their {how}; {unused} have no place, {without} of ours stay at rest"
+        how = f"hierarchy, as their names do not say which joint is the {doubts}"
+    why = (
+        f"mapped onto SMPL-X by their {how}; {unused} are not used, {without} SMPL-X joints stay "
+        "at rest"
+    )
     draft.assume("joints", str(count), why, "unsure" if skeleton.doubts else "sure")
     degrees = {name: float(np.degrees(turn.magnitude())) for name, turn in turns.items()}
     if degrees and all(each.kind != "layout" for each in draft.assumptions):
@@ -83,8 +89,8 @@ def _tell(draft: Draft, skeleton: _Skeleton, found: JointMap, turns: dict[str, R
         limbs = [value for name, value in degrees.items() if not name[-1].isdigit()]
         sure: Sure = "unsure" if max(limbs, default=0.0) > _STEEP_DEG else "sure"
         why = (
-            f"it rests at other angles than our body, by up to {degrees[most]:.0f}°"
-            f" ({point_words(most)}); limbs and fingers were turned to point as they do there"
+            f"its rest pose differs from ours, by up to {degrees[most]:.0f}° "
+            f"({point_words(most)}); limbs and fingers were turned to point as they do there"
         )
         draft.assume("layout", "rest pose", why, sure)
     if not any(name[-1].isdigit() and found.get(f"left_{name}") for name in ("index1", "middle1")):

@@ -74,8 +74,8 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
     _up_and_facing(draft)
     if not LOWEST_FPS <= draft.fps <= HIGHEST_FPS:
         raise MotionError(
-            f"{draft.name} has {draft.fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g}"
-            f" can be resampled to {FPS} (if it lies, say --assume rate=N)."
+            f"{draft.name} has {draft.fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g} "
+            f"can be resampled to {FPS} (if that is wrong, use --assume rate=N)."
         )
     motion = at_30_fps(draft.motion(), draft.fps)
     if abs(draft.fps - FPS) >= 0.01:
@@ -124,7 +124,7 @@ def _samples(draft: Draft) -> None:
         return
     choice = draft.told.get("motion", "all")
     numbers = tuple(str(number) for number in range(1, count + 1))
-    why = f"the body jumps every {length} frames, as where {count} samples are joined end to end"
+    why = f"the body jumps every {length} frames: {count} samples seem to be concatenated"
     if choice in numbers:
         draft.keep(slice(length * (int(choice) - 1), length * int(choice)))
         draft.assume("motion", choice, f"as you say of {count}", "told", (*numbers, "all"))
@@ -157,7 +157,8 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
             f"fingers bend by {bend:z.2f} rad, as from the flat hand, though files of"
             " this layout are told from the mean one"
             if is_flat
-            else "files of this layout are told from the mean hand, and so do the fingers bend"
+            else "files of this layout are relative to the mean hand pose, and the bend of the "
+            "fingers agrees"
         )
     elif draft.is_offset is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
         value, sure = "mean", "unsure"
@@ -175,7 +176,7 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
         draft.poses[:, list(HANDS)] += offset
         if mean_hands is None:
             draft.lacks.add("finger_angles")
-            why += "; our relaxed hand stands in for it (--body brings the real one)"
+            why += "; our relaxed hand is used instead (--body uses the licensed one)"
     draft.assume("hands", value, why, sure, ("flat", "mean"), is_usual=value == "flat" and not told)
 
 
@@ -203,7 +204,7 @@ def _units(draft: Draft) -> None:
     is_still = np.ptp(trans, axis=0).max() < 1e-6
     stands = slide(1.0) < max(SLIDES_M_S, 2 * slide(0.0))  # or its legs alone go as fast
     if far < FAR and (is_still or stands):
-        unit, sure, why = "m", "sure", "feet stand at that scale"
+        unit, sure, why = "m", "sure", "feet do not slide at this scale"
     elif not is_still and stands:
         unit, sure = "m", "unsure"
         why = f"though the body stands {far:.0f} away, at that scale its feet stand"

@@ -294,8 +294,9 @@ def _of_rotations(array: np.ndarray, shape: Shape, name: str, told: dict[str, st
     joints = JOINT_SETS[shape.joints]
     if shape.width == 3 and are_positions(rows, joints):
         raise MotionError(
-            f"{name} holds positions of joints, no rotations: its bones have constant lengths. Fit"
-            " SMPL-X to them (for instance with joints2smpl or SMPLify-X), or save the rotations."
+            f"{name} contains joint positions, not rotations (its bones have constant lengths). "
+            "Fit SMPL-X to them (for instance with joints2smpl or SMPLify-X), or save the "
+            "rotations."
         )
     draft.poses = laid_out(draft.turns(rows[:, : len(joints)], joints), joints)
     _tell_joints(draft, joints, f"{SET_NAMES[shape.joints]}, by {shape.joints} joints")
@@ -347,8 +348,8 @@ def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_A
         draft.assume("frames", "bridge", f"frames {stretches(bad)} of {what} were drawn", "told")
     elif bad.any():
         raise MotionError(
-            f"{draft.name} holds values that are not finite (NaN or infinite) in {what}, frames "
-            f"{stretches(bad)}; repair it (or say --assume frames=bridge)."
+            f"{draft.name} holds NaN or infinite values in {what}, frames {stretches(bad)}; repair "
+            "it (or say --assume frames=bridge)."
         )
     largest = float(np.abs(flat).max(initial=0.0))
     if largest > most:

@@ -75,8 +75,8 @@ def _kind(path: Path) -> str:
     ending = path.suffix.lower()
     if ending in PICKLES:
         raise MotionError(
-            f"{path.name} is a pickle, which can run programs when it is read, and is never loaded."
-            f" If you trust it, convert it yourself: {CONVERT}."
+            f"{path.name} is a pickle file, which could run code when loaded, so it is not read. "
+            f"If you trust it, convert it with: {CONVERT}."
         )
     if ending in ENDINGS or not path.is_file():
         kind = ending if ending in ENDINGS else ".npz"

@@ -28,11 +28,11 @@ Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
 for its translation, `detail` if frames were interpolated."""
 
 LACKS: dict[Part, tuple[str, str]] = {
-    "detail": ("was filled in from fewer frames a second", "jerk and tremble"),
-    "finger_angles": ("has hands whose mean is not known", "fingers' angles"),
-    "hands": ("has no fingers that move", "fingers"),
+    "detail": ("was upsampled from a lower frame rate", "jerk and jitter"),
+    "finger_angles": ("has hands relative to an unknown mean pose", "finger angles"),
+    "hands": ("has no finger motion", "fingers"),
     "face": ("has no face", "face"),
-    "place": ("says nothing of where the body stands", "feet, place and jerk"),
+    "place": ("has no translation", "feet, translation and jerk"),
     "legs": ("has no legs", "legs and feet"),
 }
 """Text for a motion that lacks a part, and which of its metrics cannot be compared."""
@@ -135,17 +135,19 @@ class Reading:
 def apart(readings: Mapping[str, Reading]) -> list[str]:
     """Return notes on differences between motions that make comparisons unfair."""
     sentences = []
-    kinds: dict[Kind, str] = {"rate": "frames a second", "hands": "the pose that hands start from"}
+    kinds: dict[Kind, str] = {"rate": "frame rate", "hands": "mean hand pose"}
     for kind, words in kinds.items():
         values = {name: found.value for name, each in readings.items() if (found := each.of(kind))}
         if len(set(values.values())) > 1:
             said = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
-            sentences.append(f"The motions differ in {words} ({said}); numbers may differ by it.")
+            sentences.append(
+                f"The motions differ in {words} ({said}), which may affect the metrics."
+            )
     for part, (words, what) in LACKS.items():
         without = [name for name, each in readings.items() if part in each.lacks]
         if without and len(without) < len(readings):
             said = ", ".join(without[:6])
-            sentences.append(f"{said} {words}: do not compare its {what} with the others'.")
+            sentences.append(f"{said} {words}: do not compare the {what} with those of the others.")
     return sentences
 
 
@@ -183,10 +185,12 @@ def lengths_apart(
     if fitting:
         it = "it" if len(others) == 1 else "each"
         hint = (
-            f" At {fitting[0]} frames a second {it} would be as long as the speech (--assume"
-            f" rate={fitting[0]})."
+            f" At {fitting[0]} fps {it} would be as long as the speech (--assume "
+            f"rate={fitting[0]})."
         )
-    return [f"The speech lasts {speech_s:.1f} s and {named}; only what both have is seen.{hint}"]
+    return [
+        f"The speech lasts {speech_s:.1f} s and {named}; only their common duration is shown.{hint}"
+    ]
 
 
 @dataclass(frozen=True)
@@ -217,8 +221,10 @@ class Assumptions:
         for name, kind, value in self.says:
             if (name, kind, value) not in known:
                 there = ", ".join(names or [path.name for path in files[:6]])
-                said = f"of which {kind}={value} is said"
-                return f"No file is called {name[:80]!r}, {said}; there are {there}."
+                return (
+                    f"There is no file {name[:80]!r}, for which {kind}={value} is given; there are "
+                    f"{there}."
+                )
         return ""
 
     def check(self, files: Sequence[Path], *names: str) -> None:
@@ -242,8 +248,8 @@ def read_told(written: str) -> Assumptions:
         found = _FLAG.match(part)
         if found is None or found["kind"] not in TELLABLE:
             raise MotionError(
-                f"{part[:60]!r} is no assumption; say WHAT=VALUE or NAME:WHAT=VALUE, of "
-                f"{', '.join(TELLABLE)}."
+                f"{part[:60]!r} is not a valid override; use WHAT=VALUE or NAME:WHAT=VALUE with "
+                f"WHAT one of {', '.join(TELLABLE)}."
             )
         kind, value = found["kind"], found["value"].strip()
         known = TELLABLE[kind]

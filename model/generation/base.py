@@ -276,7 +276,7 @@ class System(ABC):
         usual = 1.0 if self.guidance is None else self.guidance
         strength = usual if asked.guidance is None else asked.guidance
         if self.guidance is None and strength != 1:
-            raise ValueError(f"{self.name} takes no guidance; leave it out, or at 1.")
+            raise ValueError(f"{self.name} does not support guidance; omit it, or set it to 1.")
         steps = asked.steps or known[name].steps
         return Sampling(sampler=name, steps=steps, guidance=strength)
 

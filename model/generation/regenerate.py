@@ -182,7 +182,7 @@ def load_performance(path: Path, system: System, condition: Any, motion: Motion)
         heard = tensors.pop(_HEARD)
         return KeptPerformance(motion, condition, (), _windows(system, tensors), heard, followed)
     except (OSError, SafetensorError, KeyError, TypeError) as error:
-        raise KeptError("This take is kept no longer; generate the motion again.") from error
+        raise KeptError("This version has expired. Generate the motion again.") from error
 
 
 def _windows(system: System, tensors: Mapping[str, Tensor]) -> tuple:

@@ -77,8 +77,8 @@ class OffscreenRenderer:
         open_gl(self._backend)
         if not _in_use.acquire(blocking=False):
             raise GLError(
-                "Another picture is being drawn in this process, and OpenGL serves one at a time "
-                "here; let that end first, or draw in processes of their own "
+                "Another picture is being rendered in this process, and OpenGL supports one at a "
+                "time here. Wait for it to finish, or render in separate processes "
                 "(renderer.video.workers)."
             )
         try:

@@ -24,9 +24,9 @@ SHOWN_PERCENT = 99.0
 """Percentile of a panel's values at which its x axis ends, so that one outlier does not set it."""
 _COLUMNS = 3
 SPREAD = (
-    "Height is the share of clips at or below a value; a curve further to the right has more of"
-    f" it. Axes end where {SHOWN_PERCENT:g} % of a panel's values lie; a curve that does not"
-    " reach 1 has clips beyond. Each clip as it is, never filtered."
+    "The height is the share of clips at or below a value; a curve further to the right means "
+    f"larger values. Axes end where {SHOWN_PERCENT:g} % of a panel's values lie; a curve that does "
+    "not reach 1 has clips beyond. Unfiltered motion."
 )
 
 
@@ -48,9 +48,9 @@ def draw_distributions(
         raise FigureError("There is no value to draw.")
     most = style.MAX_SYSTEMS
     if len([name for name in systems if name != reference]) > most:
-        raise FigureError(f"There are {len(systems)} systems; at most {most} can be told apart.")
+        raise FigureError(f"There are {len(systems)} systems; at most {most} have distinct styles.")
     if not np.isfinite(values["value"]).all():
-        raise FigureError("A value is no number.")
+        raise FigureError("A value is not a number.")
     styles = style.styles_of(systems, reference)
     panels = list(values.groupby("measure", sort=False))
     num_rows = -(-len(panels) // _COLUMNS)
@@ -82,14 +82,14 @@ def draw_distributions(
 
 STEP_PANELS = {
     "tip_jerk_m_s3": "a  Fingertip jerk (m/s\N{SUPERSCRIPT THREE})",
-    "distance_cm": "b  From the result of most steps (cm)",
+    "distance_cm": "b  Distance to the result with the most steps (cm)",
 }
 REAL_TIME_MS = 1000.0 / FPS
 STEPS = (
-    "Each mark is one motion of the same speech, with its number of steps beside it; time is by"
-    " the clock of this machine, one motion at a time, without the features of the speech."
-    " Samplers that draw noise in every step (the GAN's, few-step consistency) end elsewhere"
-    " with every number of steps. One clip and one noise seed."
+    "Each mark is one motion of the same speech, with its number of steps beside it; time is by "
+    "the clock of this machine, one motion at a time, without the features of the speech. "
+    "Stochastic samplers (the GAN's, few-step consistency) give a different result for every "
+    "number of steps. One clip and one noise seed."
 )
 
 
@@ -175,11 +175,11 @@ NOISE_LINES = ("-", (0, (3, 1.5)))
 BY_SPEECH, BY_NOISE = "#333333", "#b0b0b0"
 HEARING = (
     f"Arm speed: angular speeds of both shoulders and elbows, summed, over {SHOWN_S:.0f} s. Lines "
-    "of one colour share the speech, lines of one kind (solid, dashed) the noise seed. Where the "
-    "system hears, lines of one colour rise and fall together; where it is deaf, lines of one "
-    "kind. "
-    "Shares: correlation of two motions with the same speech (or noise) and other noise (or "
-    "speech), less that of two that share neither, over all speeches and seeds."
+    "of one colour share the speech, lines of one kind (solid, dashed) the noise seed. If the "
+    "motion follows the speech, lines of one colour rise and fall together; if it follows the "
+    "noise, lines of one style do. Shares: correlation of two motions with the same speech (or "
+    "noise) and other noise (or speech), less that of two that share neither, over all speeches "
+    "and seeds."
 )
 
 
@@ -264,6 +264,6 @@ def _write_keys(figure: "Figure", row: HearingRow) -> None:
         Line2D([], [], color=style.INK, linewidth=0.8, linestyle=line, label=f"seed {seed}")
         for line, seed in zip(NOISE_LINES, seeds, strict=False)
     ]
-    handles += [Patch(color=BY_SPEECH, label="decided by speech")]
-    handles += [Patch(color=BY_NOISE, label="by chance")]
+    handles += [Patch(color=BY_SPEECH, label="due to speech")]
+    handles += [Patch(color=BY_NOISE, label="due to noise seed")]
     figure.legend(handles=handles, loc="outside upper left", ncols=len(handles), handlelength=1.4)

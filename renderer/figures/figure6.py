@@ -240,14 +240,15 @@ class Figure6:
         clip = f" of {self.clip}" if self.clip else ""
         told = {
             f"{self.point}, frames {self.start_frame} to {last_frame}{clip}"
-            f" at {self.fps:g} frames per second; metres, y up, one scale for x, y and z.": True,
-            f"A row for each motion; faint behind it: {self.names[0]}.": not self.is_in_one_plot,
-            "The motions differ in length and are cut to the shortest.":
+            f" at {self.fps:g} fps; metres, y up, one scale for x, y and z.": True,
+            f"One row per motion; faint in each row: {self.names[0]}.": not self.is_in_one_plot,
+            "All motions are cut to the length of the shortest.":
                 max(self._lengths) > min(self._lengths),
             "Grey lines and markers: the frames of the snapshots.": self.shown_frames,
             self.marks.caption if self.marks else "": "b" in self.panels,
-            f"Tremble: faster than {CUT_OFF_HZ:g} Hz of x, y, z; one scale.": "d" in self.panels,
-            f"Tip source: {self.tip_source}.": self.tip_source,
+            f"Position above {CUT_OFF_HZ:g} Hz (high-pass filtered), on one scale.": "d"
+            in self.panels,
+            f"Fingertip position: {self.tip_source}.": self.tip_source,
             _FILTERED[self.post_filter]: True,
             self.caveat: self.caveat,
         }  # fmt: skip
@@ -287,7 +288,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
         "a": contents.point,
         "b": "Snapshots by frame",
         "c": f"Path, grid {_pitch(_limits(contents, _PATH_ROOM)):g} m",
-        "d": f"Tremble: x above y above z, faster than {CUT_OFF_HZ:g} Hz",
+        "d": f"Position above {CUT_OFF_HZ:g} Hz (x, y, z from top)",
     }
     shown = dict.fromkeys(panel for row in rows for panel in row.panels)
     letters = dict(zip(shown, PANELS, strict=False))  # in the order of the page

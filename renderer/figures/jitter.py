@@ -128,8 +128,8 @@ ROWS = {"depth": 40.0, "joints": 50.0, "spectrum": 40.0, "attribution": 50.0, "s
 """Height of each row (mm)."""
 HEADS: dict[Version, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
 LIMIT_HZ = 5.0
-NO_DATA = "Not measured: too short, or nothing moved."
-NO_PERIOD = "No windows are known, and no period of 2 to 240 frames was found in the jerk."
+NO_DATA = "Not measured: too short, or no movement."
+NO_PERIOD = "No known windows, and no period between 2 and 240 frames in the jerk."
 LOG_FROM = 12.0
 """Ratio between systems from which an axis is logarithmic; a factor of 1.4, which matters most, is
 visible on a linear one."""
@@ -158,7 +158,7 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
             _scale(rows[row][0], row, curves)
     for kind, axes in zip(VERSIONS, rows["depth"], strict=True):
         axes.set_title(HEADS[kind])
-        axes.set_xlabel("bones from the pelvis")
+        axes.set_xlabel("depth (joints from the pelvis)")
         axes.xaxis.get_major_locator().set_params(integer=True)
     style.name_x(rows["joints"][0], [style.short_joint(JOINT_NAMES[j]) for j in JOINT_ORDER], 5.5)
     for axes in (each for each in rows["spectrum"] if each.axison):
@@ -174,24 +174,26 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
     for axes in rows["seams"]:
         if sheet.window_advance:
             every = sheet.window_advance
-            axes.set_xlabel(f"frame of the window, one every {every}; shaded: shared by two")
+            axes.set_xlabel(f"frame of the window (a window every {every}); shaded: overlap")
             axes.axvspan(-0.5, sheet.window_overlap - 0.5, color="#ececec", lw=0.0, zorder=0.2)
         else:
-            axes.set_xlabel("frame of the period found")
+            axes.set_xlabel("frame of the detected period")
             axes.xaxis.get_major_locator().set_params(integer=True)
     return figure
 
 
 def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
     """Return the title and the y label of each row."""
-    seams = "e  Seams: mean jerk of all joints, folded on the windows"
-    periods = "e  Periods: mean jerk of the body part that repeats, folded on the period found"
-    attribution = f"d  Attribution: drop of jerk when one joint is smoothed, {sheet.point}"
+    seams = "e  Seams: mean jerk of all joints by position in the window"
+    periods = (
+        "e  Periods: mean jerk of the body part that repeats, by position in the detected period"
+    )
+    attribution = f"d  Attribution: reduction of {sheet.point} jerk when one joint is filtered"
     return {
-        "depth": ("a  Jerk by depth: mean of the joints so many bones from the pelvis", _JERK),
+        "depth": ("a  Jerk by depth (mean over joints at that depth)", _JERK),
         "joints": ("b  Jerk of each joint, as generated", _JERK),
         "spectrum": (f"c  Velocity spectrum: {sheet.point}", "power (%)"),
-        "attribution": (attribution, "drop (%)"),
+        "attribution": (attribution, "jerk reduction (%)"),
         "seams": (seams if sheet.window_advance else periods, _JERK),
     }
 
@@ -237,22 +239,22 @@ def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
 
 def sheet_caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
     """Return the caption: missing measurements and repeating jerk, then ``sentence``."""
-    parts = [f"Jitter{f' of {clip}' if clip else ''}, left as generated, right after the filter."]
+    parts = [f"Jitter{f' of {clip}' if clip else ''}: as generated (left) and filtered (right)."]
     if REFERENCE_NAME in sheet.jitter:
-        parts.append("Black: the recorded reference, which has no windows and so no seams.")
+        parts.append("Black: the recorded reference, which has no generation windows.")
     measures = {"depth": "jerk by depth", "spectrum": "spectrum", "attribution": "attribution"}
     measures |= {"seams": "seams"} if sheet.window_advance else {}
     for row, title in measures.items():
         curves = sheet.curves(row, "raw")
         lacking = [name for name in sheet.jitter if name not in curves]
         if lacking and curves:
-            parts.append(f"No {title} of {', '.join(lacking)}: too short, or nothing moved.")
+            parts.append(f"No {title} of {', '.join(lacking)}: clip too short, or no movement.")
     if sheet.window_advance == 0:
         parts += [
-            f"Jerk of {name} repeats every {frames} frames, most in the {part}."
+            f"The jerk of {name} is periodic, every {frames} frames, most in the {part}."
             for name, (frames, part) in sheet.periods.items()
         ]
         without = [name for name in sheet.jitter if name not in sheet.periods]
         if without:
-            parts.append(f"No period of 2 to 240 frames in {', '.join(without)}.")
+            parts.append(f"No period between 2 and 240 frames in {', '.join(without)}.")
     return " ".join([*parts, sentence]).strip()

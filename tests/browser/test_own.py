@@ -224,7 +224,7 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     # A click goes there: of the sentence's button, and of its flag on the time line.
     player = page.locator("#own-player")
     gravest = player.locator(".gravest li").first
-    expect(gravest).to_contain_text("Feet on the ground slide")
+    expect(gravest).to_contain_text("Feet slide")
     gravest.get_by_role("button").click()
     worst_s = page.evaluate(f"{PLAYER}.lockstep.time")
     assert worst_s > 0 and gravest.get_by_role("button").inner_text().startswith("Show 0:")
@@ -236,7 +236,7 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     page.wait_for_url(re.compile(r"[?]run=.*#stage&.*t="))
     other = watched(page.context.new_page())
     other.goto(page.url)
-    expect(other.locator("#own-player .gravest li").first).to_contain_text("Feet on the ground")
+    expect(other.locator("#own-player .gravest li").first).to_contain_text("Feet slide")
     expect(other.get_by_role("tab", name=TAB)).to_have_attribute("aria-selected", "true")
     other.wait_for_function(f"at => Math.abs({PLAYER}.lockstep.time - at) < 0.05", arg=worst_s)
 

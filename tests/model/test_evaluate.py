@@ -138,9 +138,9 @@ def test_the_command_writes_rows_with_intervals_in_four_ways(
         "FGD is left out: its encoder fgd-encoder is not among the weights.",
     ):
         assert f"\n{sentence}\n" in text
-    assert f"Matched speech is left out: its judge {HEARING_JUDGE} is not among" in text
+    assert f"Matched-speech accuracy is omitted: the classifier {HEARING_JUDGE} is not" in text
     assert "FED is left out" not in text and "| FED | - |" in text
-    assert "wrist speed, calm over lively speaker" in text
+    assert "wrist speed, calm / lively speaker" in text
     with (tmp_path / "evaluation.csv").open() as file:
         values = {(r["row"], r["measure"]): float(r["mean"]) for r in csv.DictReader(file)}
     assert values["recorded", "tip_jerk_m_s3"] == jerk["mean"]
@@ -177,7 +177,7 @@ def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(judged):
         assert 0 < found["low"] <= found["high"] and found["mean"] > 0
         assert judged[f"{measure}_floor"]["mean"] > 0
         assert measure not in judged["motion"]["recorded"]
-        heading = f"{measure.upper()} of recorded halves against each other"
+        heading = f"{measure.upper()} between two halves of the recordings"
         assert heading in as_markdown(judged) and f"recorded,{measure}_floor," in as_csv(judged)
 
 

@@ -347,7 +347,7 @@ def draw_spread(
 
 
 def _whose(row: Measure) -> str:
-    return " of the point" if row.key.startswith("tracked_point") else ""
+    return " of the tracked point" if row.key.startswith("tracked_point") else ""
 
 
 def title_with_unit(row: Measure) -> str:

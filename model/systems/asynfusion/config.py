@@ -96,9 +96,9 @@ FAMILY = Family(
     about={
         DDIM: "Two networks side by side, one for the face and one for the body; after every block "
         "each reads what the other has made of it so far. 25 diffusion steps each.",
-        LCM_SYNC: "Distilled from it: 8 steps that lead where many small ones would.",
+        LCM_SYNC: "Distilled from it (latent consistency): 8 steps in place of many small ones.",
         LCM_ASYNC: "The same distilled network. The face takes 4 steps while the body takes 8; in "
-        "between, the body reads what the face was at last.",
+        "between, the body uses the face's last state.",
     },
     presets=presets,
     package="model.systems.asynfusion",

@@ -158,11 +158,11 @@ _INTRODUCTION = (
     "the noise of a comparison; each was trained from nothing, on raw rotations as in the paper's "
     "code. That a step helps is the paper's claim; on your clip, the measures decide."
 )
-_OWN_TITLE = "And one of our own, made to move well"
+_OWN_TITLE = "Our own system"
 _OWN_MEANING = (
-    "Before any network, a linear-Gaussian model of the motion (how far, how smoothly and how long "
-    "each part of the body moves) says what x₁ can be, given the noised motion and the frames "
-    "before. The network adds to that what speech tells, in units of what is still open. So it "
+    "A linear-Gaussian prior of the motion (range, smoothness and duration of each body part's "
+    "movement) gives the distribution of x₁ given the noised motion and the previous frames. The "
+    "network predicts what the speech adds, in units of the remaining standard deviation. So it "
     "moves as far and as smoothly as its data; the ladder shows what happens without."
 )
 
@@ -191,8 +191,8 @@ _RUNGS = (
         "Each joint is predicted in the world. A position is a sum over the chain's bones; an "
         "error at one joint moves what is below it but turns nothing else.",
         _EQ_5, "eq. 5",
-        "A quieter fingertip. The price: nothing ties neighbours together, so single joints may "
-        "twist against their parents.",
+        "Less fingertip jitter. In return, neighbouring joints are not coupled, so a joint may "
+        "twist against its parent.",
     ),
     ExplainedSystem(
         "globaldiff/joint", "+ joint constraint",
@@ -224,7 +224,7 @@ FAMILY = Family(
     title="GlobalDiff, and one of our own",
     systems=SYSTEMS,
     about={
-        BEST: "Made to move well: the paper's network on a linear-Gaussian model of the motion.",
+        BEST: "The paper's network with a linear-Gaussian prior of the motion.",
         "globaldiff/local": "Rotations of each joint in its parent.",
         "globaldiff/global": "Rotations of each joint in the world.",
         "globaldiff/joint": "Global, and the joint structure constraint.",

@@ -93,7 +93,7 @@ FAMILY = OfficialFamily(
     systems=(FILTERED, UNFILTERED),
     about={
         FILTERED: "The authors' checkpoint as their script runs it, each window smoothed.",
-        UNFILTERED: "The same checkpoint without the smoothing: what it really makes.",
+        UNFILTERED: "The same checkpoint without smoothing: the raw output.",
     },
     samplers=dict.fromkeys(
         (FILTERED, UNFILTERED),

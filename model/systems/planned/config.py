@@ -92,7 +92,10 @@ FAMILY = Family(
     title="Plan first, of our own",
     systems=(PLANNED,),
     about={
-        PLANNED: "Plans gestures, nods and looks from the speech first, then moves as planned.",
+        PLANNED: (
+            "First samples a plan of gestures, nods and gaze from the speech, then generates "
+            "motion that follows the plan."
+        ),
     },
     samplers={PLANNED: titled("euler", "heun", steps=6, strength=2.5)},
     presets=presets,

@@ -97,7 +97,7 @@ def test_limbs_of_each_naming_convention_point_as_in_the_file(tmp_path: Path, na
     assert max(angles_deg(path, name).values()) < split
     reading = read_any_motion(path)
     joints, layout = reading.of("joints"), reading.of("layout")
-    assert joints is not None and f" {AT_REST[name]} of ours stay at rest" in joints.why
+    assert joints is not None and f" {AT_REST[name]} SMPL-X joints stay at rest" in joints.why
     assert joints.sure == "sure" and layout is not None
     assert (layout.sure == "unsure") == CONVENTIONS[name].is_unsure
 
@@ -158,7 +158,7 @@ def test_numbers_in_names_say_which_joint_of_a_finger_it_is(tmp_path: Path):
     less = str.maketrans({"1": "", "2": "1", "3": "2"})
     names = [JOINT_NAMES[j].translate(less) if j in HANDS else JOINT_NAMES[j] for j in WHOLE]
     told = read(tmp_path, text_of(WHOLE, names)).of("joints")
-    assert told is not None and "; 10 have no place, " in told.why
+    assert told is not None and "; 10 are not used, " in told.why
 
 
 def test_lengths_are_told_otherwise(tmp_path: Path):

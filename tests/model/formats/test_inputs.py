@@ -26,7 +26,7 @@ REFUSED = {
     "a25_10fps.npz": "10 frames per second",
     "a26_gt_and_pred.npz": "gt, pred",
     "a41_poses.json": ".npz, .npy, .bvh",
-    "a43_joint_positions_T55_3.npy": "positions of joints",
+    "a43_joint_positions_T55_3.npy": "joint positions, not rotations",
 }
 """Files that are to be refused, and what the sentence names."""
 SAID = {
@@ -218,7 +218,7 @@ def test_of_a_file_with_a_wrong_frame_time_the_right_rate_is_offered():
         pytest.skip("no files that outsiders met here (shared/data/inputs5)")
     reading = read_any_motion(path)
     (note,) = lengths_apart(14.06, {"a": reading.motion.duration_s}, {"a": reading.rate})
-    assert "At 30 frames a second it would" in note and "--assume rate=30" in note
+    assert "At 30 fps it would" in note and "--assume rate=30" in note
     assert read_any_motion(path, read_told("rate=30")).motion.duration_s == pytest.approx(14.0)
 
 
@@ -234,4 +234,4 @@ def test_a_body_that_bobs_is_found_and_one_that_stands_is_not():
     }
     assert found["base"] == []
     (floating,) = found["emage_floats"]
-    assert floating.kind == "floating" and "together by up to 12 cm" in floating.sentence
+    assert floating.kind == "floating" and "above the floor by up to 12 cm" in floating.sentence

@@ -32,8 +32,8 @@ def test_what_differs_between_compared_motions_is_told():
     one = Reading(MOTION, (slow,), lacks=frozenset({"detail", "face"}))
     other = Reading(MOTION, (USUAL,), lacks=frozenset({"face"}))
     first, second = apart({"a": one, "b": other})
-    assert "differ in frames a second (a 15, b 30)" in first
-    assert second.startswith("a was filled in from fewer frames")
+    assert "differ in frame rate (a 15, b 30)" in first
+    assert second.startswith("a was upsampled from a lower frame rate")
     assert apart({"a": one, "b": one}) == []
 
 
@@ -42,9 +42,9 @@ def test_a_rate_at_which_the_speech_would_fit_is_told():
     (note,) = lengths_apart(10.0, {"a": 5.0, "b": 20.0})
     assert "2 of the motions 5.0 to 20.0 s" in note and "as long as the speech" not in note
     (note,) = lengths_apart(10.0, {"a": 5.0})
-    assert "a 5.0 s" in note and "At 15 frames a second it would be as long as the" in note
+    assert "a 5.0 s" in note and "At 15 fps it would be as long as the" in note
     (note,) = lengths_apart(14.06, {"a": 17.5}, {"a": 24.0})  # a BVH whose Frame Time is wrong
-    assert "At 30 frames a second it would" in note and "(--assume rate=30)" in note
+    assert "At 30 fps it would" in note and "(--assume rate=30)" in note
     assert "At" not in lengths_apart(14.06, {"a": 17.5}, {"a": 30.0})[0]
 
 
@@ -57,7 +57,7 @@ def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
     assert told.of("reference")["rate"] == "25"
     assert read_told("").says == ()
     assert told.unknown([Path("x/b, c.npz")]) == "" and told.known([]).of("a.npz")["up"] == "z"
-    assert "No file is called 'b, c.npz', of which up=x is said; there are a" in told.unknown(
+    assert "There is no file 'b, c.npz', for which up=x is given; there are a" in told.unknown(
         [Path("a.npz")], "a"
     )
 
@@ -65,8 +65,8 @@ def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
 @pytest.mark.parametrize(
     ("written", "said"),
     [
-        ("up", "is no assumption"),
-        ("colour=red", "is no assumption"),
+        ("up", "is not a valid override"),
+        ("colour=red", "is not a valid override"),
         ("up=w", "up must be one of y, -y"),
         ("rate=fast", "rate must be a number"),
         ("hands=big", "hands must be one of flat, mean"),

@@ -129,7 +129,7 @@ def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_pat
     np.testing.assert_array_equal(arrays(again.motion), arrays(changed.motion))
     path.write_bytes(path.read_bytes()[:1000])
     for broken in (path, tmp_path / "gone"):
-        with pytest.raises(KeptError, match="kept no longer"):
+        with pytest.raises(KeptError, match="has expired"):
             load_performance(broken, system, PLAN, first.motion)
 
 

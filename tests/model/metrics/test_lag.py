@@ -144,13 +144,13 @@ def test_it_is_a_finding_that_says_how_to_put_it_right(sound):
     motion = speaking(sound)
     assert told(motion) == [] and told(moved(motion, 3)) == []
     (late,) = told(moved(motion, 12))
-    assert late.sentence.startswith("This seems 0.40 s late: there its face fits the speech best")
+    assert late.sentence.startswith("The face moves 0.40 s late relative to the speech (95 %")
     assert "--assume lag=0.40" in late.sentence and late.excess == pytest.approx(3, abs=0.1)
     (early,) = told(moved(motion, -12))
     assert "0.40 s early" in early.sentence and "lag=-0.40" in early.sentence
     (drifts,) = told(stretched(motion, 1.05))
-    assert "This drifts against the speech" in drifts.sentence
-    rate = float(drifts.sentence.split("as with ")[1].split()[0])
+    assert "The face drifts relative to the speech" in drifts.sentence
+    rate = float(drifts.sentence.split("as if ")[1].split()[0])
     assert rate == pytest.approx(31.5, abs=0.15)
 
 

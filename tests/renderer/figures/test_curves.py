@@ -146,8 +146,8 @@ def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
 def test_what_cannot_be_drawn_is_told():
     for values, systems, says in (
         (spread(), "a", "no value"),
-        (spread(1.0, float("nan")), "a", "no number"),
-        (spread(1.0), "abcdefgh", "told apart"),
+        (spread(1.0, float("nan")), "a", "not a number"),
+        (spread(1.0), "abcdefgh", "distinct styles"),
     ):
         with pytest.raises(FigureError, match=says):
             draw_distributions(values, systems)

@@ -160,7 +160,7 @@ def test_of_more_systems_each_has_small_plots_with_the_first_faint_behind() -> N
         assert len({(axes.get_xlim(), axes.get_ylim()) for axes in own}) == 1
         for axes in own[1:]:
             assert lines_of(axes)["reference"].get_alpha() == 0.3
-    assert "faint behind it: reference" in contents.caption
+    assert "faint in each row: reference" in contents.caption
 
 
 @pytest.mark.parametrize(("shift", "spread"), [(0.0, 0.0), (40.0, 1e-4), (-3.0, 30.0)])
@@ -186,8 +186,8 @@ def test_no_peak_is_cut_and_each_axis_has_a_scale(shift, spread):
 
 def test_caption_states_frames_source_filter_and_honesty() -> None:
     raw = check(**make_inputs(1), start_frame=30).caption
-    assert "frames 30 to 299 of 2_scott_0_1_1 at 30 frames per second" in raw
-    assert "Tip source: rigid." in raw
+    assert "frames 30 to 299 of 2_scott_0_1_1 at 30 fps" in raw
+    assert "Fingertip position: rigid." in raw
     assert "Raw motion, no filter." in raw
     assert "jerk of each joint around the frame, largest and darkest at 500 m/s³" in raw
     assert raw.endswith("One clip and one noise seed: an example, not a comparison of the systems.")
@@ -198,7 +198,7 @@ def test_caption_states_frames_source_filter_and_honesty() -> None:
     inputs["trajectories"][NAMES[0]] = make_trajectory(5, 200)
     contents = check(**inputs)
     assert contents.num_frames == 200
-    assert "The motions differ in length and are cut to the shortest." in contents.caption
+    assert "All motions are cut to the length of the shortest." in contents.caption
 
 
 def test_marks_grow_and_darken_with_the_value_and_faint_ones_are_none() -> None:

@@ -91,7 +91,7 @@ def test_the_caption_has_the_clip_who_lacks_what_and_the_sentence():
     description = sheet_caption(lacking, "2_scott_0_1_1", sentence)
     assert "2_scott_0_1_1" in description and description.endswith(sentence)
     assert "Black: the recorded reference" in description
-    assert f"No spectrum of {NAMES[1]}: too short, or nothing moved." in description
+    assert f"No spectrum of {NAMES[1]}: clip too short, or no movement." in description
     assert description.count("No ") == 1
 
 
@@ -165,7 +165,7 @@ def test_periods_found_are_folded_and_named(settings: None) -> None:
         phase = np.array([3.0, 1.0, 2.0, 1.0])
         sheet = with_numbers(sheet, NAMES[1], kind, by_phase=phase, period=(4, "legs"))
     axes = panels_of(draw_sheet(sheet))["seams raw"]
-    assert axes.get_xlabel() == "frame of the period found"
+    assert axes.get_xlabel() == "frame of the detected period"
     assert list(lines_of(axes)) == [NAMES[1]]
     assert not axes.patches  # no frames are shared that one knows of
     for kind in VERSIONS:

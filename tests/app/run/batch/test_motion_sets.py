@@ -88,7 +88,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     assert "fewer than 10 clips no difference is starred" in paper and "{*}" not in paper
     measures = json.loads((tmp_path / "many.json").read_text())["measures"]
     of_ten = cells_of(["lively", "same", "reference"], [{**row, "clips": 10} for row in measures])
-    assert of_ten["Followed point: Speed (m/s)"][0].endswith("*")
+    assert of_ten["Tracked point: Speed (m/s)"][0].endswith("*")
     kept = tmp_path / "clips" / "b.json"
     before = kept.stat().st_mtime_ns
     (tmp_path / "clips" / "c.json").write_text("{")  # half a file of a run that was stopped
@@ -236,7 +236,7 @@ def test_few_clips_have_no_figure(tmp_path: Path):
     ]
     assert all(path.is_file() for path in files) and not said
     text = (tmp_path / "distributions.svg").read_text()
-    assert "Slide on the ground" in text and "BeatAlign" not in text
+    assert "Foot sliding" in text and "BeatAlign" not in text
 
 
 def test_systems_beyond_the_styles_are_named(tmp_path: Path):

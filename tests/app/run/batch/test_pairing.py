@@ -110,7 +110,7 @@ def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_pat
             (one / f"{clip}.npz").write_bytes((made / "mine" / name).read_bytes())
         diagnose_folders(asked(made, tmp_path / f"out{sample}", one))
         parts.append(rows_of(tmp_path / f"out{sample}"))
-    title = "Followed point: Speed (m/s)"
+    title = "Tracked point: Speed (m/s)"
     for clip in "abc":
         first, second = (
             float(part[clip, f"one{sample}"][SPEED]) for sample, part in enumerate(parts)
@@ -159,13 +159,13 @@ def test_a_set_that_was_filled_in_is_told_above_the_numbers(made: Path, tmp_path
             content[name] = content[name][::2]
         np.savez(slow / f"{clip}.npz", **content | {"mocap_frame_rate": np.array(15)})
     found = diagnose_folders(asked(made, tmp_path / "out", slow))
-    assert found.notes[0].startswith("slow was filled in from fewer frames a second")
+    assert found.notes[0].startswith("slow was upsampled from a lower frame rate")
     sheet = (tmp_path / "out" / "sheet.md").read_text()
     table = sheet.index("| measure |")
-    assert "slow was filled in" in sheet[:table] and "15" in sheet[:table]
-    (jerk,) = (line for line in sheet.splitlines() if line.startswith("| Followed point: Jerk"))
+    assert "slow was upsampled" in sheet[:table] and "15" in sheet[:table]
+    (jerk,) = (line for line in sheet.splitlines() if line.startswith("| Tracked point: Jerk"))
     assert jerk.split(" | ")[1] == "n/a" and jerk.split(" | ")[2] != "n/a"
-    (speed,) = (line for line in sheet.splitlines() if line.startswith("| Followed point: Speed"))
+    (speed,) = (line for line in sheet.splitlines() if line.startswith("| Tracked point: Speed"))
     assert "n/a" not in speed
 
 
