@@ -32,6 +32,8 @@ BUTTONS = WORDS["buttons"]
 RETURN_TO = "https://example.org/done?cc=C0DE"
 CONTACT = "ask@lab.example"
 PANEL = 'panel_ids = ["PROLIFIC_PID", "STUDY_ID"]'
+HANG_MS = 20_000
+"""Time without a new picture after which a video has failed."""
 DOTS_MS, TONES_MS = 1500, 3900
 """How long a dot of the practice moves, and three tones sound: time that the page's clock can
 skip, as it cannot for videos."""
@@ -330,6 +332,40 @@ def test_a_video_that_fails_is_tried_again_then_skipped_and_named_ids_alone_are_
     assert written["answers"][0]["skipped"] in written["answers"][0]["shown"]
     found = host.collected("pairwise", tmp_path)
     assert found.left_out == () and is_whole(host, "pairwise", found.participants[0])
+
+
+def test_a_video_without_a_new_picture_for_20_s_has_failed(take_part: Callable[..., Page]) -> None:
+    page = take_part("pairwise")
+    page.route("**/media/*.mp4", lambda route: None)  # never answered
+    agree(page)
+    practise(page)
+    hanging, stalling = page.locator(".card").all()
+    skip = hanging.get_by_role("button", name=BUTTONS["skip"])
+    for has_skip in (False, True):
+        hanging.locator(".play").click()
+        expect(hanging).to_have_class(re.compile("playing"))
+        page.clock.run_for(HANG_MS // 4)
+        expect(hanging.get_by_role("alert")).to_have_count(0)
+        page.clock.run_for(HANG_MS)
+        expect(hanging.get_by_role("alert")).to_have_text(WORDS["problems"]["video"])
+        expect(hanging).not_to_have_class(re.compile("playing"))
+        expect(skip).to_have_count(int(has_skip))
+        hanging.get_by_role("button", name=BUTTONS["retry"]).click()
+    # One that shows pictures for a while, and then no more.
+    stalling.locator("video").evaluate(
+        """video => {
+          const own = (value) => ({ value, writable: true });
+          const play = own(async () => (video.paused = false));
+          const pause = own(() => (video.paused = true));
+          Object.defineProperties(video, { currentTime: own(0), paused: own(true), play, pause });
+        }"""
+    )
+    stalling.locator(".play").click()
+    stalling.locator("video").evaluate("video => (video.currentTime = 1.5)")
+    page.clock.run_for(HANG_MS)
+    expect(stalling.get_by_role("alert")).to_have_count(0)
+    page.clock.run_for(HANG_MS)
+    expect(stalling.get_by_role("alert")).to_have_text(WORDS["problems"]["video"])
 
 
 def test_speech_is_asked_about_and_answers_are_posted_again_when_the_network_returns(
