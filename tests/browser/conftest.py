@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -41,6 +41,9 @@ from tests.app import fakes
 from tests.app.study.made_study import draw_noise
 from tests.conftest import MadeOnce
 from tests.model.made import TINY_NETWORK, TINY_SYSTEMS, made_waveform, make_weights
+
+if TYPE_CHECKING:
+    from gradio import Blocks
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
@@ -220,7 +223,17 @@ def ready(page: Page) -> Page:
 def served(
     config: AppConfig, is_warmed_up: bool = False, **does: Callable[..., Any]
 ) -> Iterator[str]:
-    """The address of a page that is open meanwhile. Gradio keeps uploads where the environment
+    """The address of a page, as by `served_blocks`."""
+    with served_blocks(config, is_warmed_up, **does) as page:
+        assert page.local_url is not None
+        yield page.local_url
+
+
+@contextmanager
+def served_blocks(
+    config: AppConfig, is_warmed_up: bool = False, **does: Callable[..., Any]
+) -> "Iterator[Blocks]":
+    """A page that is open meanwhile. Gradio keeps uploads where the environment
     says, for all pages of a process: a page that was open before gets its place back.
 
     Args:
@@ -231,8 +244,7 @@ def served(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.page.worker.Worker", partial(fakes.FakeWorker, does=does))
         page = launch(config, is_warmed_up)
-    assert page.local_url is not None
-    yield page.local_url
+    yield page
     page.close()
     if before is not None:
         os.environ["GRADIO_TEMP_DIR"] = before
