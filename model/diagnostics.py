@@ -35,13 +35,9 @@ from model.metrics.joints import (
 )
 from model.metrics.lag import find_lag
 from model.metrics.posture import posture_measures
-from model.metrics.protocols.record import ProtocolInputs
-from model.metrics.protocols.table import (
-    protocol_of,
-    protocol_sums,
-    protocol_values,
-    without_parts,
-)
+from model.metrics.protocols.clip import ProtocolInputs
+from model.metrics.protocols.formulas import protocol_sums, protocol_values
+from model.metrics.protocols.table import protocol_of, without_parts
 from model.metrics.reference_error import diversity, error_to_reference
 from model.metrics.results import BeatMeasures, BeatSpeeds, Measures, PublishedMeasures
 from model.metrics.seams import find_period, seam_measures

@@ -20,7 +20,7 @@ from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
 from model.diagnostics import Diagnostics, Versions, diagnose
 from model.generation.base import Windowing
 from model.metrics.beats import speech_onsets
-from model.metrics.protocols.record import ProtocolInputs
+from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.results import Measures
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion

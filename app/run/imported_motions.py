@@ -36,7 +36,7 @@ from model.generation.base import Windowing
 from model.metrics.beats import read_mean_speeds
 from model.metrics.lag import heard_of
 from model.metrics.posture import FEET
-from model.metrics.protocols.record import FaceVertices, ProtocolInputs
+from model.metrics.protocols.clip import FaceVertices, ProtocolInputs
 from model.metrics.protocols.semantics import read_semantics
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion

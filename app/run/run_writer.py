@@ -46,7 +46,7 @@ from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding, ranked
 from model.formats.reading import Reading
 from model.generation.base import Windowing
-from model.metrics.protocols.record import ProtocolInputs
+from model.metrics.protocols.clip import ProtocolInputs
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, put_together, save_motion
 from model.plan.detection import found_plan

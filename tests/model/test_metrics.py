@@ -25,7 +25,7 @@ from model.generation.base import Windowing
 from model.metrics import posture, smoothness, tracked_point
 from model.metrics.beats import read_mean_speeds
 from model.metrics.joints import elbow_backwards_share, finger_is_outside, rotation_noise
-from model.metrics.protocols.record import ProtocolInputs
+from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.reference_error import error_to_reference
 from model.metrics.smoothness import HIGH_FREQUENCY_HZ, velocity_spectrum
 from model.metrics.tracked_point import attribute_jerk

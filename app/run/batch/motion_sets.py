@@ -56,7 +56,7 @@ from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import LACKS, MOTIONS, REFERENCE, Reading
 from model.metrics.lag import heard_of
-from model.metrics.protocols.record import ProtocolInputs, Sums
+from model.metrics.protocols.clip import ProtocolInputs, Sums
 from model.metrics.protocols.table import PROTOCOLS, protocol_of, without_parts
 from model.metrics.results import BeatSpeeds
 from model.motion.kinematics import open_body_skeleton

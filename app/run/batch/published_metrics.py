@@ -17,8 +17,9 @@ import numpy as np
 from app.findings.measure_rows import written
 from conventions.names import REFERENCE_NAME
 from model.evaluation.tables import drawn_clips, interval_of
-from model.metrics.protocols.record import ProtocolInputs, Sums
-from model.metrics.protocols.table import PROTOCOLS, protocol_sums
+from model.metrics.protocols.clip import ProtocolInputs, Sums
+from model.metrics.protocols.formulas import FORMULAS, protocol_sums
+from model.metrics.protocols.table import PROTOCOLS
 from model.motion.kinematics import RestSkeleton, open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -159,7 +160,7 @@ class PublishedMetrics:
         if not sums:
             return {}
         draws = [
-            PROTOCOLS[protocol].evaluate({key: each[k] for key, each in sums.items()})
+            FORMULAS[protocol].evaluate({key: each[k] for key, each in sums.items()})
             for k in range(len(self._draws))
         ]
         return {key: np.array([each.get(key, np.nan) for each in draws]) for key in draws[0]}

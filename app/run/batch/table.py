@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,8 +21,10 @@ from app.findings.verdict import ENOUGH_CLIPS
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
 from model.metrics.protocols.table import WORKBENCH, protocol_of
-from model.metrics.results import BeatSpeeds
 from model.storage.escaping import csv_text, markdown, tex
+
+if TYPE_CHECKING:
+    from model.metrics.results import BeatSpeeds
 
 NUM_WORST = 10
 """Maximum number of worst clips of a system that are listed."""

@@ -21,7 +21,7 @@ from model.metrics.beats import (
     joint_speeds,
     speech_onsets,
 )
-from model.metrics.protocols.record import Clip, Sums
+from model.metrics.protocols.clip import Clip, Sums
 
 _SAMPLES_A_FRAME = SAMPLE_RATE / FPS
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from conventions.joints import PARENTS
-from model.metrics.protocols.record import Clip, Sums
+from model.metrics.protocols.clip import Clip, Sums
 
 BONES = range(2, 22)
 """Lower ends of the bones; the first two of the 22 body joints are skipped."""

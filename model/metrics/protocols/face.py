@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from model.metrics.protocols.record import Clip, Sums
+from model.metrics.protocols.clip import Clip, Sums
 
 _FRAMES = 64
 """Frames that are posed at once: 64 of SMPL-X take 16 MB."""

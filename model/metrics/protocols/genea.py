@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from conventions.joints import FACE
 from conventions.rates import FPS
-from model.metrics.protocols.record import Clip, Sums
+from model.metrics.protocols.clip import Clip, Sums
 
 JOINTS = [joint for joint in range(1, 55) if joint not in FACE]
 """Joints of body and hands; the pelvis stays at the origin."""

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.signal import find_peaks
 
-from model.metrics.protocols.record import Clip, Sums
+from model.metrics.protocols.clip import Clip, Sums
 
 BODY_JOINTS = 22
 FEET = (10, 11)

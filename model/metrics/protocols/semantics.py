@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.rates import FPS
-from model.metrics.protocols.record import Clip, Sums
+from model.metrics.protocols.clip import Clip, Sums
 from model.storage.files import bytes_within
 from model.storage.npz import MotionError
 

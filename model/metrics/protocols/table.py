@@ -1,24 +1,19 @@
 """Records of all protocols, by ids that never change.
 
 A number that is measured by another rule gets another id. The table of docs/evaluation.md and the
-command ``protocols`` are made from these records.
+command ``protocols`` are made from these records. Their formulas are in
+`model.metrics.protocols.formulas`; this module needs no package, so that the page can import it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Collection, Mapping
-from functools import partial
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
+from model.metrics.protocols.record import Need, Protocol
 
-from model.metrics.protocols.alignment import SlicedBeats, workbench_sums
-from model.metrics.protocols.coverage import coverage_sums
-from model.metrics.protocols.face import squared_error_sums, velocity_error_sums
-from model.metrics.protocols.genea import correlation_sums, hellinger, histogram_sums
-from model.metrics.protocols.physical import physical_sums
-from model.metrics.protocols.record import Clip, Need, Protocol, Sums
-from model.metrics.protocols.semantics import RelevanceRecall
-from model.metrics.reference_error import l1_to_mean
-from model.metrics.results import BeatSpeeds
+if TYPE_CHECKING:
+    from model.metrics.results import BeatSpeeds
 
 WORKBENCH = "workbench/1"
 """Id of the metrics that have no published rule of their own."""
@@ -30,11 +25,6 @@ _UPPER = "13 upper-body joints of the open body (m), pelvis-aligned; onsets of l
 _PANTOMATRIX = "PantoMatrix/PantoMatrix"
 _GENEA = "genea-workshop/genea_numerical_evaluations"
 _RAG = "m-hamza-mughal/RAG-Gesture"
-
-
-def diversity_sums(clip: Clip) -> Sums:
-    """Compute the L1 distance to the mean pose of a clip."""
-    return {"count": np.array(1.0), "l1_diversity_m": np.array(l1_to_mean(clip.rooted))}
 
 
 PROTOCOLS: Mapping[str, Protocol] = {
@@ -54,7 +44,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             _UPPER, "all but 2 s at both ends; mean over clips",
             "EMAGE's formula, with beats and onsets counted from the start of the clip", "our own",
             {"beat_align": "0 to 1"}, ("waveform", "reference"),
-            is_own=True, sums=partial(workbench_sums, speeds="reference"),
+            is_own=True,
         ),
         Protocol(
             "beats/workbench-own",
@@ -62,7 +52,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "motion. A slow motion is thus not penalised.",
             _UPPER, "all but 2 s at both ends; mean over clips", "as beats/workbench", "our own",
             {"beat_align": "0 to 1"}, ("waveform",),
-            is_own=True, sums=partial(workbench_sums, speeds="own"),
+            is_own=True,
         ),
         Protocol(
             "beats/workbench-emage",
@@ -70,7 +60,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "counts beats from another start and so gives another number: beats/emage.",
             _UPPER, "all but 2 s at both ends; mean over clips", "as beats/workbench", "our own",
             {"beat_align": "0 to 1"}, ("waveform", "mean_speeds"),
-            is_own=True, sums=partial(workbench_sums, speeds="emage"),
+            is_own=True,
         ),
         Protocol(
             "beats/emage",
@@ -80,7 +70,6 @@ PROTOCOLS: Mapping[str, Protocol] = {
             _UPPER, "all but 60 frames at both ends; clips weighted by their length",
             f"{_PANTOMATRIX}, scripts/EMAGE_2024",
             values={"beat_align": "0 to 1"}, needs=("waveform", "mean_speeds"),
-            sums=SlicedBeats(threshold=0.3, margin=60, is_deviation=True),
         ),
         Protocol(
             "beats/evaltools",
@@ -89,7 +78,6 @@ PROTOCOLS: Mapping[str, Protocol] = {
             _UPPER, "all but 60 frames at both ends; clips weighted by their length",
             f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
             values={"beat_align": "0 to 1"}, needs=("waveform", "mean_speeds"),
-            sums=SlicedBeats(threshold=0.1, margin=60, is_upright=True),
         ),
         Protocol(
             "beats/raggesture",
@@ -98,7 +86,6 @@ PROTOCOLS: Mapping[str, Protocol] = {
             _UPPER, "frames 10 to 290 of each clip, or to 10 before its end; weighted by length",
             f"{_RAG}, tools/evaluate.py",
             values={"beat_align": "0 to 1"}, needs=("waveform", "mean_speeds"),
-            sums=SlicedBeats(threshold=0.3, margin=10, max_frames=300),
         ),
         Protocol(
             "beats/asynfusion",
@@ -112,7 +99,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "L1 distance of the joints to their mean position in the clip, summed over all 165 "
             "coordinates. EMAGE adds the mean hand pose and the betas of the clip's body.",
             _ROOTED, "whole clip; mean over clips", f"{_PANTOMATRIX}, L1div",
-            values={"l1_diversity_m": "m"}, is_own=True, sums=diversity_sums,
+            values={"l1_diversity_m": "m"}, is_own=True,
         ),
         Protocol(
             "diversity/globaldiff",
@@ -181,7 +168,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "equal to 4e-7 relative on six clips",
             {"slide_m": "m", "floating_share": "share", "jitter_m": "m", "dynamic_m": "m",
              "penetration_m": "m"},
-            parts=("detail", "place", "legs"), sums=physical_sums,
+            parts=("detail", "place", "legs"),
         ),
         Protocol(
             "gac/unicamp",
@@ -191,7 +178,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "20 bones of the 22 body joints (cm), pelvis-aligned, lowest point at 0", _WHOLE,
             "AI-Unicamp/gesture-area-coverage, GAC",
             "equal cells on six clips, equal Dice on four pairs",
-            {"cells": "cells", "dice": "0 to 1"}, parts=("legs",), sums=coverage_sums,
+            {"cells": "cells", "dice": "0 to 1"}, parts=("legs",),
         ),
         Protocol(
             "srgr/beat",
@@ -200,7 +187,6 @@ PROTOCOLS: Mapping[str, Protocol] = {
             _ROOTED, "whole clip; clips weighted by their length",
             "BEAT (Liu et al. 2022), SRGR; Euclidean norm of emage_evaltools",
             values={"srgr": ""}, needs=("reference", "semantics"),
-            sums=RelevanceRecall(threshold_m=0.1, norm=2),
         ),
         Protocol(
             "srgr/raggesture",
@@ -208,7 +194,6 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "less than 30 cm. RAG-Gesture measures the first 10 s of each clip.",
             _ROOTED, "whole clip; clips weighted by their length", f"{_RAG}, tools/evaluate.py",
             values={"srgr": ""}, needs=("reference", "semantics"),
-            sums=RelevanceRecall(threshold_m=0.3, norm=1),
         ),
         Protocol(
             "hellinger/genea",
@@ -218,7 +203,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "steps between frames of all clips together",
             f"{_GENEA}, calc_histogram.py and hellinger_distance.py",
             values={"hellinger": "0 to 1"}, needs=("reference",),
-            parts=("detail", "hands"), sums=histogram_sums, evaluate=hellinger,
+            parts=("detail", "hands")
         ),
         Protocol(
             "cca/genea",
@@ -227,7 +212,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "under 10 s are left out.",
             "51 joints of body and hands (cm), pelvis-aligned", _WHOLE,
             f"{_GENEA}, cca.py; the mean of clips, not their global value",
-            values={"cca": "0 to 1"}, needs=("reference",), sums=correlation_sums,
+            values={"cca": "0 to 1"}, needs=("reference",),
         ),
         Protocol(
             "mse_face/emage",
@@ -236,7 +221,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "vertices of SMPL-X (m) with jaw, FLAME expressions and betas",
             "whole clip; clips weighted by their length",
             f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
-            values={"mse_m2": "m²"}, needs=("reference", "face_vertices"), sums=squared_error_sums,
+            values={"mse_m2": "m²"}, needs=("reference", "face_vertices"),
         ),
         Protocol(
             "lvd/emage",
@@ -245,7 +230,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "vertices of SMPL-X (m) with jaw, FLAME expressions and betas",
             "whole clip; clips weighted by their length",
             f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
-            values={"lvd_m": "m"}, needs=("reference", "face_vertices"), sums=velocity_error_sums,
+            values={"lvd_m": "m"}, needs=("reference", "face_vertices"),
         ),
     )
 }  # fmt: skip
@@ -289,22 +274,6 @@ def protocol_of(metric: str, speeds: BeatSpeeds = "own") -> str:
     """
     metric = metric.removesuffix("_floor").removesuffix("_chance").removesuffix("_chance_highest")
     return OWN_METRICS.get(metric, _BEATS[speeds] if metric == "beat_align" else WORKBENCH)
-
-
-def protocol_sums(clip: Clip, with_own: bool = False) -> dict[str, Sums]:
-    """Compute the sums of a clip for all protocols that have their inputs, by id.
-
-    Args:
-        with_own: also compute metrics of this program, which are measured apart.
-    """
-    chosen = {name: each for name, each in PROTOCOLS.items() if with_own or not each.is_own}
-    sums = {name: record.sums_of(clip) for name, record in chosen.items()}
-    return {name: each for name, each in sums.items() if each}
-
-
-def protocol_values(sums: Mapping[str, Mapping]) -> dict[str, dict[str, float]]:
-    """Return the values of added sums by id and name."""
-    return {name: PROTOCOLS[name].evaluate(each) for name, each in sums.items()}
 
 
 T = TypeVar("T")

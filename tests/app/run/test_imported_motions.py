@@ -27,7 +27,7 @@ from model.faults.analysis import Finding
 from model.faults.table import FAULTS, without
 from model.formats.reading import read_told
 from model.metrics.beats import speech_onsets
-from model.metrics.protocols.record import ProtocolInputs
+from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.protocols.table import PROTOCOLS
 from model.metrics.smoothness import VelocitySpectrum
 from model.motion.kinematics import open_body_skeleton

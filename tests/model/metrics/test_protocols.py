@@ -12,10 +12,11 @@ from conventions.joints import FACE, PARENTS
 from model.formats.read import read_any_motion
 from model.metrics.beats import BEAT_JOINTS, speech_onsets
 from model.metrics.protocols import face
+from model.metrics.protocols.clip import Clip, Sums
 from model.metrics.protocols.coverage import coverage, dice
-from model.metrics.protocols.record import Clip, Protocol, Sums
+from model.metrics.protocols.formulas import FORMULAS, Formula, protocol_sums, protocol_values
 from model.metrics.protocols.semantics import read_semantics
-from model.metrics.protocols.table import NEEDS, PROTOCOLS, protocol_sums, protocol_values
+from model.metrics.protocols.table import NEEDS, PROTOCOLS
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -56,7 +57,7 @@ def clip() -> Clip:
 
 
 def value(name: str, clip: Clip) -> dict[str, float]:
-    return PROTOCOLS[name].evaluate(PROTOCOLS[name].sums_of(clip))
+    return FORMULAS[name].evaluate(FORMULAS[name].sums(clip))
 
 
 def test_physical_and_coverage_give_the_numbers_of_the_authors_code():
@@ -77,7 +78,7 @@ def test_physical_and_coverage_give_the_numbers_of_the_authors_code():
 
 
 def test_ids_are_frozen_and_records_complete():
-    assert [name for name in PROTOCOLS if PROTOCOLS[name].sums] == [
+    assert [name for name in FORMULAS if not PROTOCOLS[name].is_own] == [
         *("beats/emage", "beats/evaltools", "beats/raggesture", "physical/mbench", "gac/unicamp"),
         *("srgr/beat", "srgr/raggesture", "hellinger/genea", "cca/genea"),
         *("mse_face/emage", "lvd/emage"),
@@ -104,18 +105,18 @@ def test_every_input_that_is_missing_leaves_its_protocols_out(clip: Clip):
 def test_sums_of_clips_add_up_to_the_value_of_a_set(clip: Clip):
     halves = clip.first(200), replace(clip.first(160), joints=clip.joints[200:])
 
-    def added(record: Protocol) -> Sums:
-        first, second = map(record.sums_of, halves)
+    def added(formula: Formula) -> Sums:
+        first, second = map(formula.sums, halves)
         return {key: first[key] + second[key] for key in first}
 
     srgr, physical, speeds = (
-        PROTOCOLS[name] for name in ("srgr/beat", "physical/mbench", "hellinger/genea")
+        FORMULAS[name] for name in ("srgr/beat", "physical/mbench", "hellinger/genea")
     )
-    rates = [srgr.evaluate(srgr.sums_of(half))["srgr"] for half in halves]
+    rates = [srgr.evaluate(srgr.sums(half))["srgr"] for half in halves]
     assert srgr.evaluate(added(srgr))["srgr"] == pytest.approx(
         (200 * rates[0] + 160 * rates[1]) / 360
     )
-    means = [physical.evaluate(physical.sums_of(half)) for half in halves]
+    means = [physical.evaluate(physical.sums(half)) for half in halves]
     assert physical.evaluate(added(physical)) == pytest.approx(
         {key: (means[0][key] + means[1][key]) / 2 for key in means[0]}
     )

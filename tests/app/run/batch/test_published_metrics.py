@@ -16,8 +16,9 @@ from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MetricOptions, parse_expected
 from app.run.requests.requests import AnyRun
-from model.metrics.protocols.record import ProtocolInputs
-from model.metrics.protocols.table import PROTOCOLS, protocol_sums, protocol_values
+from model.metrics.protocols.clip import ProtocolInputs
+from model.metrics.protocols.formulas import protocol_sums, protocol_values
+from model.metrics.protocols.table import PROTOCOLS
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, save_motion
 from model.motion.tracks import track_points

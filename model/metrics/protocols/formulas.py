@@ -1,0 +1,70 @@
+"""Formulas of the protocols that are measured from one clip at a time."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from model.metrics.protocols.alignment import SlicedBeats, workbench_sums
+from model.metrics.protocols.clip import Clip, Sums, mean_values
+from model.metrics.protocols.coverage import coverage_sums
+from model.metrics.protocols.face import squared_error_sums, velocity_error_sums
+from model.metrics.protocols.genea import correlation_sums, hellinger, histogram_sums
+from model.metrics.protocols.physical import physical_sums
+from model.metrics.protocols.semantics import RelevanceRecall
+from model.metrics.protocols.table import PROTOCOLS
+from model.metrics.reference_error import l1_to_mean
+
+
+@dataclass(frozen=True)
+class Formula:
+    """Function from a clip to its sums, empty if it is too short, and from added sums to values."""
+
+    sums: Callable[[Clip], Sums]
+    evaluate: Callable[[Mapping[str, np.ndarray]], dict[str, float]] = mean_values
+
+
+def diversity_sums(clip: Clip) -> Sums:
+    """Compute the L1 distance to the mean pose of a clip."""
+    return {"count": np.array(1.0), "l1_diversity_m": np.array(l1_to_mean(clip.rooted))}
+
+
+FORMULAS: Mapping[str, Formula] = {
+    "beats/workbench": Formula(partial(workbench_sums, speeds="reference")),
+    "beats/workbench-own": Formula(partial(workbench_sums, speeds="own")),
+    "beats/workbench-emage": Formula(partial(workbench_sums, speeds="emage")),
+    "beats/emage": Formula(SlicedBeats(threshold=0.3, margin=60, is_deviation=True)),
+    "beats/evaltools": Formula(SlicedBeats(threshold=0.1, margin=60, is_upright=True)),
+    "beats/raggesture": Formula(SlicedBeats(threshold=0.3, margin=10, max_frames=300)),
+    "l1div/emage": Formula(diversity_sums),
+    "physical/mbench": Formula(physical_sums),
+    "gac/unicamp": Formula(coverage_sums),
+    "srgr/beat": Formula(RelevanceRecall(threshold_m=0.1, norm=2)),
+    "srgr/raggesture": Formula(RelevanceRecall(threshold_m=0.3, norm=1)),
+    "hellinger/genea": Formula(histogram_sums, hellinger),
+    "cca/genea": Formula(correlation_sums),
+    "mse_face/emage": Formula(squared_error_sums),
+    "lvd/emage": Formula(velocity_error_sums),
+}
+"""Formulas by id."""
+
+
+def protocol_sums(clip: Clip, with_own: bool = False) -> dict[str, Sums]:
+    """Compute the sums of a clip for all protocols that have their inputs, by id.
+
+    Args:
+        with_own: also compute metrics of this program, which are measured apart.
+    """
+    sums = {
+        name: formula.sums(clip)
+        for name, formula in FORMULAS.items()
+        if (with_own or not PROTOCOLS[name].is_own)
+        and all(getattr(clip, need) is not None for need in PROTOCOLS[name].needs)
+    }
+    return {name: each for name, each in sums.items() if each}
+
+
+def protocol_values(sums: Mapping[str, Sums]) -> dict[str, dict[str, float]]:
+    """Return the values of added sums by id and name."""
+    return {name: FORMULAS[name].evaluate(each) for name, each in sums.items()}
