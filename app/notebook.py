@@ -34,7 +34,7 @@ from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.requests.requests import GenerateRequest, PlanRequest, RenderRequest
 from app.run.run_writer import open_run_writer
 from app.run.videos.export import render_motion
-from conventions.names import REFERENCE_NAME, Version
+from conventions.names import REFERENCE_NAME, FilterVersion
 from model.diagnostics import Diagnostics
 from model.formats.read import read_any_motion
 from model.formats.reading import read_told
@@ -292,7 +292,7 @@ def compare(
     reference: MotionLike | None = None,
     speech: SpeechLike | None = None,
     diagnostics: Diagnostics | None = None,
-    kind: Version = "raw",
+    kind: FilterVersion = "raw",
 ) -> Comparison:
     """Compare the metrics of motions.
 

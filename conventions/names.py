@@ -11,9 +11,9 @@ from typing import Literal, get_args
 REFERENCE_NAME = "reference"
 """Name of the recorded motion that systems are compared with."""
 
-Version = Literal["raw", "savgol"]
+FilterVersion = Literal["raw", "savgol"]
 """Version of a motion: unfiltered, or smoothed by a Savitzky-Golay filter."""
-VERSIONS: tuple[Version, ...] = get_args(Version)
+VERSIONS: tuple[FilterVersion, ...] = get_args(FilterVersion)
 PostFilter = Literal["none", "savgol"]
 """Filter that is applied to motions before they are shown."""
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
@@ -64,12 +64,12 @@ def printable(text: str) -> str:
     return "".join(char if char.isprintable() else "?" for char in text)
 
 
-def listed(items: Sequence[str]) -> str:
+def join_names(items: Sequence[str]) -> str:
     """Format items as "a, b and c"."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 
-def counted(count: int, noun: str) -> str:
+def pluralise(count: int, noun: str) -> str:
     """Format a count as "1 noun" or "2 nouns"."""
     return f"{count} {noun}{'s' * (count != 1)}"
 

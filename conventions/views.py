@@ -16,10 +16,10 @@ BUILDS: tuple[Build, ...] = get_args(Build)
 """Builds of the open body; the first is the one of its mesh file."""
 Tone = Literal["light", "medium", "dark", "clay"]
 TONES: tuple[Tone, ...] = get_args(Tone)
-LOOKS = tuple(f"{build}-{tone}" for build in BUILDS for tone in TONES)
+BODY_LOOKS = tuple(f"{build}-{tone}" for build in BUILDS for tone in TONES)
 """Looks of the open body; the first is the default."""
 
 CUTOFF_HZ = 5.0
 """Cutoff frequency above which motion is exaggerated (Hz); gestures have little energy there."""
-MAX_TURN_RAD = 0.8
+MAX_EXAGGERATED_RAD = 0.8
 """Largest rotation of an exaggerated residual (rad), so that no joint turns over."""

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import FINGERTIP_NAMES, JOINT_DEPTH, JOINT_NAMES
-from conventions.names import REFERENCE_NAME, VERSIONS, Version
+from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion
 from conventions.rates import FPS
 from model.faults.analysis import Evidence, Finding
 from model.faults.table import find_faults
@@ -61,7 +61,7 @@ class Versions:
     raw: Measures
     savgol: Measures
 
-    def of(self, kind: Version) -> Measures:
+    def of(self, kind: FilterVersion) -> Measures:
         return self.raw if kind == "raw" else self.savgol
 
     def without(self, lacks: Collection[str]) -> "Versions":

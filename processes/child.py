@@ -18,13 +18,13 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from processes.exit_report import ChildLog, Ended, memory_kills
+from processes.exit_report import ChildLog, ExitReport, memory_kills
 
 _ENDS_WITHIN_S = 5.0
 """Longest time for a process with a closed channel to exit (s)."""
 
 
-class Gone(Exception):
+class ChildExited(Exception):
     """Exception for a child process that has ended."""
 
 
@@ -78,44 +78,47 @@ class Child:
     def is_alive(self) -> bool:
         return self._process.poll() is None
 
-    def forget(self) -> None:
+    def clear_log(self) -> None:
         """Discard the log so far, before a new task: it says nothing about how that ends."""
-        self._log.forget()
+        self._log.clear()
         self._killed_before = memory_kills()
 
     def send(self, message: object) -> None:
-        """Queue a message without waiting; if the child has ended, the next read raises `Gone`."""
+        """Queue a message without waiting.
+
+        If the child has ended, the next read raises `ChildExited`.
+        """
         self._outbox.put(pickle.dumps(message))
 
     def has_message(self, within_s: float) -> bool:
         """Check whether a message has arrived, waiting at most ``within_s`` seconds.
 
         Raises:
-            Gone: if the child has ended.
+            ChildExited: if the child has ended.
         """
         try:
             return self._channel.poll(within_s)
         except (EOFError, OSError) as error:
-            raise Gone from error
+            raise ChildExited from error
 
     def receive(self) -> Any:
         """Wait for the next message and return it.
 
         Raises:
-            Gone: if the child has ended.
+            ChildExited: if the child has ended.
         """
         try:
             return self._channel.recv()
         except (EOFError, OSError) as error:
-            raise Gone from error
+            raise ChildExited from error
 
-    def ended(self) -> Ended:
-        """Return how a child ended, after `Gone`."""
+    def exit_report(self) -> ExitReport:
+        """Return how a child ended, after `ChildExited`."""
         try:
             status = self._process.wait(_ENDS_WITHIN_S)
         except subprocess.TimeoutExpired:
             status = None
-        return Ended(status, self._log.lines(), memory_kills() > self._killed_before)
+        return ExitReport(status, self._log.lines(), memory_kills() > self._killed_before)
 
     def end(self) -> None:
         """Kill the child and all of its process group."""
@@ -144,7 +147,7 @@ def parent_channel() -> tuple[Connection, tuple[str, ...]]:
     return Connection(int(number)), tuple(arguments)
 
 
-def heard(channel: Connection) -> queue.SimpleQueue[tuple[Any, threading.Event]]:
+def receive_queue(channel: Connection) -> queue.SimpleQueue[tuple[Any, threading.Event]]:
     """Receive messages from the parent in a thread, each with an event set by a later None.
 
     If the parent dies, this process exits.

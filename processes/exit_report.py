@@ -35,12 +35,12 @@ _OWN_FAULT = "This is a bug in the program or a library, not a problem with your
 
 
 @dataclass(frozen=True)
-class Ended:
+class ExitReport:
     """Result of a child process that has ended."""
 
     status: int | None
     """Exit status, or minus the signal's number; None if unknown."""
-    said: tuple[str, ...] = ()
+    log_lines: tuple[str, ...] = ()
     """Last lines of its log."""
     was_killed_for_memory: bool = False
     """True if the kernel has killed any process for lack of memory since this one began."""
@@ -55,15 +55,15 @@ class Ended:
             return None
 
     @property
-    def wanted_memory(self) -> bool:
+    def was_out_of_memory(self) -> bool:
         """True if memory ran out by the kernel's count, or by the log of a process at its limit."""
         if self.signal == signal.SIGKILL:
             return self.was_killed_for_memory
         is_by_itself = self.status is None or self.status > 0 or self.signal == signal.SIGABRT
-        return is_by_itself and any(_SAYS_MEMORY.search(line) for line in self.said)
+        return is_by_itself and any(_SAYS_MEMORY.search(line) for line in self.log_lines)
 
     @property
-    def how(self) -> str:
+    def exit_text(self) -> str:
         """Text that continues "it ended", such as "with exit status 1"."""
         if self.status is None:
             return "without a status"
@@ -72,7 +72,9 @@ class Ended:
         name = self.signal.name if self.signal else "no name"
         return f"by signal {-self.status} ({name})"
 
-    def sentences(self, what: str, for_memory: str, again: str, suspect: str = _OWN_FAULT) -> str:
+    def user_message(
+        self, what: str, for_memory: str, again: str, suspect: str = _OWN_FAULT
+    ) -> str:
         """Format what happened and what to do, with the last lines of the log.
 
         Args:
@@ -81,22 +83,24 @@ class Ended:
             again: what to do if it may succeed another time.
             suspect: a sentence on the most likely cause of a crash.
         """
-        if self.wanted_memory:
+        if self.was_out_of_memory:
             source = "the system" if self.signal == signal.SIGKILL else "its log"
             why = f"because it ran out of memory (according to {source})"
-            return f"{what} ended {self.how} {why}; {for_memory}.{self._lines()}"
+            return f"{what} ended {self.exit_text} {why}; {for_memory}.{self._lines()}"
         if self.signal == signal.SIGKILL:
             why = "It was killed from outside; the system reports no lack of memory."
-            return f"{what} ended {self.how}. {why} {_capital(again)}.{self._lines()}"
+            return f"{what} ended {self.exit_text}. {why} {_capital(again)}.{self._lines()}"
         if self.signal is not None and self.signal not in CRASHES:
-            return f"{what} ended {self.how}, which was sent to it; {again}.{self._lines()}"
+            return f"{what} ended {self.exit_text}, which was sent to it; {again}.{self._lines()}"
         why = suspect if self.signal is not None else _OWN_FAULT
-        report = "report it with these lines" if self.said else "report it; its log has no lines"
+        report = (
+            "report it with these lines" if self.log_lines else "report it; its log has no lines"
+        )
         again = f"{_capital(again)}; if it happens again, {report}."
-        return f"{what} ended {self.how}. {why} {again}{self._lines()}"
+        return f"{what} ended {self.exit_text}. {why} {again}{self._lines()}"
 
     def _lines(self) -> str:
-        return f" Its last lines: {' | '.join(self.said)}" if self.said else ""
+        return f" Its last lines: {' | '.join(self.log_lines)}" if self.log_lines else ""
 
 
 def _capital(sentence: str) -> str:
@@ -169,7 +173,7 @@ class ChildLog:
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Discard the lines so far, before a new task."""
         self._kept.clear()
 

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from processes.child import Child, Gone, heard, parent_channel
+from processes.child import Child, ChildExited, parent_channel, receive_queue
 from processes.job import Cancelled, Job, JobsError
 
 MAX_BREAKS = 3
@@ -129,10 +129,10 @@ def do_by_processes(
                         continue
                     breaks = 0
                     idle.append(child)
-                except Gone:
+                except ChildExited:
                     breaks += 1
                     if breaks == MAX_BREAKS:
-                        how = child.ended().sentences(_LAST, _FEWER, _AGAIN)
+                        how = child.exit_report().user_message(_LAST, _FEWER, _AGAIN)
                         raise JobsError(f"{_BROKEN} {how}") from None
                     child.end()
                     waiting.append(job)
@@ -161,7 +161,7 @@ def main() -> None:
     """Run a worker process: do jobs as they come; send their news, and what each raised."""
     channel, (folder,) = parent_channel()
     os.chdir(folder)
-    jobs, lock = heard(channel), threading.Lock()
+    jobs, lock = receive_queue(channel), threading.Lock()
 
     def tell(told: object, has_ended: bool = False) -> None:
         with lock:

@@ -8,7 +8,7 @@ import tyro
 from conventions.names import printable
 
 
-def called(
+def run_cli(
     does: Callable[..., None],
     program: str,
     arguments: Sequence[str] | None,

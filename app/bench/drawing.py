@@ -10,12 +10,12 @@ from renderer.body.body import BodyMotion, load_body
 from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import OffscreenRenderer
 from renderer.draw.probe import choose_backend
-from renderer.scene.camera_setup import frames_of
+from renderer.scene.camera_setup import select_frames
 from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
-from renderer.video.naive import draw_naively
-from renderer.video.render import RenderSettings, mesh_of, stage_for
+from renderer.video.naive import draw_baseline
+from renderer.video.render import RenderSettings, camera_setup_for, mesh_of
 from renderer.video.workers import RenderJob, draw_jobs
 
 SIZE_PX = 512
@@ -61,7 +61,7 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     with the usual loop, which also gets its vertices ready-made.
     """
     whole, settings, figures = load_body(), RenderSettings(SIZE_PX, SIZE_PX), []
-    stage = stage_for(whole, [motion], settings)
+    stage = camera_setup_for(whole, [motion], settings)
     body = mesh_of(whole, stage, stage.shots[0], settings.panels[0])
 
     def timed(name: str, work: Callable[[], Result]) -> Result:
@@ -94,8 +94,8 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
                 video.write(picture)
 
     timed("encoding", encode)
-    few = [*chain.from_iterable(whole.vertices(frames_of(motion, slice(NAIVE_FRAMES))))]
-    _, *seconds = timed_with_cpu(lambda: draw_naively(few, whole, stage, SIZE_PX))
+    few = [*chain.from_iterable(whole.vertices(select_frames(motion, slice(NAIVE_FRAMES))))]
+    _, *seconds = timed_with_cpu(lambda: draw_baseline(few, whole, stage, SIZE_PX))
     wall, cpu = (1e3 * each / len(few) for each in seconds)
     ours = [each for each in figures if not each.name.startswith(("skinning", "encoding"))]
     own_wall, own_cpu = sum(each.value for each in ours), sum(each.cpu or 0.0 for each in ours)

@@ -127,7 +127,7 @@ def _video_rate() -> CheckResult:
     from renderer.body.body import BodyMotion
     from renderer.video.workers import RenderJob, draw_jobs
 
-    motion = BodyMotion.resting(RATE_FRAMES)
+    motion = BodyMotion.zero_pose(RATE_FRAMES)
     turn = np.sin(np.linspace(0.0, 4.0 * np.pi, RATE_FRAMES))
     for name in ("left_shoulder", "spine2", "right_elbow"):
         motion.poses[:, 3 * JOINT_INDEX[name]] = turn / 3.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, TypeVar
 
-from conventions.names import Version
+from conventions.names import FilterVersion
 
 if TYPE_CHECKING:
     import numpy as np
@@ -206,7 +206,7 @@ KEYS_OF_OLD_TITLES = {
 }
 """Keys of the metrics by the titles that were keys in ``run.json`` of formats 1 and 2, and in
 leaderboards of format 1."""
-Numbers = Mapping[Version, Mapping[str, float]]
+Numbers = Mapping[FilterVersion, Mapping[str, float]]
 """Values of one motion by version (filter) and by key of the measure, as in ``run.json``."""
 
 

@@ -16,7 +16,7 @@ from app.findings.comparison import (
     told_of,
 )
 from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, numbers_of, parts_apart
-from conventions.names import REFERENCE_NAME, VERSIONS, Version, listed, short_names
+from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, join_names, short_names
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics, Versions
@@ -36,14 +36,14 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     of_all = diagnostics.of_all
     apart = {labels.get(name, name): of for name, of in parts_apart(diagnostics.lacks).items()}
 
-    def table(kind: Version) -> Table:
+    def table(kind: FilterVersion) -> Table:
         numbers = {
             name: numbers_of(each.of(kind), apart=apart.get(name, ()))
             for name, each in of_all.items()
         }
         return by_measure([numbers])
 
-    tables: dict[Version, Table] = {kind: table(kind) for kind in VERSIONS}
+    tables: dict[FilterVersion, Table] = {kind: table(kind) for kind in VERSIONS}
     unlike = {name for name, parts in apart.items() if parts & {"detail", "place"}}
     comparable = {name: each for name, each in of_all.items() if name not in unlike}
     point, is_cut = point_title(diagnostics.point), diagnostics.windows is not None
@@ -58,7 +58,7 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     }
 
 
-def _both(tables: Mapping[Version, Table], key: str, noun: str) -> str:
+def _both(tables: Mapping[FilterVersion, Table], key: str, noun: str) -> str:
     """Format one measure of all systems as generated and smoothed; empty if none was measured."""
     told = {noun: tables["raw"].get(key, {}), SMOOTHED: tables["savgol"].get(key, {})}
     return " ".join(
@@ -103,9 +103,9 @@ def _attribution(diagnostics: Diagnostics) -> str:
         return ""
     if not told:
         effect = f"reduces the jerk of the {point} by less than {least}"
-        return f"Filtering a single joint {effect} in {listed(without)}."
-    few = f"; in {listed(without)} no joint by {least} or more" if without else ""
-    return f"Joint whose filtering reduces the jerk of the {point} most: {listed(told)}{few}."
+        return f"Filtering a single joint {effect} in {join_names(without)}."
+    few = f"; in {join_names(without)} no joint by {least} or more" if without else ""
+    return f"Joint whose filtering reduces the jerk of the {point} most: {join_names(told)}{few}."
 
 
 def _seams(diagnostics: Diagnostics, raw: Table) -> str:
@@ -114,7 +114,7 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     if not values.keys() - {REFERENCE_NAME} or diagnostics.windows is None:
         return ""
     found = _with_finding(diagnostics, "seams")
-    beyond = f"in {listed(found)}" if found else "in none"
+    beyond = f"in {join_names(found)}" if found else "in none"
     return (
         f"Peak jerk at window seams, every {diagnostics.windows.advance} frames, as a multiple of "
         f"that elsewhere: {told_of(values)}. Jerk that recurs significantly with the windows: "
@@ -174,7 +174,8 @@ def _step(diagnostics: Diagnostics) -> str:
     ]
     if unknown := [name for name, lag in found.items() if lag is not None and not lag.is_known]:
         told.append(
-            f"{listed(unknown)} unknown, because neither face nor body follows the speech closely "
+            f"{join_names(unknown)} unknown, because neither face nor body follows the speech "
+            "closely "
             "enough"
         )
     return f"Lag behind the speech: {'; '.join(told)}." if told else ""

@@ -19,7 +19,7 @@ from app.findings.comparison import (
     told_of,
 )
 from app.findings.measure_rows import JERK, MEASURES, SPEED, Numbers
-from conventions.names import REFERENCE_NAME, SampleName, counted, listed, short_names
+from conventions.names import REFERENCE_NAME, SampleName, join_names, pluralise, short_names
 from model.systems.registry import families
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def verdict_of(
     over = f", mean over {drawn}" if count > 1 else ""
     recorded = len(jerk.get(REFERENCE_NAME, {}))
     of_some = (
-        f" (of {counted(recorded, 'clip')})" if 0 < recorded < count and len(clips) > 1 else ""
+        f" (of {pluralise(recorded, 'clip')})" if 0 < recorded < count and len(clips) > 1 else ""
     )
     numbers = f"{point_title(point)} jerk in m/s³{over}: {told_of(jerk)}{of_some}."
     others = [*_calmer(table, names), *_without_jerk(clips, jerk)]
@@ -127,7 +127,7 @@ def _without_jerk(clips: Sequence[Mapping[str, Numbers]], jerk: Mapping[str, Sam
         for name in dict.fromkeys(name for clip in clips for name in clip)
         if name not in known and SampleName.parse(name).system not in known
     ]
-    return [f"No jerk to compare: {listed(left_out)}."] if left_out else []
+    return [f"No jerk to compare: {join_names(left_out)}."] if left_out else []
 
 
 def _ladder(claim: Claim, table: Table, names: Mapping[str, str], here: str) -> list[str]:
@@ -147,14 +147,17 @@ def _ladder(claim: Claim, table: Table, names: Mapping[str, str], here: str) -> 
         )
         if worse := _worse(table, base, claim.more):
             sentences.append(
-                f"{names[base].capitalize()} is worse than {names[claim.more]} in {listed(worse)}."
+                f"{names[base].capitalize()} is worse than {names[claim.more]} "
+                f"in {join_names(worse)}."
             )
     added = {name: ratio_of(jerk[name], jerk[base]) for name in rungs if name != base}
     if not added:
         return sentences
     told = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
-    which = f"{listed(calmer)} {'has' if len(calmer) == 1 else 'have'}" if calmer else "none has"
+    which = (
+        f"{join_names(calmer)} {'has' if len(calmer) == 1 else 'have'}" if calmer else "none has"
+    )
     start = f"Compared with {names[base]}, with {claim.added} added one by one"
     return [*sentences, f"{start}: {told}; {which} less jerk here."]
 
@@ -196,7 +199,7 @@ def _calmer(table: Table, names: Mapping[str, str]) -> list[str]:
         how = "less movement, possibly over-smoothed" if moves < CALM else how
         shares = f"{plain(jerk.value)} times its jerk at {plain(speed.value)} times its speed"
         told.append(f"{label} ({shares}: {how})")
-    return [f"Less jerk than the reference: {listed(told)}."] if told else []
+    return [f"Less jerk than the reference: {join_names(told)}."] if told else []
 
 
 def _change(ratio: Ratio | None) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from app.errors import RunError, without_folders
 from app.run.requests.requests import GenerateRequest
 from conventions.rates import SAMPLE_RATE
-from processes.child import Child, Gone
+from processes.child import Child, ChildExited
 
 NOT_THERE = "There is no live minute to keep, or it was kept no longer; start the live session."
 ENDED = "The process of live speech"
@@ -197,8 +197,8 @@ class LiveSessions:
                 tell = self._ears.get(number)
                 if tell is not None:
                     tell(told)
-        except Gone:
-            why = without_folders(child.ended().sentences(ENDED, FOR_MEMORY, AGAIN))
+        except ChildExited:
+            why = without_folders(child.exit_report().user_message(ENDED, FOR_MEMORY, AGAIN))
         with self._lock:
             self._child = None
             ears, self._ears = self._ears, {}

@@ -27,7 +27,7 @@ from app.errors import (
     sentence_of,
 )
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
-from processes.child import Child, Gone, heard, parent_channel
+from processes.child import Child, ChildExited, parent_channel, receive_queue
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
@@ -151,7 +151,7 @@ class Worker:
         self, child: Child, work: tuple[Task[Any, Found], Any], ear: RunCallbacks
     ) -> Found:
         limits, self._is_fit = self._limits, False
-        child.forget()
+        child.clear_log()
         started = told_at = time.monotonic()
         news: object = None
         stop_by: float | None = None
@@ -180,11 +180,11 @@ class Worker:
                         if event != news:
                             news, told_at = event, now
                         ear.hear(event)
-        except Gone as error:
+        except ChildExited as error:
             if stop_by is not None:
                 raise Cancelled from error
             allowed = FOR_MEMORY.format(gigabytes=limits.memory_bytes / 1e9)
-            raise RunError(child.ended().sentences(ENDED, allowed, AGAIN)) from error
+            raise RunError(child.exit_report().user_message(ENDED, allowed, AGAIN)) from error
 
 
 _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
@@ -194,7 +194,7 @@ _NO_MEMORY = ("allocate memory", "not enough memory", "bad_alloc")
 def main() -> None:
     """Run the worker process: do tasks, and load the models in small steps in between."""
     channel, needed = parent_channel()
-    works = heard(channel)
+    works = receive_queue(channel)
     lock = threading.Lock()
 
     def tell(told: object) -> None:

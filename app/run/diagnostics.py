@@ -16,7 +16,7 @@ from app.run.bodies import TrackedPoint
 from app.run.output.result_folder import ResultFolder
 from app.run.requests.requests import GenerateRequest, RunRequest
 from app.run.videos.videos import Snapshots
-from conventions.names import REFERENCE_NAME, VERSIONS, Version, short_names
+from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, short_names
 from model.diagnostics import Diagnostics, Versions, diagnose
 from model.generation.base import Windowing
 from model.metrics.beats import speech_onsets
@@ -187,7 +187,7 @@ def figure6_of(
         else "none",
         clip=clip,
         caveat=ONE_SEED_CAVEAT if isinstance(request, GenerateRequest) else "",
-        asked_panels=figures.figure_panels,
+        requested_panels=figures.figure_panels,
         width_mm=float(figures.figure_width.removesuffix("mm")),
     )
 
@@ -211,7 +211,7 @@ def make_jitter_sheet(
     )
 
 
-def _jitter_of(versions: Versions) -> dict[Version, Jitter]:
+def _jitter_of(versions: Versions) -> dict[FilterVersion, Jitter]:
     def of(measures: Measures) -> Jitter:
         spectrum, period = measures.point.tip_spectrum, measures.seams.period
         return Jitter(
@@ -219,7 +219,7 @@ def _jitter_of(versions: Versions) -> dict[Version, Jitter]:
             by_joint=measures.positions.joint_jerk_m_s3,
             spectrum=spectrum and (spectrum.frequency_hz, spectrum.velocity_power),
             chain=measures.point.tip_jerk_attribution.joints,
-            chain_drop=measures.point.tip_jerk_attribution.share,
+            jerk_drop_by_joint=measures.point.tip_jerk_attribution.share,
             by_phase=measures.seams.jerk_by_window_phase_m_s3,
             period=period and (period.frames, period.part),
         )

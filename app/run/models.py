@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from conventions.views import LOOKS
+from conventions.views import BODY_LOOKS
 from model.speech.librosa_cache import begin_import
 from model.storage.files import FileVersions, file_versions
 from model.systems.registry import list_systems, load_system, system_files
@@ -38,7 +38,7 @@ def get_system(name: str, weights: Path) -> System:
         return _load_system(name, weights, file_versions(system_files(name, weights)))
 
 
-def get_body(path: Path | None, look: str = LOOKS[0]) -> Body:
+def get_body(path: Path | None, look: str = BODY_LOOKS[0]) -> Body:
     """Return the open body in a look, or the SMPL-X body of a file, loading it at its first use.
 
     Raises:

@@ -107,7 +107,9 @@ def _run(
         rows = rows_of(request, words, run)
         run.timeline(rows.timeline, words.given)
         for name, motion in rows.staged.items():
-            run.note(*(f"{name}: {note}" for note in rows.body.notes(body_motion(motion))))
+            run.note(
+                *(f"{name}: {note}" for note in rows.body.unsupported_notes(body_motion(motion)))
+            )
         diagnostics = _measure(rows, run)
         timeline = with_snaps(rows.timeline, diagnostics.findings)
         if timeline != rows.timeline:

@@ -41,7 +41,7 @@ from app.run.timeline import (
     padded_waveform,
     transcript_tiers,
 )
-from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, listed, short_names
+from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, join_names, short_names
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding, ranked
 from model.formats.reading import Reading
@@ -57,7 +57,7 @@ from model.speech.transcript import Transcript
 from model.storage.escaping import csv_text
 from renderer.body.body import Body
 from renderer.figures import kept
-from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, written
+from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, save_figure
 
 _GROWN = 1.2
 """Growth factor of a motion after which its alignment is computed again."""
@@ -210,7 +210,7 @@ class RunWriter(RunCallbacks):
         """
         stem = self.folder.path(f"{name}.png").with_suffix("")
         places: Places = []
-        files = written(lambda: kept.DRAW[name](contents), stem, caption, forms, places)
+        files = save_figure(lambda: kept.DRAW[name](contents), stem, caption, forms, places)
         if set(forms) != set(FORMS):
             path = self.folder.path(viewer_file_name(name, CONTENTS_ENDING))
             kept.save_contents(path, name, contents, caption, places)
@@ -361,6 +361,6 @@ def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[FindingReco
     labels = short_names(name for name in findings if name != REFERENCE_NAME)
     clean = [label for name, label in labels.items() if not findings[name]]
     if clean:
-        which = f" in {listed(clean)}" if len(labels) > 1 else ""
+        which = f" in {join_names(clean)}" if len(labels) > 1 else ""
         told.append(FindingRecord(sentence=truncate(f"No findings{which}.")))
     return told

@@ -13,7 +13,7 @@ from app.run.bodies import TrackedPoint
 from app.run.diagnostics import onsets_of
 from app.run.output.run_folder import Text, file_of, read_run
 from app.run.requests.parts import NUM_WORST_SECONDS, WordSource
-from conventions.names import REFERENCE_NAME, Version
+from conventions.names import REFERENCE_NAME, FilterVersion
 from conventions.rates import FPS, SAMPLE_RATE
 from model.faults.analysis import Finding
 from model.faults.table import SNAP
@@ -150,7 +150,7 @@ Curve = dict[str, Any]
 def make_timeline(
     speech: Speech | None,
     motions: Mapping[str, Motion],
-    shown: Version,
+    shown: FilterVersion,
     tip: TrackedPoint,
     weights: Path | None = None,
 ) -> dict[str, Any]:
@@ -173,8 +173,8 @@ def make_timeline(
     accents = heard_accents(speech, weights) if speech and weights else ()
     curves = {}
     for name, motion in motions.items():
-        version: Version = "raw" if name == REFERENCE_NAME else shown
-        versions: dict[Version, Motion] = {version: motion}
+        version: FilterVersion = "raw" if name == REFERENCE_NAME else shown
+        versions: dict[FilterVersion, Motion] = {version: motion}
         if version == "raw":
             versions["savgol"] = smooth_motion(motion)
         curves[name] = {kind: point_curves(tip.track(each)) for kind, each in versions.items()}

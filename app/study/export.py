@@ -28,7 +28,7 @@ from app.study.make.workspace import ExportRequest, Workspace
 from conventions.views import View
 from model.storage.files import file_sha256
 from renderer.body.body import BodyMotion
-from renderer.scene.camera_setup import set_stage
+from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.workers import RenderJob, draw_jobs
 
 Draw = Callable[..., object]
@@ -192,7 +192,9 @@ class _Maker:
         """Encode each system's picture as a stream; the n-th frames have equally many bytes."""
         video = VideoOptions(size=self.plan.size, framing="whole", close_ups=())
         settings = render_settings(video, view, crf=0)  # encoded again later
-        stage = set_stage(get_body(self.body), list(motions.values()), view, settings.aspect)
+        stage = make_camera_setup(
+            get_body(self.body), list(motions.values()), view, settings.aspect
+        )
         work = self.workspace.work
         drawn = {name: work / f"drawn-{n}.mp4" for n, name in enumerate(motions)}
         streams = {name: path.with_suffix(".h264") for name, path in drawn.items()}

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import JOINT_NAMES, UPPER_BODY
-from conventions.names import listed
+from conventions.names import join_names
 from conventions.rates import FPS
 from model.faults.analysis import (
     BODY,
@@ -59,7 +59,7 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     if not noise:
         return
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
-    named = listed([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
+    named = join_names([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
         where = f"{len(noise)} of the {len(JOINT_NAMES)} joints, most in {named}"
     else:

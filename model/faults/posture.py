@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from conventions.joints import JOINT_INDEX
-from conventions.names import listed
+from conventions.names import join_names
 from conventions.rates import FPS
 from model.faults.analysis import (
     BODY,
@@ -154,7 +154,7 @@ def finger_range(evidence: Evidence) -> Iterator[Finding]:
     if share <= FINGERS_OUTSIDE and by_joint[worst[0]] <= JOINT_OUTSIDE:
         return
     assert set(by_joint) == set(FINGER_JOINT_NAMES)
-    named = listed(
+    named = join_names(
         [f"{point_words(name)} ({100 * by_joint[name]:.0f} %)" for name in worst if by_joint[name]]
     )
     yield Finding(

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.humanoid import BONES, JointMap, JointTree, NoHumanoidError, nearest_axis
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
-from conventions.names import listed
+from conventions.names import join_names
 from model.formats.bvh_text import Joint, read_text
 from model.formats.motion_draft import Draft
 from model.formats.reading import AXES, METRES, Kind, Sure, axis_of
@@ -76,7 +76,7 @@ def _tell(draft: Draft, skeleton: _Skeleton, found: JointMap, turns: dict[str, R
     unused = count - sum(len(theirs) for theirs in found.values())
     how = "names and hierarchy"
     if skeleton.doubts:
-        doubts = listed(list(dict.fromkeys(skeleton.doubts)))
+        doubts = join_names(list(dict.fromkeys(skeleton.doubts)))
         how = f"hierarchy, as their names do not say which joint is the {doubts}"
     why = (
         f"mapped onto SMPL-X by their {how}; {unused} are not used, {without} SMPL-X joints stay "

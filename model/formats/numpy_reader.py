@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from conventions.joints import FACE, HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS
-from conventions.names import listed, printable
+from conventions.names import join_names, printable
 from conventions.rates import FPS
 from model.formats.motion_draft import (
     BODY,
@@ -414,13 +414,15 @@ class _Archive:
         single = [f"`{key}`" for key, length in self.lengths.items() if length == 1]
         if frames > 1 and single:
             have = "have one row, which holds" if len(single) > 1 else "has one row, which holds"
-            draft.assume("frames", str(frames), f"{listed(single)} {have} for all of them")
+            draft.assume("frames", str(frames), f"{join_names(single)} {have} for all of them")
         by_length: dict[int, list[str]] = {}
         for key, length in self.lengths.items():
             by_length.setdefault(length, []).append(key)
         by_length.pop(1, None)
         if len(by_length) > 1:
-            found = ", ".join(f"{length} of {listed(keys)}" for length, keys in by_length.items())
+            found = ", ".join(
+                f"{length} of {join_names(keys)}" for length, keys in by_length.items()
+            )
             draft.assume("frames", str(frames), f"{found}; the first {frames} were used")
         draft.poses = _of_length(draft.poses, frames)
         if draft.trans is not None:

@@ -11,7 +11,7 @@ from torch import Tensor
 from conventions.joints import FACE, NUM_JOINTS
 from conventions.names import PostFilter
 from conventions.rates import FPS
-from conventions.views import CUTOFF_HZ, MAX_TURN_RAD
+from conventions.views import CUTOFF_HZ, MAX_EXAGGERATED_RAD
 from model.motion.kinematics import global_from_local, local_from_global
 from model.motion.motion import Motion
 from model.motion.rotations import (
@@ -99,7 +99,7 @@ def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUT
         slow = _below_cutoff(rotmat, cutoff_hz)
         fast = factor * axis_angle_from_matrix(slow.transpose(-1, -2) @ rotmat)
         turn = fast.norm(dim=-1, keepdim=True)
-        fast = fast * (MAX_TURN_RAD / turn.clamp_min(MAX_TURN_RAD))
+        fast = fast * (MAX_EXAGGERATED_RAD / turn.clamp_min(MAX_EXAGGERATED_RAD))
         shown = slow @ matrix_from_axis_angle(fast)
         poses[:, columns] = axis_angle_from_matrix(shown).numpy()
     slow_trans = below_cutoff(motion.trans.astype(np.float64), cutoff_hz)

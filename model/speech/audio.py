@@ -20,7 +20,7 @@ import imageio_ffmpeg
 import numpy as np
 from jaxtyping import Float, Float32, Float64
 
-from conventions.names import counted, printable
+from conventions.names import pluralise, printable
 from conventions.rates import FPS, SAMPLE_RATE
 from model.storage.files import file_sha256, write_atomically
 
@@ -120,7 +120,7 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
     if limits.channel is not None:
         if limits.channel >= num_channels > 0:
             raise SpeechError(
-                f"{name} has {counted(num_channels, 'channel')}; number {limits.channel + 1} was "
+                f"{name} has {pluralise(num_channels, 'channel')}; number {limits.channel + 1} was "
                 "asked for."
             )
         if num_channels > 1:
@@ -415,7 +415,7 @@ def _told_of_gaps(waveform: Float32[np.ndarray, " N"], filled: Sequence[int]) ->
     if gaps := [gap for gap in found if gap[0] > 0]:
         (first_s, length_s), total_s = gaps[0], sum(length for _, length in gaps)
         notes.append(
-            f"The sound has {counted(len(gaps), 'gap')} by the time stamps of the file, of "
+            f"The sound has {pluralise(len(gaps), 'gap')} by the time stamps of the file, of "
             f"{total_s:.1f} s in all, the first at {first_s:.1f} s; silence was filled in."
             if len(gaps) > 1
             else f"The sound has a gap of {length_s:.1f} s at {first_s:.1f} s by the time stamps "

@@ -11,8 +11,8 @@ from jaxtyping import Float32
 from conventions.rates import SAMPLE_RATE
 from model.plan.annotation_files import Interval
 from model.speech.transcript import NOTHING_SAID, Origin, Transcript, Word
-from processes.child import Child, Gone
-from processes.exit_report import Ended
+from processes.child import Child, ChildExited
+from processes.exit_report import ExitReport
 
 SURE = 0.5
 """Confidence below which a word is left out. Of words recognised in clear speech about nine in ten
@@ -99,8 +99,8 @@ class Hearing:
                     self._heard = _judged(self._child.receive(), self._is_aligned)
                 elif time.monotonic() > self._ends:
                     self._heard = _failed("it took too long")
-            except Gone:
-                self._heard = _failed(_reason(self._child.ended()))
+            except ChildExited:
+                self._heard = _failed(_reason(self._child.exit_report()))
         return self._heard is not None
 
     def heard(self) -> Heard:
@@ -115,11 +115,11 @@ def _failed(why: str) -> Heard:
     return Heard(notes=(FAILED_NOTE.format(why=why),))
 
 
-def _reason(ended: Ended) -> str:
-    last = "".join(ended.said[-1:])
+def _reason(ended: ExitReport) -> str:
+    last = "".join(ended.log_lines[-1:])
     if "No module named 'pocketsphinx'" in last:
         return "the package pocketsphinx is not installed; python -m pip install pocketsphinx"
-    return f"the recogniser ended {ended.how}{last and f' ({last})'}"
+    return f"the recogniser ended {ended.exit_text}{last and f' ({last})'}"
 
 
 def _is_sure(word: Word) -> bool:

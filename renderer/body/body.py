@@ -17,7 +17,7 @@ from jaxtyping import Float32, Float64, Integer
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import NUM_JOINTS
-from conventions.views import LOOKS
+from conventions.views import BODY_LOOKS
 from renderer.body import skinning
 from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
 from renderer.body.look import CLAY, vertex_colors
@@ -70,7 +70,7 @@ class BodyMotion:
         return len(self.poses)
 
     @staticmethod
-    def resting(num_frames: int = 1, expression_basis: str = "arkit52") -> BodyMotion:
+    def zero_pose(num_frames: int = 1, expression_basis: str = "arkit52") -> BodyMotion:
         """Return a motion that stays in the zero pose at the origin."""
         return BodyMotion(
             poses=np.zeros((num_frames, 3 * NUM_JOINTS), np.float32),
@@ -85,13 +85,13 @@ class BodyMotion:
 class Body(BodyArrays):
     """Body model: mesh, joints, skinning and blendshapes. Read-only and stateless."""
 
-    shown: str = LOOKS[0]
-    """Look of ``LOOKS`` that sets the colours, if the body file has painted regions."""
+    look_name: str = BODY_LOOKS[0]
+    """Look of `BODY_LOOKS` that sets the colours, if the body file has painted regions."""
 
     @property
     def look(self) -> str | None:
-        """Name of the look among ``LOOKS``, or None if the body file has no painted regions."""
-        return None if self.regions is None else self.shown
+        """Name of the look among `BODY_LOOKS`, or None if the body file has no painted regions."""
+        return None if self.regions is None else self.look_name
 
     @property
     def num_vertices(self) -> int:
@@ -107,7 +107,7 @@ class Body(BodyArrays):
         """Linear RGB in 0 to 1; clay if the body file has no painted regions."""
         if self.regions is None:
             return np.tile(np.array(CLAY, np.float32), (self.num_vertices, 1))
-        return vertex_colors(self.shown, self.regions)
+        return vertex_colors(self.look_name, self.regions)
 
     def part(self, vertices: Integer[np.ndarray, " N"], faces: Integer[np.ndarray, "F 3"]) -> Body:
         """Return a body of some vertices, with ``faces`` among them, that moves as the whole.
@@ -131,7 +131,7 @@ class Body(BodyArrays):
             regions=None if self.regions is None else self.regions[vertices],
         )
 
-    def notes(self, motion: BodyMotion) -> tuple[str, ...]:
+    def unsupported_notes(self, motion: BodyMotion) -> tuple[str, ...]:
         """Return one sentence for each part of ``motion`` that this body does not show."""
         notes, num_betas = [], self.shape_dirs.shape[2]
         if motion.expression_basis != self.expression_basis and motion.expressions.any():
@@ -210,20 +210,20 @@ class Body(BodyArrays):
         return skinning.skin(rest_vertices, self.weights, global_rot, translations)
 
 
-def load_body(path: Path | None = None, look: str = LOOKS[0]) -> Body:
-    """Load the open body in one of ``LOOKS``, or the SMPL-X ``.npz`` at ``path``.
+def load_body(path: Path | None = None, look: str = BODY_LOOKS[0]) -> Body:
+    """Load the open body in one of `BODY_LOOKS`, or the SMPL-X ``.npz`` at ``path``.
 
     Raises:
         BodyError: with one sentence if the file is not a body that can be posed, or the look is
             unknown
             or not available for the file.
     """
-    if look not in LOOKS:
-        raise BodyError(f"Unknown look '{look}'; known are {', '.join(LOOKS)}.")
+    if look not in BODY_LOOKS:
+        raise BodyError(f"Unknown look '{look}'; known are {', '.join(BODY_LOOKS)}.")
     if path is None:
         arrays = read_body_file(OPEN_BODY_PATH, look.partition("-")[0])
-        return Body(**vars(arrays), shown=look)
-    if look != LOOKS[0]:
+        return Body(**vars(arrays), look_name=look)
+    if look != BODY_LOOKS[0]:
         raise BodyError(
             f"The look '{look}' belongs to the open body; {Path(path).name} is always shown as "
             "plain clay, so leave one of the two out."

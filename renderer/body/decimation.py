@@ -64,7 +64,7 @@ def surface_of(body: Body) -> Surface:
     return Surface(body.template.astype(np.float64), body.faces, colors, weights, importance)
 
 
-def coarser(surface: Surface, counts: Sequence[int] = NUM_FACES) -> list[Int[np.ndarray, "_ 3"]]:
+def decimate(surface: Surface, counts: Sequence[int] = NUM_FACES) -> list[Int[np.ndarray, "_ 3"]]:
     """Return the faces of coarser meshes with at most these decreasing numbers of faces."""
     collapse = _Collapse(surface)
     meshes = []

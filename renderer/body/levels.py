@@ -17,7 +17,7 @@ from jaxtyping import Integer, UInt16
 
 from renderer.body.body import Body
 from renderer.body.body_file import OPEN_BODY_PATH
-from renderer.body.decimation import coarser, surface_of
+from renderer.body.decimation import decimate, surface_of
 
 COARSER_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
 """Path of the coarser meshes of the open body, made by `tools.bake`."""
@@ -73,4 +73,4 @@ def _coarser_faces(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
 def _decimated(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
     """Make the coarser meshes, which takes some ten seconds."""
     counts = [len(faces) for faces in open_body_faces()[:NUM_DRAWN] if len(faces) < len(body.faces)]
-    return coarser(surface_of(body), counts)
+    return decimate(surface_of(body), counts)

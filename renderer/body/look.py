@@ -74,7 +74,7 @@ def vertex_colors(look: str, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarr
     """Return the linear RGB of each vertex from its region index (into ``REGION_NAMES``).
 
     Args:
-        look: one of `conventions.views.LOOKS`, named ``BUILD-TONE``.
+        look: one of `conventions.views.BODY_LOOKS`, named ``BUILD-TONE``.
     """
     colors = COLORS[look.partition("-")[2]]
     return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]

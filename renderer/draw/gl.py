@@ -1,4 +1,4 @@
-"""Drawing with pyrender and OpenGL; import this module only through ``offscreen.open_gl``."""
+"""Drawing with pyrender and OpenGL; import this module only through `offscreen.load_opengl`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -83,7 +83,7 @@ class Canvas(pyrender.Renderer):
         self._unresolved = body
         GL.glFlush()
 
-    def picture(self) -> UInt8[np.ndarray, "H W C"]:
+    def read_pixels(self) -> UInt8[np.ndarray, "H W C"]:
         """Return the picture that was begun last, upper row first; the next call overwrites it.
 
         A fourth channel is the share of each pixel that the body covers, with straight (not
@@ -111,7 +111,7 @@ class Canvas(pyrender.Renderer):
     def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
         """Draw a picture and wait for it."""
         self.begin(frame, camera)
-        return self.picture()
+        return self.read_pixels()
 
     def delete(self) -> None:
         """Free all OpenGL objects; pyrender calls this once more when the object is collected."""

@@ -33,7 +33,7 @@ class GLError(RuntimeError):
     """Error for pictures that cannot be drawn; the message says why in one sentence."""
 
 
-def open_gl(backend: Backend) -> None:
+def load_opengl(backend: Backend) -> None:
     """Load pyrender and PyOpenGL for one backend, once per process.
 
     PyOpenGL reads ``PYOPENGL_PLATFORM`` only when it is first imported; so this is the only
@@ -74,7 +74,7 @@ class OffscreenRenderer:
         self._canvases: list[Canvas] = []
 
     def __enter__(self) -> "OffscreenRenderer":
-        open_gl(self._backend)
+        load_opengl(self._backend)
         if not _in_use.acquire(blocking=False):
             raise GLError(
                 "Another picture is being rendered in this process, and OpenGL supports one at a "

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from processes.exit_report import Ended
+from processes.exit_report import ExitReport
 from renderer.draw.offscreen import BACKENDS, Backend, GLError, OffscreenRenderer
 
 DEBIAN_PACKAGES: dict[Backend, str] = {"egl": "libegl1 libgl1", "osmesa": "libosmesa6"}
@@ -64,7 +64,7 @@ def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
     except OSError as error:
         return _broken(name, f"no child process can be started: {error}")
     if child.returncode < 0:
-        return _broken(name, f"the driver ended {Ended(child.returncode).how}")
+        return _broken(name, f"the driver ended {ExitReport(child.returncode).exit_text}")
     if child.returncode:
         said = child.stderr.decode(errors="replace").strip().splitlines()
         return _broken(name, said[-1] if said else f"exit status {child.returncode}")
@@ -75,21 +75,21 @@ def _broken(name: Backend, error: str) -> BackendReport:
     return BackendReport(name, error=error)
 
 
-def driver_that_draws(name: Backend) -> str:
+def test_draw(name: Backend) -> str:
     """Draw with a backend in this process and check that the picture is not empty.
 
     Raises:
         GLError: if it does not work.
     """
     from renderer.body.body import load_body
-    from renderer.scene.camera import frame_points
-    from renderer.scene.camera_setup import Shot, Stage
+    from renderer.scene.camera import fit_camera
+    from renderer.scene.camera_setup import CameraSetup, PanelCamera
     from renderer.scene.studio import FramePreparer, Subject
 
     body = load_body()
-    camera = frame_points(body.template)
+    camera = fit_camera(body.template)
     prepare = FramePreparer(
-        body.faces, body.num_vertices, Stage((Shot("front", camera),), floor_m=-1.0)
+        body.faces, body.num_vertices, CameraSetup((PanelCamera("front", camera),), floor_m=-1.0)
     )
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(name) as renderer:
@@ -103,6 +103,6 @@ def driver_that_draws(name: Backend) -> str:
 
 if __name__ == "__main__":
     try:
-        sys.stdout.write(f"{driver_that_draws(sys.argv[1])}\n")  # type: ignore[arg-type]
+        sys.stdout.write(f"{test_draw(sys.argv[1])}\n")  # type: ignore[arg-type]
     except (GLError, ImportError) as problem:
         sys.exit(str(problem))

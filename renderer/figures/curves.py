@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-SHOWN_PERCENT = 99.0
+AXIS_PERCENTILE = 99.0
 """Percentile of a panel's values at which its x axis ends, so that one outlier does not set it."""
 _COLUMNS = 3
-SPREAD = (
+DISTRIBUTIONS_CAPTION = (
     "The height is the share of clips at or below a value; a curve further to the right means "
-    f"larger values. Axes end where {SHOWN_PERCENT:g} % of a panel's values lie; a curve that does "
-    "not reach 1 has clips beyond. Unfiltered motion."
+    f"larger values. Axes end where {AXIS_PERCENTILE:g} % of a panel's values lie; a curve that "
+    "does not reach 1 has clips beyond. Unfiltered motion."
 )
 
 
@@ -51,7 +51,7 @@ def draw_distributions(
         raise FigureError(f"There are {len(systems)} systems; at most {most} have distinct styles.")
     if not np.isfinite(values["value"]).all():
         raise FigureError("A value is not a number.")
-    styles = style.styles_of(systems, reference)
+    styles = style.series_styles(systems, reference)
     panels = list(values.groupby("measure", sort=False))
     num_rows = -(-len(panels) // _COLUMNS)
     figure = style.new_figure(style.PAGE_MM, 10.0 + 42.0 * num_rows)
@@ -66,7 +66,7 @@ def draw_distributions(
                 x, y = np.r_[own[0], own], np.arange(len(own) + 1) / len(own)
                 looks = series.line_properties | {"marker": ""}
                 axes.plot(x, y, label=name, drawstyle="steps-post", **looks)
-        low, high = panel["value"].min(), panel["value"].quantile(SHOWN_PERCENT / 100)
+        low, high = panel["value"].min(), panel["value"].quantile(AXIS_PERCENTILE / 100)
         room = 0.04 * (high - low) or 0.04 * abs(high) or 1.0
         axes.set_xlim(low - room, high + room)
         axes.grid(True, axis="y")
@@ -85,7 +85,7 @@ STEP_PANELS = {
     "distance_cm": "b  Distance to the result with the most steps (cm)",
 }
 REAL_TIME_MS = 1000.0 / FPS
-STEPS = (
+STEP_SWEEP_CAPTION = (
     "Each mark is one motion of the same speech, with its number of steps beside it; time is by "
     "the clock of this machine, one motion at a time, without the features of the speech. "
     "Stochastic samplers (the GAN's, few-step consistency) give a different result for every "
@@ -112,7 +112,7 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
         raise FigureError(
             f"{point['system']} with {point['steps']} steps has a number that cannot be drawn."
         )
-    styles = style.styles_of(points["system"].unique(), None)
+    styles = style.series_styles(points["system"].unique(), None)
     figure = style.new_figure(style.PAGE_MM, 75.0)
     style.draw_keys(figure, styles)
     times = points["ms_per_frame"]
@@ -129,7 +129,7 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
                 )  # fmt: skip
         axes.set_xscale("log")
         axes.set_xlim(times.min() / 1.3, times.max() * 1.5)
-        style.from_zero(axes, points[quantity])
+        style.scale_from_zero(axes, points[quantity])
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.minorticks_off()
@@ -152,7 +152,7 @@ def draw_error_growth(spreads: "DataFrame") -> "Figure":
     """
     figure = style.new_figure(style.COLUMN_MM, 70.0)
     axes = figure.subplots()
-    for form, series in style.styles_of(("local", "global"), None).items():
+    for form, series in style.series_styles(("local", "global"), None).items():
         looks = series.line_properties
         line: dict[str, Any] = looks | {"marker": ""}
         marks: dict[str, Any] = looks | {"linestyle": "none"}
@@ -162,8 +162,8 @@ def draw_error_growth(spreads: "DataFrame") -> "Figure":
             **line,
         )
         axes.plot(100.0 * spreads[form].to_numpy(), label=f"{form} noise, measured", **marks)
-    style.from_zero(axes, *(np.asarray(line.get_ydata()) for line in axes.get_lines()))
-    style.name_x(axes, [style.short_joint(point) for point in spreads["point"]])
+    style.scale_from_zero(axes, *(np.asarray(line.get_ydata()) for line in axes.get_lines()))
+    style.set_x_names(axes, [style.short_joint(point) for point in spreads["point"]])
     axes.set_ylabel("root mean square shift (cm)")
     figure.legend(loc="outside upper left", ncols=2, fontsize=style.SMALL_PT)
     return figure
@@ -173,7 +173,7 @@ SHOWN_S = 20.0
 SPEECH_COLORS = ("#0072b2", "#d55e00")
 NOISE_LINES = ("-", (0, (3, 1.5)))
 BY_SPEECH, BY_NOISE = "#333333", "#b0b0b0"
-HEARING = (
+SPEECH_EFFECT_CAPTION = (
     f"Arm speed: angular speeds of both shoulders and elbows, summed, over {SHOWN_S:.0f} s. Lines "
     "of one colour share the speech, lines of one kind (solid, dashed) the noise seed. If the "
     "motion follows the speech, lines of one colour rise and fall together; if it follows the "
@@ -184,8 +184,8 @@ HEARING = (
 
 
 @dataclass(frozen=True)
-class HearingRow:
-    """Arm speed and shares of one system, for one row of `draw_hearing`."""
+class SpeechEffectRow:
+    """Arm speed and shares of one system, for one row of `draw_speech_effect`."""
 
     name: str
     arm_speed: Mapping[tuple[str, int], Float[np.ndarray, " T"]]
@@ -202,7 +202,7 @@ class HearingRow:
         return speeches[: len(SPEECH_COLORS)], seeds[: len(NOISE_LINES)]
 
 
-def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
+def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
     """Draw what speech and what noise decide, one row per system.
 
     On the left the arm speed for two speeches with two noise seeds each, on the right the shares by
@@ -235,7 +235,7 @@ def draw_hearing(rows: Sequence[HearingRow]) -> "Figure":
     return figure
 
 
-def _draw_shares(axes: "Axes", row: HearingRow) -> None:
+def _draw_shares(axes: "Axes", row: SpeechEffectRow) -> None:
     places = np.arange(len(row.shares))[::-1]
     for offset, which, color in ((0.19, 0, BY_SPEECH), (-0.19, 1, BY_NOISE)):
         values = [max(share[which], 0.0) for share in row.shares.values()]
@@ -250,7 +250,7 @@ def _draw_shares(axes: "Axes", row: HearingRow) -> None:
     axes.set_xticks([0.0, 0.5, 1.0])
 
 
-def _write_keys(figure: "Figure", row: HearingRow) -> None:
+def _write_keys(figure: "Figure", row: SpeechEffectRow) -> None:
     """Write the legend of colours and line styles above the first row."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch

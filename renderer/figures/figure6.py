@@ -41,7 +41,7 @@ PANELS = ("a", "b", "c", "d")
 MOST_IN_ONE_PLOT = 2
 """Largest number of systems in one plot, as in the paper; with more, each has its own row."""
 ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
-FAINTEST = 0.12
+MIN_MARK_STRENGTH = 0.12
 """Share of the full scale below which no mark is drawn, as every joint of a moving body has some.
 """
 MIN_SPAN_M = 0.02
@@ -61,7 +61,7 @@ _FILTERED: dict[PostFilter, str] = {
 }
 
 
-def off_the_slow_path(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[np.ndarray, "T 3"]:
+def high_pass_mm(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[np.ndarray, "T 3"]:
     """Return positions (m) high-passed at 5 Hz in millimetres (zero-phase Butterworth, order 4)."""
     low = butter(ORDER, CUT_OFF_HZ, fs=fps, output="sos")
     exact = np.asarray(positions, np.float64)
@@ -83,7 +83,8 @@ class JointMarks:
     def caption(self) -> str:
         return (
             "Marks: jerk of each joint around the frame, largest and darkest at"
-            f" {self.full_scale:g} m/s³ and above, none below {FAINTEST * self.full_scale:g} m/s³."
+            f" {self.full_scale:g} m/s³ and above, none below"
+            f" {MIN_MARK_STRENGTH * self.full_scale:g} m/s³."
         )
 
 
@@ -127,7 +128,7 @@ class Figure6:
     """Filter that was applied to all trajectories, for the caption; not applied here."""
     clip: str = ""
     caveat: str = ONE_SEED_CAVEAT
-    asked_panels: Sequence[str] = PANELS
+    requested_panels: Sequence[str] = PANELS
     """Requested panels; those without data are left out."""
     width_mm: float = PAGE_MM
 
@@ -161,8 +162,8 @@ class Figure6:
             )
         if not self.panels:
             raise FigureError(
-                f"Of the panels {', '.join(self.asked_panels)} none has anything to show: snapshots"
-                f" (b) need pictures, and tremble (d) needs {MIN_FRAMES} frames."
+                f"Of the panels {', '.join(self.requested_panels)} none has anything to show:"
+                f" snapshots (b) need pictures, and tremble (d) needs {MIN_FRAMES} frames."
             )
 
     @cached_property
@@ -190,8 +191,7 @@ class Figure6:
             return {}
         inside = slice(self.start_frame, self.start_frame + self.num_frames)
         return {
-            name: off_the_slow_path(self.trajectories[name], self.fps)[inside]
-            for name in self.names
+            name: high_pass_mm(self.trajectories[name], self.fps)[inside] for name in self.names
         }
 
     @cached_property
@@ -199,7 +199,7 @@ class Figure6:
         """Requested panels that have data, in the order of `PANELS`."""
         has = {"b": bool(self.snapshots), "d": min(self._lengths) >= MIN_FRAMES}
         return tuple(
-            letter for letter in PANELS if letter in self.asked_panels and has.get(letter, True)
+            letter for letter in PANELS if letter in self.requested_panels and has.get(letter, True)
         )
 
     @property
@@ -213,7 +213,7 @@ class Figure6:
 
     @property
     def styles(self) -> dict[str, SeriesStyle]:
-        return style.styles_of(self.names, self.reference)
+        return style.series_styles(self.names, self.reference)
 
     @property
     def is_in_one_plot(self) -> bool:
@@ -561,7 +561,7 @@ def _draw_marks(axes: "Axes", joints: np.ndarray, values: np.ndarray, largest_pt
     """Draw dark discs with white rims, visible on any body; the strongest last, no faint ones."""
     strength = np.clip(np.nan_to_num(values), 0.0, 1.0)
     order = np.argsort(strength, kind="stable")
-    shown = order[(strength[order] >= FAINTEST) & np.isfinite(joints[order]).all(axis=1)]
+    shown = order[(strength[order] >= MIN_MARK_STRENGTH) & np.isfinite(joints[order]).all(axis=1)]
     opacity = _opacity(strength[shown])
     axes.scatter(
         *joints[shown].T,

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import JOINT_NAMES
-from conventions.names import REFERENCE_NAME, VERSIONS, Version
+from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion
 from renderer.figures import style
 from renderer.figures.style import MAX_SYSTEMS, FigureError, SeriesStyle
 
@@ -42,7 +42,7 @@ class Jitter:
     """Frequencies (Hz), and the share of the tracked point's velocity power at each."""
     chain: tuple[str, ...]
     """Names of the joints from the pelvis to the tracked point."""
-    chain_drop: Float[np.ndarray, " chain"]
+    jerk_drop_by_joint: Float[np.ndarray, " chain"]
     """Relative drop of the point's jerk if only that joint is smoothed; 1 is all of it."""
     by_phase: Float[np.ndarray, " frames"]
     """Mean jerk (m/s³) per frame of the window, or of the detected period; empty without either."""
@@ -58,7 +58,7 @@ class JitterSheet:
         FigureError: if there are no systems or too many.
     """
 
-    jitter: Mapping[str, Mapping[Version, Jitter]]
+    jitter: Mapping[str, Mapping[FilterVersion, Jitter]]
     """Jitter by motion and version; the reference, if there is one, comes first."""
     point: str = "followed point"
     window_advance: int = 0
@@ -72,7 +72,7 @@ class JitterSheet:
 
     @property
     def styles(self) -> dict[str, SeriesStyle]:
-        return style.styles_of(self.jitter, REFERENCE_NAME)
+        return style.series_styles(self.jitter, REFERENCE_NAME)
 
     @property
     def periods(self) -> dict[str, tuple[int, str]]:
@@ -88,7 +88,7 @@ class JitterSheet:
         """Names of the joints from the pelvis to the tracked point."""
         return next((each["raw"].chain for each in self.jitter.values() if each["raw"].chain), ())
 
-    def curves(self, row: str, kind: Version) -> Curves:
+    def curves(self, row: str, kind: FilterVersion) -> Curves:
         """Return the curves of a row, for each motion that has a finite value there."""
         found = {name: _curve(row, versions[kind]) for name, versions in self.jitter.items()}
         return {name: (x, y) for name, (x, y) in found.items() if np.isfinite(y).any()}
@@ -106,7 +106,7 @@ def _curve(row: str, jitter: Jitter) -> tuple[np.ndarray, np.ndarray]:
             x, y = jitter.spectrum or (np.zeros(0), np.zeros(0))
             return x, 100.0 * y
         case "attribution":  # place in the chain, and drop of the point's jerk in percent
-            y = 100.0 * jitter.chain_drop
+            y = 100.0 * jitter.jerk_drop_by_joint
         case _:  # frame of the window, or of the detected period, and mean jerk
             y = jitter.by_phase
     return np.arange(len(y), dtype=float), y
@@ -126,7 +126,10 @@ JOINT_ORDER = tuple(sorted(range(len(JOINT_NAMES)), key=lambda j: _limb(JOINT_NA
 
 ROWS = {"depth": 40.0, "joints": 50.0, "spectrum": 40.0, "attribution": 50.0, "seams": 42.0}
 """Height of each row (mm)."""
-HEADS: dict[Version, str] = {"raw": "As generated", "savgol": "Savitzky-Golay filter, 7 frames"}
+HEADS: dict[FilterVersion, str] = {
+    "raw": "As generated",
+    "savgol": "Savitzky-Golay filter, 7 frames",
+}
 LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or no movement."
 NO_PERIOD = "No known windows, and no period between 2 and 240 frames in the jerk."
@@ -160,7 +163,9 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
         axes.set_title(HEADS[kind])
         axes.set_xlabel("depth (joints from the pelvis)")
         axes.xaxis.get_major_locator().set_params(integer=True)
-    style.name_x(rows["joints"][0], [style.short_joint(JOINT_NAMES[j]) for j in JOINT_ORDER], 5.5)
+    style.set_x_names(
+        rows["joints"][0], [style.short_joint(JOINT_NAMES[j]) for j in JOINT_ORDER], 5.5
+    )
     for axes in (each for each in rows["spectrum"] if each.axison):
         axes.set_xlabel("frequency (Hz)")
         axes.axvline(LIMIT_HZ, color=style.FAINT_INK, linewidth=0.7, zorder=0.5)
@@ -170,7 +175,7 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
         )  # fmt: skip
     for axes in rows["attribution"]:
         axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.5, zorder=0.5)
-        style.name_x(axes, [style.short_joint(name) for name in sheet.chain])
+        style.set_x_names(axes, [style.short_joint(name) for name in sheet.chain])
     for axes in rows["seams"]:
         if sheet.window_advance:
             every = sheet.window_advance
@@ -234,7 +239,7 @@ def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
             axes.yaxis.set_major_formatter("{x:g}")
             axes.minorticks_off()
     else:
-        style.from_zero(axes, values)
+        style.scale_from_zero(axes, values)
 
 
 def sheet_caption(sheet: JitterSheet, clip: str, sentence: str) -> str:

@@ -13,10 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from renderer.figures.curves import HearingRow, draw_error_growth, draw_hearing, draw_step_curve
+from renderer.figures.curves import (
+    SpeechEffectRow,
+    draw_error_growth,
+    draw_speech_effect,
+    draw_step_curve,
+)
 from renderer.figures.figure6 import Figure6, JointMarks, draw_figure6
 from renderer.figures.jitter import Jitter, JitterSheet, draw_sheet
-from renderer.figures.style import FigureError, Places, written
+from renderer.figures.style import FigureError, Places, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,14 +29,20 @@ if TYPE_CHECKING:
 DRAW: Mapping[str, "Callable[[Any], Figure]"] = {
     "figure6": draw_figure6,
     "jitter": draw_sheet,
-    "hearing": draw_hearing,
+    "hearing": draw_speech_effect,
     "error_growth": draw_error_growth,
     "steps": draw_step_curve,
 }
 """Functions that draw the figures of a run from their contents, by the name of the figure."""
 _KINDS: Mapping[str, Any] = {
-    kind.__name__: kind for kind in (Figure6, HearingRow, Jitter, JitterSheet, JointMarks)
+    kind.__name__: kind for kind in (Figure6, SpeechEffectRow, Jitter, JitterSheet, JointMarks)
 }
+_RENAMED = {
+    "HearingRow": "SpeechEffectRow",
+    "asked_panels": "requested_panels",
+    "chain_drop": "jerk_drop_by_joint",
+}
+"""Kinds and fields of figures of version 1.0, with their present names."""
 _TEXT = "contents"
 
 
@@ -42,7 +53,7 @@ def save_contents(
 
     Args:
         name: one of `DRAW`.
-        places: positions from `written`.
+        places: positions from `save_figure`.
     """
     arrays: list[np.ndarray] = []
     told = {"name": name, "caption": caption, "places": places or []}
@@ -69,7 +80,7 @@ def draw_saved(path: Path, out: Path) -> None:
     except (KeyError, TypeError, ValueError, zipfile.BadZipFile, RecursionError) as error:
         raise FigureError(f"{path.name} holds no figure that can be drawn.") from error
     form = out.suffix.lstrip(".")
-    written(lambda: draw(contents), out.with_suffix(""), caption, (form,), places)
+    save_figure(lambda: draw(contents), out.with_suffix(""), caption, (form,), places)
 
 
 def _as_json(value: Any, arrays: list[np.ndarray]) -> Any:
@@ -106,4 +117,7 @@ def _from_json(told: Any, arrays: Mapping[str, np.ndarray]) -> Any:
             from pandas import DataFrame
 
             return DataFrame(of)
-    return _KINDS[kind](**{name: _from_json(each, arrays) for name, each in of.items()})
+    names = {name: _RENAMED.get(str(name), str(name)) for name in (kind, *of)}
+    return _KINDS[names[kind]](
+        **{names[name]: _from_json(each, arrays) for name, each in of.items()}
+    )

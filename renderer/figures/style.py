@@ -129,7 +129,7 @@ MAX_SYSTEMS = 6
 """Maximum number of systems in one figure."""
 
 
-def styles_of(names: Iterable[str], reference: str | None) -> dict[str, SeriesStyle]:
+def series_styles(names: Iterable[str], reference: str | None) -> dict[str, SeriesStyle]:
     """Return a style per name: the reference black and thicker, each system in its own colour."""
     return {
         name: SeriesStyle(color, MARKERS[color], 1.1 if name == reference else 0.8)
@@ -138,7 +138,7 @@ def styles_of(names: Iterable[str], reference: str | None) -> dict[str, SeriesSt
 
 
 def new_figure(width_mm: float, height_mm: float) -> "Figure":
-    """Make a white figure with automatic layout; call it under the settings of :func:`written`."""
+    """Make a white figure with automatic layout; call it under the settings of `save_figure`."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -218,7 +218,7 @@ def short_joint(joint: str) -> str:
     return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words
 
 
-def from_zero(axes: "Axes", *values: Any) -> None:
+def scale_from_zero(axes: "Axes", *values: Any) -> None:
     """Set a grid and a linear scale from zero to a little above the highest value."""
     numbers = np.concatenate([np.asarray(each, float).ravel() for each in values or [[]]])
     highest = float(numbers[np.isfinite(numbers)].max(initial=0.0))
@@ -226,7 +226,7 @@ def from_zero(axes: "Axes", *values: Any) -> None:
     axes.grid(True, axis="y")
 
 
-def name_x(axes: "Axes", names: Sequence[str], size_pt: float = SMALL_PT) -> None:
+def set_x_names(axes: "Axes", names: Sequence[str], size_pt: float = SMALL_PT) -> None:
     """Set vertical tick labels, one per position along x."""
     axes.set_xticks(range(len(names)), names, rotation=90, size=size_pt)
     axes.set_xlim(-0.6, max(len(names), 1) - 0.4)
@@ -252,7 +252,7 @@ def matplotlib_settings() -> Iterator[None]:
         yield
 
 
-def written(
+def save_figure(
     draw: "Callable[[], Figure]",
     out_stem: Path,
     caption: str,

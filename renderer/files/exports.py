@@ -16,14 +16,14 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
 from conventions.rates import FPS
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.camera_setup import frames_of
+from renderer.scene.camera_setup import select_frames
 
 
 def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
     """Write the posed body in metres, y up; the suffix of ``out`` selects the format."""
     import trimesh  # takes long to import, and only this function needs it
 
-    (vertices,) = np.concatenate(list(body.vertices(frames_of(motion, [frame]))))
+    (vertices,) = np.concatenate(list(body.vertices(select_frames(motion, [frame]))))
     shown = np.sqrt(body.vertex_colors)  # linear
     mesh = trimesh.Trimesh(vertices, body.faces, vertex_colors=shown, process=False)
     with out.open("wb") as file:

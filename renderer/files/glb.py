@@ -27,7 +27,7 @@ from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.skinning import VertexNormals
 from renderer.scene.camera import Z_NEAR_M
-from renderer.scene.camera_setup import Stage, set_stage
+from renderer.scene.camera_setup import CameraSetup, make_camera_setup
 
 INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3
@@ -71,7 +71,7 @@ def glb_bytes(
     }
     used = _used_expressions(body, motion)
     mesh = _mesh(buffer, body, vertices, used)
-    stage = set_stage(body, [motion], _CAMERA_VIEW)
+    stage = make_camera_setup(body, [motion], _CAMERA_VIEW)
     animation = _animation(buffer, body, motion, stage, offsets[0], nodes, used)
     if markers:
         told = [
@@ -258,7 +258,7 @@ def _animation(
     buffer: _Buffer,
     body: Body,
     motion: BodyMotion,
-    stage: Stage,
+    stage: CameraSetup,
     pelvis: Float[np.ndarray, " 3"],
     nodes: list[dict],
     used: list[int],

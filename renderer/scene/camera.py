@@ -36,7 +36,7 @@ class Camera:
     target: tuple[float, float, float]
     yfov_rad: float = YFOV_RAD
 
-    def moved(self, offset: Float[np.ndarray, " 3"]) -> "Camera":
+    def translated(self, offset: Float[np.ndarray, " 3"]) -> "Camera":
         """Return the camera moved by ``offset`` (m)."""
         eye, target = np.add(self.eye, offset), np.add(self.target, offset)
         return Camera(eye=_triple(eye), target=_triple(target), yfov_rad=self.yfov_rad)
@@ -77,7 +77,7 @@ def view_axes(view: str) -> Float[np.ndarray, "3 3"]:
     return Camera(_triple(eye), target=(0.0, 0.0, 0.0)).axes()
 
 
-def frame_points(
+def fit_camera(
     points: Float[np.ndarray, "N 3"],
     view: str = "front",
     *,
@@ -108,7 +108,7 @@ def frame_points(
     return Camera(eye=_triple(eye), target=_triple(eye - axes[2]))
 
 
-def outermost(
+def extreme_points(
     points: Float[np.ndarray, "T J 3"], view: str, *, aspect: float = 1.0
 ) -> Float[np.ndarray, "5 J 3"]:
     """Return five positions of each of J points that give the same camera as all T of them."""
@@ -139,10 +139,10 @@ def _triple(vector: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
     return x, y, z
 
 
-STEEPEST_RAD = 1.48
+MAX_PITCH_RAD = 1.48
 """Largest pitch from level, up or down (rad)."""
 ZOOMS = (0.4, 10.0)
-FARTHEST_M = 1.5
+MAX_PAN_M = 1.5
 """Largest offset to the side, and up or down (m)."""
 
 
@@ -171,15 +171,15 @@ class Orbit:
         """
         for what, value, least, most in (
             ("yaw", self.yaw_rad, -1e6, 1e6),
-            ("pitch", self.pitch_rad, -STEEPEST_RAD, STEEPEST_RAD),
+            ("pitch", self.pitch_rad, -MAX_PITCH_RAD, MAX_PITCH_RAD),
             ("zoom", self.zoom, *ZOOMS),
-            ("way to the right", self.right_m, -FARTHEST_M, FARTHEST_M),
-            ("way up", self.up_m, -FARTHEST_M, FARTHEST_M),
+            ("way to the right", self.right_m, -MAX_PAN_M, MAX_PAN_M),
+            ("way up", self.up_m, -MAX_PAN_M, MAX_PAN_M),
         ):
             if not least <= value <= most:
                 raise ValueError(f"A camera's {what} is {least:g} to {most:g}; got {value:g}.")
 
-    def moved(self, camera: Camera, around: Float[np.ndarray, " 3"]) -> Camera:
+    def apply(self, camera: Camera, around: Float[np.ndarray, " 3"]) -> Camera:
         """Return the moved camera.
 
         Args:
@@ -192,7 +192,7 @@ class Orbit:
         turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
         right, up, backward = (turn @ axis for axis in (right, up, backward))
         level = np.arcsin(np.clip(backward[1], -1.0, 1.0))
-        pitch = np.clip(level + self.pitch_rad, -STEEPEST_RAD, STEEPEST_RAD) - level
+        pitch = np.clip(level + self.pitch_rad, -MAX_PITCH_RAD, MAX_PITCH_RAD) - level
         above = np.cos(pitch) * up - np.sin(pitch) * backward
         behind = np.cos(pitch) * backward + np.sin(pitch) * up
         eye = middle + self.right_m * right + self.up_m * above + distance / self.zoom * behind

@@ -10,7 +10,7 @@ from scipy import ndimage
 from conventions.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
 from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.camera import Camera, Orbit, frame_points, outermost
+from renderer.scene.camera import Camera, Orbit, extreme_points, fit_camera
 
 CLOSE_UP_VIEWS: dict[str, tuple[str, ...]] = {
     "face": ("face",),
@@ -49,11 +49,11 @@ stays large and centred, and leaves tremor, above 5 Hz, unchanged.
 FINGERTIP_M = 0.035
 """Largest distance (m) of a fingertip from its last joint."""
 
-FOLLOW_BEYOND_M = 1.5
+FOLLOW_DISTANCE_M = 1.5
 """Range of the bodies (m) above which cameras follow them: a static one would have to show the
 whole path, with small bodies."""
 
-MIDDLE_M = 1.0
+ORBIT_CENTRE_HEIGHT_M = 1.0
 """Height of the orbit centre above the floor (m)."""
 
 BELOW_KNEES = ("ankle", "foot")
@@ -87,7 +87,9 @@ class Panel:
         )
 
 
-def lay_out(view: str, width: int, height: int, close_ups: Sequence[str]) -> tuple[Panel, ...]:
+def layout_panels(
+    view: str, width: int, height: int, close_ups: Sequence[str]
+) -> tuple[Panel, ...]:
     """Return the panels: the body, then the close-ups, with the face above and the hands below.
 
     Args:
@@ -107,7 +109,7 @@ def lay_out(view: str, width: int, height: int, close_ups: Sequence[str]) -> tup
 
 
 @dataclass(frozen=True)
-class Cutout:
+class SubMesh:
     """Part of a mesh."""
 
     vertices: Int[np.ndarray, " N"]
@@ -116,15 +118,15 @@ class Cutout:
     """Faces as indices into ``vertices``."""
 
 
-def drawn_joints(view: str) -> list[int]:
+def close_up_joints(view: str) -> list[int]:
     """Return the joints of the vertices that a close-up shows."""
     parts = _DRAWN[view]
     return [j for j, name in enumerate(JOINT_NAMES) if any(part in name for part in parts)]
 
 
-def cut_out(body: Body, view: str) -> Cutout:
+def close_up_mesh(body: Body, view: str) -> SubMesh:
     """Return the part that a close-up shows; an arm ends closed in the middle of the upper arm."""
-    is_kept = np.isin(body.main_joints, drawn_joints(view))
+    is_kept = np.isin(body.main_joints, close_up_joints(view))
     side = view.removesuffix("_hand")
     if is_arm := side != view:
         shoulder, elbow = (JOINT_INDEX[f"{side}_{name}"] for name in ("shoulder", "elbow"))
@@ -139,7 +141,7 @@ def cut_out(body: Body, view: str) -> Cutout:
     vertices = np.unique(faces)
     place = np.zeros(body.num_vertices, np.int32)
     place[vertices] = np.arange(len(vertices), dtype=np.int32)
-    return Cutout(vertices, place[faces])
+    return SubMesh(vertices, place[faces])
 
 
 def _lid(kept: Int[np.ndarray, "F 3"], others: Int[np.ndarray, "G 3"]) -> Int[np.ndarray, "N 3"]:
@@ -151,7 +153,7 @@ def _lid(kept: Int[np.ndarray, "F 3"], others: Int[np.ndarray, "G 3"]) -> Int[np
 
 
 @dataclass(frozen=True)
-class Shot:
+class PanelCamera:
     """Camera of a panel."""
 
     view: str
@@ -159,7 +161,7 @@ class Shot:
     """Camera; if it follows, relative to the point that it follows."""
     sigma_frames: float | None = None
     """Smoothing of following (frames); None for a static camera."""
-    way: Float[np.ndarray, "T 3"] | None = None
+    path: Float[np.ndarray, "T 3"] | None = None
     """Positions (T, 3) of the followed point, metres; None follows the drawn motion."""
 
     @property
@@ -168,10 +170,10 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Stage:
+class CameraSetup:
     """Cameras and floor for a set of motions. Metres, y up."""
 
-    shots: tuple[Shot, ...]
+    shots: tuple[PanelCamera, ...]
     """Shots of the body's panel, then of the close-ups."""
     floor_m: float
     centre_xz: tuple[float, float] = (0.0, 0.0)
@@ -184,22 +186,22 @@ class Stage:
         """Camera of the body's panel."""
         return self.shots[0].camera
 
-    def pixel_m(self, shot: Shot, height_px: int) -> float:
+    def pixel_m(self, shot: PanelCamera, height_px: int) -> float:
         """Return the size of a pixel (m) at the centre or followed point; 0 behind the camera."""
         x, z = (0.0, 0.0) if shot.is_following else self.centre_xz
-        up_m = 0.0 if shot.view in CLOSE_UP_JOINTS else self.floor_m + MIDDLE_M
+        up_m = 0.0 if shot.view in CLOSE_UP_JOINTS else self.floor_m + ORBIT_CENTRE_HEIGHT_M
         camera = shot.camera
         away_m = float(camera.axes()[2] @ np.subtract(camera.eye, (x, up_m, z)))
         return max(away_m, 0.0) * 2.0 * float(np.tan(camera.yfov_rad / 2.0)) / height_px
 
-    def seen_from(self, orbit: Orbit) -> "Stage":
+    def with_orbit(self, orbit: Orbit) -> "CameraSetup":
         """Return the stage with the main camera moved around the middle of the bodies."""
         if not orbit.is_moved:
             return self
         first, *others = self.shots
         x, z = (0.0, 0.0) if first.is_following else self.centre_xz
-        middle = np.array([x, self.floor_m + MIDDLE_M, z])
-        moved = replace(first, camera=orbit.moved(first.camera, middle))
+        middle = np.array([x, self.floor_m + ORBIT_CENTRE_HEIGHT_M, z])
+        moved = replace(first, camera=orbit.apply(first.camera, middle))
         return replace(self, shots=(moved, *others))
 
     def tracks(self, body: Body, motion: BodyMotion) -> list[Float[np.ndarray, "T 3"]]:
@@ -207,8 +209,8 @@ class Stage:
         positions = None
         tracks = []
         for shot in self.shots:
-            if shot.way is not None:
-                tracks.append(shot.way)
+            if shot.path is not None:
+                tracks.append(shot.path)
             elif shot.sigma_frames is None:
                 tracks.append(np.zeros((motion.num_frames, 3)))
             else:
@@ -216,20 +218,20 @@ class Stage:
                 tracks.append(_track(positions, shot.view, shot.sigma_frames))
         return tracks
 
-    def going(self, ways: Sequence[Float[np.ndarray, "T 3"]]) -> "Stage":
+    def with_camera_paths(self, ways: Sequence[Float[np.ndarray, "T 3"]]) -> "CameraSetup":
         """Return the stage with cameras that follow these positions, whatever is drawn."""
-        shots = (replace(shot, way=way) for shot, way in zip(self.shots, ways, strict=True))
+        shots = (replace(shot, path=way) for shot, way in zip(self.shots, ways, strict=True))
         return replace(self, shots=tuple(shots))
 
 
-def set_stage(
+def make_camera_setup(
     body: Body,
     motions: Sequence[BodyMotion],
     view: str = "front",
     aspect: float = 1.0,
     close_ups: Sequence[Panel] = (),
     framing: Framing = "whole",
-) -> Stage:
+) -> CameraSetup:
     """Make the stage that shows all of these motions, each alone, with equal cameras.
 
     The joints of every frame are framed, each with the reach of the mesh around it: far cheaper
@@ -258,24 +260,24 @@ def set_stage(
     from_afar, pelvises, floors, corners = [], [], [], []
     for motion in motions:
         positions = _joint_positions(body, motion)
-        from_afar.append(outermost(positions[:, seen[0][2]], view, aspect=aspect))
+        from_afar.append(extreme_points(positions[:, seen[0][2]], view, aspect=aspect))
         for found, (name, ratio, joints, _, sigma) in zip(places, seen, strict=True):
             relative = positions[:, joints] - _track(positions, name, sigma)[:, None]
-            found.append(outermost(relative, name, aspect=ratio))
+            found.append(extreme_points(relative, name, aspect=ratio))
         pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
     wandered_m = float(np.ptp(pelvises, axis=0)[[0, 2]].max())
     shots = []
     for found, (name, ratio, _, flesh, sigma) in zip(places, seen, strict=True):
-        if not shots and view not in CLOSE_UP_JOINTS and wandered_m <= FOLLOW_BEYOND_M:
+        if not shots and view not in CLOSE_UP_JOINTS and wandered_m <= FOLLOW_DISTANCE_M:
             found, sigma = from_afar, None
         points = np.concatenate(found)
         radius = np.broadcast_to(flesh, points.shape[:2]).ravel()
-        camera = frame_points(points.reshape(-1, 3), name, aspect=ratio, radius_m=radius)
-        shots.append(Shot(name, camera, sigma))
+        camera = fit_camera(points.reshape(-1, 3), name, aspect=ratio, radius_m=radius)
+        shots.append(PanelCamera(name, camera, sigma))
     low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-    return Stage(
+    return CameraSetup(
         shots=tuple(shots),
         floor_m=float(np.median(floors)),
         centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
@@ -291,7 +293,7 @@ def _framed(framing: Framing) -> list[int]:
     ]
 
 
-def frames_of(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
+def select_frames(motion: BodyMotion, frames: slice | Sequence[int]) -> BodyMotion:
     """Return some of the frames of a motion, as a motion."""
     chosen = frames if isinstance(frames, slice) else np.asarray(frames, dtype=np.intp)
     return replace(
@@ -306,7 +308,7 @@ def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J
     """Return all joint positions of a clip, computed in pieces to limit memory."""
     starts = range(0, motion.num_frames, _PIECE_FRAMES)
     pieces = [
-        body.joint_positions(frames_of(motion, slice(start, start + _PIECE_FRAMES)))
+        body.joint_positions(select_frames(motion, slice(start, start + _PIECE_FRAMES)))
         for start in starts
     ]
     return np.concatenate(pieces)

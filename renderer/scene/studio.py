@@ -8,17 +8,17 @@ from jaxtyping import Float, Float32, Int, UInt8
 from scipy import ndimage
 
 from renderer.body.skinning import VertexNormals
-from renderer.scene.camera_setup import Stage
+from renderer.scene.camera_setup import CameraSetup
 
 RESOLUTION = 160
 """Texels along each side of the floor; the shadow is soft, so few are enough."""
 HALF_SIZE_M = 2.0
-TOUCHING_M = 0.10
+CONTACT_HEIGHT_M = 0.10
 """Height (m) above the floor below which a vertex also casts a contact shadow."""
-LOST, BLURS, MOST_LOST = (0.30, 0.45), (2.6, 1.5), 0.62
+SHADOW_STRENGTH, BLURS, MAX_SHADOW = (0.30, 0.45), (2.6, 1.5), 0.62
 """Share of light lost to the body and to contact, blur of both (texels), and largest total share.
 """
-GLOW, LIGHTEST = 22.0, 252.0
+POOL_BRIGHTNESS, LIGHTEST = 22.0, 252.0
 """Grey levels by which the centre of the floor is lighter than the background, and their limit."""
 POOL_POWER, FADE = 1.2, 2.5
 """Falloff of the light on the floor, and of the shadows."""
@@ -57,7 +57,7 @@ STUDIO = Studio()
 class ShadowGround:
     """Texture of a square floor: a pool of light, darkened by blurred points as shadow."""
 
-    def __init__(self, stage: Stage) -> None:
+    def __init__(self, stage: CameraSetup) -> None:
         self.centre_xz, self.floor_m = stage.centre_xz, stage.floor_m
         self.half_size_m = HALF_SIZE_M + stage.extent_m / 2.0
         self.texel_m = 2.0 * self.half_size_m / RESOLUTION
@@ -67,7 +67,7 @@ class ShadowGround:
         radius = np.hypot(axis[:, None], axis[None, :])
         pool = np.clip(1.0 - radius, 0.0, 1.0) ** POOL_POWER
         backdrop = np.asarray(STUDIO.background, np.float32) * 255.0
-        glow = np.minimum(backdrop + GLOW, LIGHTEST)
+        glow = np.minimum(backdrop + POOL_BRIGHTNESS, LIGHTEST)
         self._lit = (backdrop + pool[..., None] * (glow - backdrop)).astype(np.float32)
         self._fade = np.clip((1.0 - radius) * FADE, 0.0, 1.0).astype(np.float32)
 
@@ -80,10 +80,12 @@ class ShadowGround:
         row = ((z - upper - self._slope[1] * height) / self.texel_m).astype(np.int32)
         inside = (column >= 0) & (column < RESOLUTION) & (row >= 0) & (row < RESOLUTION)
         texel = row * RESOLUTION + column
-        touching = texel[inside & (height < TOUCHING_M)]
+        touching = texel[inside & (height < CONTACT_HEIGHT_M)]
         texel = texel[inside]
-        lost = LOST[0] * _splat(texel, BLURS[0]) + LOST[1] * _splat(touching, BLURS[1])
-        return np.clip(lost, 0.0, MOST_LOST) * self._fade
+        lost = SHADOW_STRENGTH[0] * _splat(texel, BLURS[0]) + SHADOW_STRENGTH[1] * _splat(
+            touching, BLURS[1]
+        )
+        return np.clip(lost, 0.0, MAX_SHADOW) * self._fade
 
     def texture(self, shadow: Float32[np.ndarray, "R R"]) -> UInt8[np.ndarray, "R R 3"]:
         """Return display colours of the floor with a shadow."""
@@ -148,7 +150,9 @@ class Subject:
 class FramePreparer:
     """Converter of vertices to ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
 
-    def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int, stage: Stage) -> None:
+    def __init__(
+        self, faces: Int[np.ndarray, "F 3"], num_vertices: int, stage: CameraSetup
+    ) -> None:
         self.normals = VertexNormals(faces, num_vertices)
         self.ground = ShadowGround(stage)
         self._faces = faces

@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from conventions.rates import FPS
 from renderer.scene.camera_setup import Panel
-from renderer.video.encoder import Encoder, VideoError, VideoFacts, read_facts
+from renderer.video.encoder import Encoder, VideoError, VideoInfo, probe_video
 
 MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
 """Largest size of a comparison (pixels), which fits most screens; larger ones are scaled down."""
@@ -41,7 +41,7 @@ class Pair:
     height: int
     body: Panel
     """Panel of the body in both videos and in the result."""
-    beside: tuple[Panel, ...] = ()
+    second_close_ups: tuple[Panel, ...] = ()
     """Close-ups of the second video, at the same positions as in the result."""
     edge: int = 0
     """Columns of the body's panel that show the first video, for a wipe."""
@@ -80,7 +80,7 @@ def compose_videos(
         Cancelled: if ``should_cancel`` returns true; no file is left.
         VideoError: if a video cannot be read, sizes do not fit, or ffmpeg fails; no file is left.
     """
-    facts = [read_facts(video) for video in videos]
+    facts = [probe_video(video) for video in videos]
     lengths = [each.num_frames for each in facts]
     if pair is None:
         _check_alike(videos, facts)
@@ -109,7 +109,7 @@ def compose_videos(
             encoder.follow(on_progress, should_cancel)
 
 
-def _check_alike(videos: Sequence[Path], facts: Sequence[VideoFacts]) -> None:
+def _check_alike(videos: Sequence[Path], facts: Sequence[VideoInfo]) -> None:
     first = facts[0]
     for video, other in zip(videos, facts, strict=True):
         if (other.width, other.height) != (first.width, first.height):
@@ -215,7 +215,7 @@ def _over(held: Sequence[str], pair: Pair) -> list[str]:
     """Return ffmpeg's filter graph of an overlay: both padded to the result, the second on top."""
     whole = [f"{each},pad={pair.width}:{pair.height}:0:0:white" for each in held]
     body = pair.body
-    sides = [f"[side{i}]" for i in range(len(pair.beside))]
+    sides = [f"[side{i}]" for i in range(len(pair.second_close_ups))]
     parts = [
         f"{whole[0]},split=2[first][base]",
         f"{whole[1]},split={1 + len(sides)}[second]{''.join(sides)}",
@@ -240,7 +240,7 @@ def _over(held: Sequence[str], pair: Pair) -> list[str]:
             parts += ["[first]nullsink", f"[second]{_crop(body)}[over]"]
             when = f":enable='gte(mod(t+{0.5 / FPS:.6f},{2 * turn:g}),{turn:g})'"
     laid = f"[base][over]overlay={where[0]}:{where[1]}{when}"
-    for side, panel in zip(sides, pair.beside, strict=True):
+    for side, panel in zip(sides, pair.second_close_ups, strict=True):
         parts += [f"{laid}{side[:-1]}under]", f"{side}{_crop(panel)}{side[:-1]}over]"]
         laid = f"{side[:-1]}under]{side[:-1]}over]overlay={panel.left}:{panel.top}"
     band = band_height(pair.shorter)

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from conventions.rates import FPS
-from processes.exit_report import Ended
+from processes.exit_report import ExitReport
 from processes.job import Cancelled
 
 DEFAULT_CRF = 20
@@ -83,12 +83,12 @@ def run_ffmpeg(*arguments: str, log: str = "error") -> str:
     said = run.stderr.decode(errors="replace").strip()
     if run.returncode:
         last = " ".join(said.split())[-300:] or "nothing"
-        raise VideoError(f"ffmpeg ended {Ended(run.returncode).how} and said: {last}")
+        raise VideoError(f"ffmpeg ended {ExitReport(run.returncode).exit_text} and said: {last}")
     return said if log == "info" else run.stdout.decode(errors="replace")
 
 
 @dataclass(frozen=True)
-class VideoFacts:
+class VideoInfo:
     """Properties of a video that must agree between videos shown together."""
 
     width: int
@@ -96,7 +96,7 @@ class VideoFacts:
     num_frames: int
 
 
-def read_facts(video: Path) -> VideoFacts:
+def probe_video(video: Path) -> VideoInfo:
     """Read size and exact number of frames; packets are counted, not decoded.
 
     Raises:
@@ -111,7 +111,7 @@ def read_facts(video: Path) -> VideoFacts:
     counts = re.findall(r"frame=\s*(\d+)", said)
     if size is None or not counts:
         raise VideoError(f"{video} cannot be read as a video.")
-    return VideoFacts(int(size[1]), int(size[2]), int(counts[-1]))
+    return VideoInfo(int(size[1]), int(size[2]), int(counts[-1]))
 
 
 class Encoder:
@@ -260,7 +260,7 @@ class Encoder:
         said = self._messages.read().decode(errors="replace").strip()
         self._abort()
         last_line = f"ffmpeg said: {said.splitlines()[-1]}" if said else "it said nothing"
-        end = Ended(self._process.returncode).how
+        end = ExitReport(self._process.returncode).exit_text
         return VideoError(f"{self.out.name} cannot be written: ffmpeg ended {end}; {last_line}")
 
 

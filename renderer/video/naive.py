@@ -5,22 +5,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from renderer.body.body import Body
-from renderer.draw.offscreen import open_gl
+from renderer.draw.offscreen import load_opengl
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Z_NEAR_M, Camera
-from renderer.scene.camera_setup import Stage
+from renderer.scene.camera_setup import CameraSetup
 from renderer.scene.studio import STUDIO
 
 
-def draw_naively(
-    frames: Sequence[np.ndarray], body: Body, stage: Stage, size_px: int
+def draw_baseline(
+    frames: Sequence[np.ndarray], body: Body, stage: CameraSetup, size_px: int
 ) -> list[np.ndarray]:
     """Draw precomputed vertices as in pyrender's examples.
 
     Each frame has a new trimesh, mesh, scene and renderer, pyrender's shaders, and the depth is
     read back; there is no ground.
     """
-    open_gl(choose_backend())
+    load_opengl(choose_backend())
     import pyrender
     import trimesh
 

@@ -58,7 +58,7 @@ class Trail:
 
 
 @dataclass(frozen=True)
-class Heat:
+class HeatMap:
     """Jerk of each joint, shown as colour of the vertices that follow it."""
 
     shares: Float[np.ndarray, "T J"]
@@ -68,14 +68,14 @@ class Heat:
 
 
 @dataclass(frozen=True)
-class Marks:
+class Overlays:
     """Overlays in the pictures of one motion."""
 
     trail: Trail | None = None
-    heat: Heat | None = None
+    heat: HeatMap | None = None
     notice: str = ""
     """Notice in large letters below the body."""
-    tag: str = ""
+    close_up_notice: str = ""
     """Short form of the notice, shown in every close-up."""
 
 
@@ -93,10 +93,10 @@ def _along(colors: np.ndarray, shares: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(shares, stops, channel) for channel in colors.T], axis=-1)
 
 
-class MarkPainter:
+class OverlayPainter:
     """Painter of overlays on pictures that are composed of panels."""
 
-    def __init__(self, marks: Marks, panels: Sequence[Panel]) -> None:
+    def __init__(self, marks: Overlays, panels: Sequence[Panel]) -> None:
         self._trail = marks.trail
         self._panels = panels
         self._with_trail: list[int] = []
@@ -162,7 +162,7 @@ def _dot(draw: ImageDraw.ImageDraw, place, radius: float, color) -> None:
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=color)
 
 
-def _plates(marks: Marks, panels: Sequence[Panel]) -> list[Plate]:
+def _plates(marks: Overlays, panels: Sequence[Panel]) -> list[Plate]:
     """Return the overlays that are the same in all pictures."""
     body = panels[0]
     size = max(11.0, 0.036 * body.width)
@@ -172,8 +172,8 @@ def _plates(marks: Marks, panels: Sequence[Panel]) -> list[Plate]:
         band = _band(marks.notice, body.width, 1.5 * size)
         bottom -= band.height
         plates.append(((body.left, bottom), band))
-    if marks.tag:
-        tag = _band(marks.tag, None, 1.1 * size)
+    if marks.close_up_notice:
+        tag = _band(marks.close_up_notice, None, 1.1 * size)
         plates += [((panel.left + 4, panel.top + 4), tag) for panel in panels[1:]]
     legends = []
     if marks.heat is not None:

@@ -14,16 +14,16 @@ from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.camera_setup import (
+    CameraSetup,
     Panel,
-    Shot,
-    Stage,
-    cut_out,
-    frames_of,
-    set_stage,
+    PanelCamera,
+    close_up_mesh,
+    make_camera_setup,
+    select_frames,
 )
 from renderer.scene.studio import FramePreparer, PosedFrame, Subject
 from renderer.video.encoder import DEFAULT_CRF, check_size
-from renderer.video.overlays import MarkPainter, Marks, heat_colors
+from renderer.video.overlays import OverlayPainter, Overlays, heat_colors
 
 MIN_SIZE_PX, MAX_SIZE_PX = 64, 2160
 _LINE_PX, _LINE = 2, 255
@@ -32,7 +32,7 @@ _LINE_PX, _LINE = 2, 255
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """Settings of pictures. Equal settings and an equal ``Stage`` give comparable pictures."""
+    """Settings of pictures. Equal settings and an equal `CameraSetup` give comparable pictures."""
 
     width: int = 512
     height: int = 512
@@ -45,8 +45,8 @@ class RenderSettings:
     backend: Backend | None = None
     """OpenGL backend; None selects the first that works."""
     layout: tuple[Panel, ...] | None = None
-    """Panels from `lay_out`: first the body, of ``width`` and ``height``, then the close-ups; None
-    for the body alone."""
+    """Panels from `layout_panels`: first the body, of ``width`` and ``height``, then the
+    close-ups; None for the body alone."""
     is_transparent: bool = False
     """True for pictures of the body alone with an alpha channel; not for videos."""
 
@@ -83,9 +83,11 @@ class RenderSettings:
         return height, width, 4 if self.is_transparent else 3
 
 
-def stage_for(body: Body, motions: Sequence[BodyMotion], settings: RenderSettings) -> Stage:
+def camera_setup_for(
+    body: Body, motions: Sequence[BodyMotion], settings: RenderSettings
+) -> CameraSetup:
     """Make the stage for pictures of these motions with these settings."""
-    return set_stage(
+    return make_camera_setup(
         body,
         motions,
         settings.view,
@@ -99,8 +101,8 @@ def draw_frames(
     body: Body,
     motion: BodyMotion,
     settings: RenderSettings,
-    stage: Stage | None = None,
-    marks: Marks | None = None,
+    stage: CameraSetup | None = None,
+    marks: Overlays | None = None,
     frames: slice | Sequence[int] = slice(None),
 ) -> Generator[UInt8[np.ndarray, "H W C"]]:
     """Yield the pictures of some frames of a motion; each is overwritten by the next.
@@ -120,13 +122,13 @@ def draw_frames(
     numbers = np.arange(motion.num_frames)[frames]
     if not len(numbers):
         return
-    stage, panels = stage or stage_for(body, [motion], settings), settings.panels
+    stage, panels = stage or camera_setup_for(body, [motion], settings), settings.panels
     if [shot.view for shot in stage.shots[1:]] != [panel.view for panel in panels[1:]]:
         raise ValueError("The stage was set for other close-ups than these pictures have.")
     meshes = [mesh_of(body, stage, *each) for each in zip(stage.shots, panels, strict=True)]
     ways = [track[frames] for track in stage.tracks(body, motion)]
-    heat, painter = marks and marks.heat, MarkPainter(marks, panels) if marks else None
-    chosen = frames_of(motion, frames)
+    heat, painter = marks and marks.heat, OverlayPainter(marks, panels) if marks else None
+    chosen = select_frames(motion, frames)
     vertices = [chain.from_iterable(mesh.vertices(chosen)) for mesh in meshes]
     colors = [heat_colors(mesh, heat.shares[frames]) if heat else repeat(None) for mesh in meshes]
     prepare = [FramePreparer(mesh.faces, mesh.num_vertices, stage) for mesh in meshes]
@@ -144,12 +146,12 @@ def draw_frames(
 
         def fetch() -> None:
             for panel, canvas in zip(panels, canvases, strict=True):
-                whole[panel.box] = canvas.picture()
+                whole[panel.box] = canvas.read_pixels()
             _rule_off(whole, panels)
 
         def cameras(index: int) -> list[Camera]:
             each = zip(stage.shots, ways, strict=True)
-            return [shot.camera.moved(way[index]) for shot, way in each]
+            return [shot.camera.translated(way[index]) for shot, way in each]
 
         def painted(index: int) -> UInt8[np.ndarray, "H W C"]:
             if painter is None:
@@ -171,13 +173,13 @@ def draw_frames(
         yield painted(len(numbers) - 1)
 
 
-def mesh_of(body: Body, stage: Stage, shot: Shot, panel: Panel) -> Body:
+def mesh_of(body: Body, stage: CameraSetup, shot: PanelCamera, panel: Panel) -> Body:
     """Return the part of a body that a panel shows, with a level of detail for its pixels."""
     pixel_m = stage.pixel_m(shot, panel.height)
     mesh = body_at(body, body.height_m / pixel_m) if pixel_m > 0.0 else body
     if shot is stage.shots[0]:
         return mesh
-    part = cut_out(mesh, panel.view)
+    part = close_up_mesh(mesh, panel.view)
     return mesh.part(part.vertices, part.faces)
 
 
@@ -202,13 +204,17 @@ def check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
             raise ValueError(f"Frame {frame} was asked for; the motion has {motion.num_frames}.")
 
 
-def stacked(pictures: Iterable[np.ndarray], settings: RenderSettings) -> np.ndarray:
+def stack_pictures(pictures: Iterable[np.ndarray], settings: RenderSettings) -> np.ndarray:
     """Stack pictures to one array, also without any."""
     return np.reshape(list(pictures), (-1, *settings.picture_shape)).astype(np.uint8, copy=False)
 
 
 def projected_joints(
-    body: Body, motion: BodyMotion, frames: Sequence[int], settings: RenderSettings, stage: Stage
+    body: Body,
+    motion: BodyMotion,
+    frames: Sequence[int],
+    settings: RenderSettings,
+    stage: CameraSetup,
 ) -> Float[np.ndarray, "N J 2"]:
     """Return the pixels of all joints in some frames' pictures, (0, 0) at the upper left corner.
 
@@ -216,12 +222,12 @@ def projected_joints(
     follows the body. A joint may be outside its picture, or hidden behind the body.
     """
     chosen = list(frames)
-    joints = body.joint_positions(frames_of(motion, chosen))
+    joints = body.joint_positions(select_frames(motion, chosen))
     track = stage.tracks(body, motion)[0][chosen]
     size = (settings.width, settings.height)
     return np.stack(
         [
-            stage.camera.moved(offset).project(points, *size)
+            stage.camera.translated(offset).project(points, *size)
             for offset, points in zip(track, joints, strict=True)
         ]
     )

@@ -6,12 +6,12 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
 from conventions.views import VIEWS
 from renderer.draw.lighting import lighting_source
 from renderer.scene import camera, camera_setup, studio
-from renderer.scene.camera_setup import CLOSE_UP_VIEWS, drawn_joints
+from renderer.scene.camera_setup import CLOSE_UP_VIEWS, close_up_joints
 from renderer.scene.studio import ROUGHNESS, STUDIO
 from renderer.video.overlays import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
 
 
-def drawing_facts() -> dict:
+def render_constants() -> dict:
     """Return the shared constants as JSON types: metres, radians, colours 0 to 1."""
     views = {view: camera.view_axes(view).tolist() for view in VIEWS}
     return {
@@ -26,7 +26,7 @@ def drawing_facts() -> dict:
                 {
                     "view": view,
                     "joints": camera_setup.CLOSE_UP_JOINTS[view],
-                    "drawn": drawn_joints(view),
+                    "drawn": close_up_joints(view),
                 }
                 for view in shown
             ]
@@ -36,8 +36,8 @@ def drawing_facts() -> dict:
             "below_knees": list(camera_setup.BELOW_KNEES),
             "knee_flesh": camera_setup.KNEE_FLESH_M,
             "fingertip": camera_setup.FINGERTIP_M,
-            "follow_beyond": camera_setup.FOLLOW_BEYOND_M,
-            "middle": camera_setup.MIDDLE_M,
+            "follow_beyond": camera_setup.FOLLOW_DISTANCE_M,
+            "middle": camera_setup.ORBIT_CENTRE_HEIGHT_M,
             "walk_sigma": camera_setup.WALK_SIGMA_FRAMES,
             "face_sigma": camera_setup.CLOSE_UP_SIGMA_FRAMES,
             "hand_sigma": camera_setup.STEADY_SIGMA_FRAMES,
@@ -45,11 +45,11 @@ def drawing_facts() -> dict:
         "ground": {
             "half_size": studio.HALF_SIZE_M,
             "texels": studio.RESOLUTION,
-            "touching": studio.TOUCHING_M,
-            "lost": studio.LOST,
+            "touching": studio.CONTACT_HEIGHT_M,
+            "lost": studio.SHADOW_STRENGTH,
             "blurs": studio.BLURS,
-            "most_lost": studio.MOST_LOST,
-            "glow": studio.GLOW / 255,
+            "most_lost": studio.MAX_SHADOW,
+            "glow": studio.POOL_BRIGHTNESS / 255,
             "lightest": studio.LIGHTEST / 255,
             "pool_power": studio.POOL_POWER,
             "fade": studio.FADE,

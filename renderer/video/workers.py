@@ -17,18 +17,18 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import UInt8
 
-from conventions.views import LOOKS
-from processes.child import Child, Gone, parent_channel
-from processes.exit_report import Ended
+from conventions.views import BODY_LOOKS
+from processes.child import Child, ChildExited, parent_channel
+from processes.exit_report import ExitReport
 from processes.job import Cancelled
 from renderer.body.body import BodyMotion, load_body
 from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
 from renderer.draw.probe import choose_backend
-from renderer.scene.camera_setup import Stage
+from renderer.scene.camera_setup import CameraSetup
 from renderer.video.encoder import VideoError, VideoWriter, partial_path
-from renderer.video.overlays import Marks
-from renderer.video.render import RenderSettings, check_frames, draw_frames, stacked
+from renderer.video.overlays import Overlays
+from renderer.video.render import RenderSettings, check_frames, draw_frames, stack_pictures
 
 PARALLEL_JOBS = 2
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -51,11 +51,11 @@ class RenderJob:
     settings: RenderSettings = field(default_factory=RenderSettings)
     body_path: Path | None = None
     """Path of an SMPL-X npz; None is the open body."""
-    look: str = LOOKS[0]
+    look: str = BODY_LOOKS[0]
     """Look of the open body."""
-    stage: Stage | None = None
+    stage: CameraSetup | None = None
     """Shared camera and floor; None makes them for this motion alone."""
-    marks: Marks | None = None
+    marks: Overlays | None = None
     """Overlays of the pictures."""
     still_frames: tuple[int, ...] = ()
     """Frames to return as pictures, in this order."""
@@ -101,7 +101,7 @@ def draw_jobs(
                 busy[waiting[0]] = worker
                 worker.begin(_decided(jobs[waiting.pop(0)]))
             for name, worker in [*busy.items()]:
-                shares[name] = worker.share()
+                shares[name] = worker.progress()
                 if worker.stills is not None:
                     done[name], shares[name] = worker.stills, 1.0
                     idle.append(busy.pop(name))
@@ -142,10 +142,10 @@ class _Worker:
 
     def begin(self, job: RenderJob) -> None:
         self._out, self._share, self.stills = job.out, 0.0, None
-        self._child.forget()
+        self._child.clear_log()
         self._child.send(job)
 
-    def share(self) -> float:
+    def progress(self) -> float:
         """Return the finished share of the job, from the child's messages.
 
         Raises:
@@ -162,8 +162,8 @@ class _Worker:
                         self.stills = value
                     case _:
                         raise value
-        except Gone as error:
-            raise failure(self._child.ended()) from error
+        except ChildExited as error:
+            raise failure(self._child.exit_report()) from error
         return self._share
 
     def close(self) -> None:
@@ -173,9 +173,9 @@ class _Worker:
             partial_path(self._out, self._child.pid).unlink(missing_ok=True)
 
 
-def failure(ended: Ended) -> RuntimeError:
+def failure(ended: ExitReport) -> RuntimeError:
     """Return the error for a drawing process that died: a driver's crash, or a bug."""
-    told = ended.sentences(
+    told = ended.user_message(
         "The rendering process",
         "draw smaller or fewer videos at once",
         "start it again, which is done by a fresh process",
@@ -211,7 +211,7 @@ def _done(job: RenderJob, tell: Callable[[float], None]) -> UInt8[np.ndarray, "N
     check_frames(job.still_frames, job.motion)
     looks = body, job.motion, settings, job.stage, job.marks
     if job.out is None:
-        return stacked(map(np.copy, draw_frames(*looks, job.still_frames)), settings)
+        return stack_pictures(map(np.copy, draw_frames(*looks, job.still_frames)), settings)
     count, stills = job.motion.num_frames, {}
     with (
         closing(draw_frames(*looks)) as pictures,
@@ -222,7 +222,7 @@ def _done(job: RenderJob, tell: Callable[[float], None]) -> UInt8[np.ndarray, "N
             if index in job.still_frames:
                 stills[index] = picture.copy()
             tell((index + 1) / count)
-    return stacked((stills[frame] for frame in job.still_frames), settings)
+    return stack_pictures((stills[frame] for frame in job.still_frames), settings)
 
 
 if __name__ == "__main__":

@@ -22,15 +22,15 @@ from model.motion.transforms import exaggerate, smooth_motion
 from renderer.body.body import load_body
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import (
-    FARTHEST_M,
-    STEEPEST_RAD,
+    MAX_PAN_M,
+    MAX_PITCH_RAD,
     ZOOMS,
     Camera,
     Orbit,
-    frame_points,
+    fit_camera,
     view_axes,
 )
-from renderer.scene.camera_setup import set_stage
+from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.render import RenderSettings
 from tests.browser.conftest import (
     AT_REST,
@@ -500,7 +500,7 @@ def test_limits_and_cameras_are_those_of_videos(page: Page) -> None:
                 points, radii, facts.views[view], aspect, facts.camera)""",
             [points.ravel().tolist(), radii.tolist(), view, 0.7],
         )
-        camera = frame_points(points, view, aspect=0.7, radius_m=radii)
+        camera = fit_camera(points, view, aspect=0.7, radius_m=radii)
         assert eye == pytest.approx(camera.eye, abs=1e-9)
         assert page.evaluate("view => facts.views[view]", view) == view_axes(view).tolist()
 
@@ -511,11 +511,11 @@ def test_limits_and_cameras_are_those_of_videos(page: Page) -> None:
     found = page.evaluate(MOVED, [states.tolist(), *before])
     camera = Camera(tuple(eye), tuple(eye - axes[2]))
     for orbit, seen in zip(states, found, strict=True):
-        moved = Orbit(*orbit).moved(camera, around)
+        moved = Orbit(*orbit).apply(camera, around)
         assert moved.eye == pytest.approx(seen["eye"], abs=1e-9)
         assert np.allclose(moved.axes(), seen["axes"], atol=1e-9)
     (farthest,) = page.evaluate(MOVED, [[[0, 9, 99, 9, -9]], *before])
-    edge = Orbit(0.0, STEEPEST_RAD, ZOOMS[1], FARTHEST_M, -FARTHEST_M).moved(camera, around)
+    edge = Orbit(0.0, MAX_PITCH_RAD, ZOOMS[1], MAX_PAN_M, -MAX_PAN_M).apply(camera, around)
     assert edge.eye == pytest.approx(farthest["eye"]), "the same limits"
 
 
@@ -550,7 +550,7 @@ def test_pictures_look_as_those_of_videos(page: Page) -> None:
     expressions[:, load_body().expression_names.index("jawOpen")] = 1.0
     motion = replace(motion, expressions=expressions, expression_basis="arkit52")
     body, moved = load_body(), body_motion(motion)
-    scene = set_stage(body, [moved])
+    scene = make_camera_setup(body, [moved])
     settings = RenderSettings(SIZE_PX, SIZE_PX, backend=choose_backend())
     wanted = render_stills(body, moved, [0], settings, stage=scene)[0].astype(int)
     assert wanted.std() > 30

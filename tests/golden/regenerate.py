@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from conventions.joints import JOINT_INDEX
-from conventions.views import LOOKS
+from conventions.views import BODY_LOOKS
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.draw.offscreen import BACKENDS, Backend
 from renderer.draw.probe import choose_backend
@@ -47,7 +47,7 @@ FACE = {"jawOpen": 0.3, "mouthSmileLeft": 0.7, "browInnerUp": 0.6, "eyeBlinkRigh
 class Picture:
     rotations_deg: dict[str, tuple[float, float, float]]
     view: str
-    look: str = LOOKS[0]
+    look: str = BODY_LOOKS[0]
     expressions: dict[str, float] = field(default_factory=dict)
 
 
@@ -69,7 +69,7 @@ def posed(picture: Picture, body: Body) -> BodyMotion:
         poses[0, JOINT_INDEX[name]] = np.deg2rad(degrees)
     for name, amount in picture.expressions.items():
         expressions[0, body.expression_names.index(name)] = amount
-    resting = BodyMotion.resting(expression_basis=body.expression_basis)
+    resting = BodyMotion.zero_pose(expression_basis=body.expression_basis)
     return replace(resting, poses=poses.reshape(1, 165), expressions=expressions)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from processes.exit_report import NUM_LINES, Ended, last_lines
+from processes.exit_report import NUM_LINES, ExitReport, last_lines
 from processes.job import Cancelled, JobsError
 from processes.pool import MAX_BREAKS, JobPool
 from tests.helpers import ROOT
@@ -135,8 +135,8 @@ def test_want_of_memory_is_found_among_the_frames_of_two_that_crash_at_once():
     log = [WHY, CRASH, "Current thread 0x1:", *FRAMES, CRASH, "Current thread 0x2:", *FRAMES]
     said = last_lines("\n".join(log))
     assert said[0] == WHY and len(said) == NUM_LINES and CRASH in said
-    assert Ended(-signal.SIGABRT, said).wanted_memory
-    assert not Ended(-signal.SIGSEGV, said).wanted_memory
+    assert ExitReport(-signal.SIGABRT, said).was_out_of_memory
+    assert not ExitReport(-signal.SIGSEGV, said).was_out_of_memory
 
 
 def test_without_a_crash_the_last_lines_are_told():

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.camera_setup import Stage
-from renderer.video.overlays import Marks
-from renderer.video.render import RenderSettings, draw_frames, stacked
+from renderer.scene.camera_setup import CameraSetup
+from renderer.video.overlays import Overlays
+from renderer.video.render import RenderSettings, draw_frames, stack_pictures
 
 
 def render_stills(
@@ -19,12 +19,12 @@ def render_stills(
     frames: Sequence[int],
     settings: RenderSettings,
     *,
-    stage: Stage | None = None,
-    marks: Marks | None = None,
+    stage: CameraSetup | None = None,
+    marks: Overlays | None = None,
 ) -> UInt8[np.ndarray, "N H W C"]:
     """Of single frames, framed as the video of the whole motion would be."""
     pictures = draw_frames(body, motion, settings, stage, marks, frames)
-    return stacked([picture.copy() for picture in pictures], settings)
+    return stack_pictures([picture.copy() for picture in pictures], settings)
 
 
 def children_that_draw() -> list[int]:

@@ -18,14 +18,14 @@ from conventions.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 from model.storage.files import written_atomically
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_FORMAT
-from renderer.body.decimation import coarser, surface_of
+from renderer.body.decimation import decimate, surface_of
 from renderer.body.look import REGION_INDEX
 from tools.bake import clothes, face, geometry
-from tools.bake.body_shapes import FIGURES, in_zero_pose, joint_weights, on_skeleton
+from tools.bake.body_shapes import FIGURES, fit_to_skeleton, in_zero_pose, joint_weights
 from tools.bake.geometry import Mesh
 from tools.bake.makehuman import MakeHuman
 from tools.bake.skinning import pose_correctives
-from tools.command import called
+from tools.command import run_cli
 
 SKIN_UNDER_CLOTH_M = 0.025
 """Width of the skin that continues under a hem (m)."""
@@ -76,17 +76,17 @@ def tip_offsets(body: BakedBody) -> dict[str, Float[np.ndarray, " 3"]]:
 def _in_zero_pose(
     source: MakeHuman, units: Float[np.ndarray, "N E 3"]
 ) -> tuple[Float[np.ndarray, "N C"], Float[np.ndarray, "J 3"]]:
-    """Return the columns of ``Mesh.carried`` for the whole base mesh, and the rest joints."""
+    """Return the columns of ``Mesh.attributes`` for the whole base mesh, and the rest joints."""
     weights = joint_weights(source)
     first, *others = FIGURES.values()
     posed = in_zero_pose(source, first, weights)
     turned = units @ posed.head_transform.T
     builds = [
-        on_skeleton(in_zero_pose(source, figure, weights), posed, weights) - posed.vertices
+        fit_to_skeleton(in_zero_pose(source, figure, weights), posed, weights) - posed.vertices
         for figure in others
     ]
-    carried = [posed.vertices, weights, turned.reshape(len(weights), -1), *builds]
-    return np.concatenate(carried, axis=1), posed.joints
+    attributes = [posed.vertices, weights, turned.reshape(len(weights), -1), *builds]
+    return np.concatenate(attributes, axis=1), posed.joints
 
 
 def _assemble(
@@ -100,8 +100,8 @@ def _assemble(
         unpainted = Mesh(quads, base, np.zeros(len(base), np.int64))
         return unpainted.faces_only(np.ones(len(quads), bool))
 
-    wearer = clothes.Wearer(joints)
-    garments = clothes.dress(group("helper-tights"), wearer)
+    wearer = clothes.GarmentCuts(joints)
+    garments = clothes.make_garments(group("helper-tights"), wearer)
 
     quads = source.quads("body")
     ring = face.lip_line(quads)
@@ -124,10 +124,10 @@ def _assemble(
         face.make_teeth(row, group(f"helper-{row}-teeth"), mouth_middle)
         for row in ("upper", "lower")
     ]
-    return geometry.join([head, hands, *eyes, *teeth, garments])
+    return geometry.merge_meshes([head, hands, *eyes, *teeth, garments])
 
 
-def _tucked_in(body: Mesh, wearer: clothes.Wearer) -> Mesh:
+def _tucked_in(body: Mesh, wearer: clothes.GarmentCuts) -> Mesh:
     """Return the body made thinner under cloth, so that no skin shows through."""
     sideways = np.abs(body.positions[:, 0])
     below_hem = np.where(
@@ -136,7 +136,9 @@ def _tucked_in(body: Mesh, wearer: clothes.Wearer) -> Mesh:
         -wearer.above_neckline(body.positions),
     )
     depth = np.clip(below_hem / 0.01, 0, 1)
-    return body.moved(body.positions - SKIN_BELOW_CLOTH_M * depth[:, None] * geometry.normals(body))
+    return body.with_positions(
+        body.positions - SKIN_BELOW_CLOTH_M * depth[:, None] * geometry.normals(body)
+    )
 
 
 def _with_few_influences(mesh: Mesh) -> Mesh:
@@ -144,9 +146,9 @@ def _with_few_influences(mesh: Mesh) -> Mesh:
     weights = mesh.weights
     smallest_kept = np.sort(weights, axis=1)[:, [-MAX_INFLUENCES]]
     kept = np.where(weights >= np.maximum(smallest_kept, 1e-4), weights, 0)
-    carried = mesh.carried.copy()
-    carried[:, 3 : 3 + weights.shape[1]] = kept / kept.sum(1, keepdims=True)
-    return Mesh(mesh.faces, carried, mesh.regions)
+    attributes = mesh.attributes.copy()
+    attributes[:, 3 : 3 + weights.shape[1]] = kept / kept.sum(1, keepdims=True)
+    return Mesh(mesh.faces, attributes, mesh.regions)
 
 
 NOSE_VERTEX = 9120
@@ -205,7 +207,7 @@ def with_fixed_vertices(mesh: Mesh, wanted: dict[int, int]) -> Mesh:
         swapped, old_place = order[number], place[vertex]
         order[number], order[old_place] = vertex, swapped
         place[vertex], place[swapped] = number, old_place
-    return Mesh(place[mesh.faces], mesh.carried[order], mesh.regions[order])
+    return Mesh(place[mesh.faces], mesh.attributes[order], mesh.regions[order])
 
 
 def make(source: Path, out: Path) -> None:
@@ -219,7 +221,7 @@ def make(source: Path, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     write_npz(out / "open_body.npz", body_arrays(body))
     write_npz(out / "skeleton.npz", skeleton_arrays(body))
-    meshes = coarser(surface_of(load_body(out / "open_body.npz")))
+    meshes = decimate(surface_of(load_body(out / "open_body.npz")))
     numbered = {f"faces_{k}": mesh.astype(np.uint16) for k, mesh in enumerate(meshes)}
     write_npz(out / "coarser.npz", numbered)
     counts = [len(body.mesh.faces), *map(len, meshes)]
@@ -284,4 +286,4 @@ def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(called(make, "tools.bake", None, OSError))
+    sys.exit(run_cli(make, "tools.bake", None, OSError))

@@ -311,7 +311,7 @@ def in_zero_pose(source: MakeHuman, figure: BodyShape, weights: Float[np.ndarray
     )
 
 
-def on_skeleton(
+def fit_to_skeleton(
     posed: Posed, first: Posed, weights: Float[np.ndarray, "N J"]
 ) -> Float[np.ndarray, "N 3"]:
     """Fit the vertices of ``posed`` to the joints of ``first`` by moving and stretching its bones.

@@ -34,7 +34,7 @@ CUFF_DEPTH_M = 0.014
 WEIGHT_SMOOTHING_ROUNDS = 14
 
 
-class Wearer:
+class GarmentCuts:
     """Ends of garments on a body, from its rest joints (metres, zero pose)."""
 
     def __init__(self, joints: Float[np.ndarray, "J 3"]) -> None:
@@ -55,17 +55,19 @@ class Wearer:
         return np.where(np.abs(points[:, 0]) > 0.2, -1.0, above)
 
 
-def dress(helper: Mesh, wearer: Wearer) -> Mesh:
+def make_garments(helper: Mesh, wearer: GarmentCuts) -> Mesh:
     """Make the three garments from the helper mesh, as one triangle mesh painted by garment."""
     loose = helper.positions[:, 1] > wearer.ankle_m + 0.02
     smoothed = geometry.smooth(helper, SMOOTHING_ROUNDS, loose)
     seat = np.abs(smoothed.positions[:, 1] - wearer.waist_m) < SEAT_HALF_HEIGHT_M
     cloth = geometry.subdivide(geometry.smooth(smoothed, SEAT_SMOOTHING_ROUNDS, seat))
     cloth = geometry.smooth_weights(cloth, WEIGHT_SMOOTHING_ROUNDS)
-    return geometry.join([_shirt(cloth, wearer), _trousers(cloth, wearer), _shoes(cloth, wearer)])
+    return geometry.merge_meshes(
+        [_shirt(cloth, wearer), _trousers(cloth, wearer), _shoes(cloth, wearer)]
+    )
 
 
-def _shirt(cloth: Mesh, wearer: Wearer) -> Mesh:
+def _shirt(cloth: Mesh, wearer: GarmentCuts) -> Mesh:
     drop = np.clip((wearer.waist_m + 0.25 - cloth.positions[:, 1]) / 0.25, 0, 1)
     to_sleeve_end = wearer.sleeve_end_m - np.abs(cloth.positions[:, 0])
     to_end = np.minimum(to_sleeve_end, -wearer.above_neckline(cloth.positions))
@@ -77,7 +79,7 @@ def _shirt(cloth: Mesh, wearer: Wearer) -> Mesh:
     return _hemmed(shirt, CUFF_DEPTH_M).painted(REGION_INDEX["shirt"])
 
 
-def _trousers(cloth: Mesh, wearer: Wearer) -> Mesh:
+def _trousers(cloth: Mesh, wearer: GarmentCuts) -> Mesh:
     end = wearer.ankle_m + TROUSER_END_ABOVE_ANKLE_M
     drop = np.clip((wearer.waist_m - cloth.positions[:, 1]) / (wearer.waist_m - end), 0, 1)
     # Straight legs: more room where the calf narrows towards the ankle.
@@ -88,7 +90,7 @@ def _trousers(cloth: Mesh, wearer: Wearer) -> Mesh:
     return _hemmed(trousers, HEM_DEPTH_M).painted(REGION_INDEX["trousers"])
 
 
-def _shoes(cloth: Mesh, wearer: Wearer) -> Mesh:
+def _shoes(cloth: Mesh, wearer: GarmentCuts) -> Mesh:
     top = wearer.ankle_m + SHOE_TOP_ABOVE_ANKLE_M
     shoes = _thicken(cloth, np.full(cloth.num_vertices, 0.004))
     shoes = _keep(shoes, lambda points: top - points[:, 1])
@@ -105,11 +107,11 @@ def _shoes(cloth: Mesh, wearer: Wearer) -> Mesh:
     positions[:, 1] += SOLE_HEIGHT_M * (share**2 * (3 - 2 * share) - share)
     upper = above_sole(geometry.centres(shoes)) > 0
     regions = np.where(upper, REGION_INDEX["shoes"], REGION_INDEX["soles"])
-    return geometry.paint(shoes.moved(positions), regions)
+    return geometry.paint(shoes.with_positions(positions), regions)
 
 
 def _thicken(cloth: Mesh, thickness: Float[np.ndarray, " V"]) -> Mesh:
-    return cloth.moved(cloth.positions + thickness[:, None] * geometry.normals(cloth))
+    return cloth.with_positions(cloth.positions + thickness[:, None] * geometry.normals(cloth))
 
 
 def _keep(mesh: Mesh, field: geometry.Field) -> Mesh:

@@ -114,15 +114,15 @@ def make_teeth(row: str, old: Mesh, mouth: Float[np.ndarray, " 3"]) -> Mesh:
     quads = np.stack([a[:, :-1], b[:, :-1], b[:, 1:], a[:, 1:]], axis=-1).reshape(-1, 4)
     if row == "lower":
         quads = quads[:, ::-1]
-    carried = np.empty((len(positions), old.carried.shape[1]))
-    carried[:, :3] = positions
-    carried[:, 3 : 3 + NUM_JOINTS] = 0
-    carried[:, 3 + JOINT_INDEX["head" if row == "upper" else "jaw"]] = 1
+    attributes = np.empty((len(positions), old.attributes.shape[1]))
+    attributes[:, :3] = positions
+    attributes[:, 3 : 3 + NUM_JOINTS] = 0
+    attributes[:, 3 + JOINT_INDEX["head" if row == "upper" else "jaw"]] = 1
     # Teeth are rigid: they follow the affine part of the old row's offsets.
     old_affine, affine = (np.c_[p - mouth, np.ones(len(p))] for p in (old.positions, positions))
-    offsets = old.carried[:, 3 + NUM_JOINTS :]
-    carried[:, 3 + NUM_JOINTS :] = affine @ np.linalg.lstsq(old_affine, offsets, rcond=None)[0]
-    return Mesh(quads, carried, np.full(len(positions), REGION_INDEX["teeth"]))
+    offsets = old.attributes[:, 3 + NUM_JOINTS :]
+    attributes[:, 3 + NUM_JOINTS :] = affine @ np.linalg.lstsq(old_affine, offsets, rcond=None)[0]
+    return Mesh(quads, attributes, np.full(len(positions), REGION_INDEX["teeth"]))
 
 
 def _edge_loop(quads: Int[np.ndarray, "Q 4"], start: tuple[int, int]) -> list[int]:
@@ -247,7 +247,7 @@ def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Me
     regions[is_skin & brows & paint.in_front(middle)] = REGION_INDEX["brows"]
     bare = paint.above_hairline(middle) < SKIN_UNDER_HAIR_M
     painted = geometry.paint(head.faces_only(bare), regions[bare])
-    return geometry.join([painted, _hair(skin, paint)])
+    return geometry.merge_meshes([painted, _hair(skin, paint)])
 
 
 def _hair(skin: Mesh, paint: FacePaint) -> Mesh:
@@ -260,7 +260,7 @@ def _hair(skin: Mesh, paint: FacePaint) -> Mesh:
     distance, _ = KDTree(hair.positions[hairline]).query(hair.positions)
     share = np.clip(distance / HAIR_RAMP_M, 0, 1)
     thickness = HAIR_EDGE_M + (HAIR_THICKNESS_M - HAIR_EDGE_M) * share * (2 - share)
-    hair = hair.moved(hair.positions + thickness[:, None] * geometry.normals(hair))
+    hair = hair.with_positions(hair.positions + thickness[:, None] * geometry.normals(hair))
     on_border = np.isin(np.arange(hair.num_vertices), hairline)
     hair = geometry.fold_border(hair, on_border, -HAIR_HEM_M * geometry.normals(hair))
     return hair.painted(REGION_INDEX["hair"])
@@ -276,9 +276,9 @@ def eyeball(side: str, old: Mesh, num_expressions: int) -> Mesh:
     directions = np.stack(
         [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=1
     )
-    carried = np.zeros((len(polar), old.carried.shape[1]))
-    carried[:, :3] = centre + bulge[:, None] * directions
-    carried[:, 3 + JOINT_INDEX[f"{side}_eye"]] = 1
+    attributes = np.zeros((len(polar), old.attributes.shape[1]))
+    attributes[:, :3] = centre + bulge[:, None] * directions
+    attributes[:, 3 + JOINT_INDEX[f"{side}_eye"]] = 1
     # No expression moves an eyeball, but its size differs between builds.
     builds = old.offsets[:, num_expressions:].transpose(1, 0, 2)
     offsets = np.zeros((len(polar), old.offsets.shape[1], 3))
@@ -286,7 +286,7 @@ def eyeball(side: str, old: Mesh, num_expressions: int) -> Mesh:
         new_centre, new_radius = _sphere(old.positions + offset)
         grown = (new_radius / radius - 1) * bulge[:, None] * directions
         offsets[:, index] = new_centre - centre + grown
-    carried[:, 3 + NUM_JOINTS :] = offsets.reshape(len(polar), -1)
+    attributes[:, 3 + NUM_JOINTS :] = offsets.reshape(len(polar), -1)
     degrees = np.degrees(polar)
     ends = (PUPIL_END_DEG, IRIS_END_DEG, IRIS_RIM_END_DEG)
     names = ("pupil", "iris", "iris_rim", "eye_white")
@@ -294,7 +294,7 @@ def eyeball(side: str, old: Mesh, num_expressions: int) -> Mesh:
     grid = np.arange(len(polar)).reshape(len(EYE_RINGS_DEG), EYE_SECTORS)
     a, b = grid[:-1], grid[1:]
     quads = np.stack([a, b, np.roll(b, -1, 1), np.roll(a, -1, 1)], axis=-1).reshape(-1, 4)
-    triangles = Mesh(quads, carried, regions).triangles()
+    triangles = Mesh(quads, attributes, regions).triangles()
     # The poles are rings of equal points: their faces have no area and are removed.
     a, b, c = (triangles.positions[triangles.faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)

@@ -26,7 +26,7 @@ SNAP_SHARE = 0.2
 class Mesh:
     faces: Int[np.ndarray, "F K"]
     """Quads or triangles, counter-clockwise from outside."""
-    carried: Float[np.ndarray, "V C"]
+    attributes: Float[np.ndarray, "V C"]
     """Columns: position (3, metres, zero pose), weights (55), offsets (M * 3).
 
     The offsets are those of the expressions, then those to the other builds.
@@ -36,24 +36,24 @@ class Mesh:
 
     @property
     def num_vertices(self) -> int:
-        return len(self.carried)
+        return len(self.attributes)
 
     @property
     def positions(self) -> Float[np.ndarray, "V 3"]:
-        return self.carried[:, :3]
+        return self.attributes[:, :3]
 
     @property
     def weights(self) -> Float[np.ndarray, "V J"]:
-        return self.carried[:, 3 : 3 + NUM_JOINTS]
+        return self.attributes[:, 3 : 3 + NUM_JOINTS]
 
     @property
     def offsets(self) -> Float[np.ndarray, "V M 3"]:
-        return self.carried[:, 3 + NUM_JOINTS :].reshape(self.num_vertices, -1, 3)
+        return self.attributes[:, 3 + NUM_JOINTS :].reshape(self.num_vertices, -1, 3)
 
-    def moved(self, positions: Float[np.ndarray, "V 3"]) -> Mesh:
-        carried = self.carried.copy()
-        carried[:, :3] = positions
-        return replace(self, carried=carried)
+    def with_positions(self, positions: Float[np.ndarray, "V 3"]) -> Mesh:
+        attributes = self.attributes.copy()
+        attributes[:, :3] = positions
+        return replace(self, attributes=attributes)
 
     def painted(self, region: int) -> Mesh:
         return replace(self, regions=np.full_like(self.regions, region))
@@ -61,7 +61,9 @@ class Mesh:
     def faces_only(self, keep: Bool[np.ndarray, " F"]) -> Mesh:
         """Return the faces in ``keep`` and the vertices they use."""
         used, faces = np.unique(self.faces[keep], return_inverse=True)
-        return Mesh(faces.reshape(-1, self.faces.shape[1]), self.carried[used], self.regions[used])
+        return Mesh(
+            faces.reshape(-1, self.faces.shape[1]), self.attributes[used], self.regions[used]
+        )
 
     def triangles(self) -> Mesh:
         if self.faces.shape[1] == 3:
@@ -69,13 +71,13 @@ class Mesh:
         return replace(self, faces=np.concatenate([self.faces[:, :3], self.faces[:, [0, 2, 3]]]))
 
 
-def join(meshes: list[Mesh]) -> Mesh:
+def merge_meshes(meshes: list[Mesh]) -> Mesh:
     """Join meshes to one triangle mesh, with vertices in the order of ``meshes``."""
     meshes = [mesh.triangles() for mesh in meshes]
     offsets = np.cumsum([0] + [mesh.num_vertices for mesh in meshes[:-1]])
     return Mesh(
         np.concatenate([mesh.faces + o for mesh, o in zip(meshes, offsets, strict=True)]),
-        np.concatenate([mesh.carried for mesh in meshes]),
+        np.concatenate([mesh.attributes for mesh in meshes]),
         np.concatenate([mesh.regions for mesh in meshes]),
     )
 
@@ -147,14 +149,14 @@ def subdivide(mesh: Mesh) -> Mesh:
         + sp.diags_array(0.5 * (1 - inside)) @ identity
         + sp.diags_array(0.25 * (1 - inside)) @ border_touching @ midpoints
     )
-    carried = sp.vstack([vertex_points, edge_points, face_points]) @ mesh.carried
+    attributes = sp.vstack([vertex_points, edge_points, face_points]) @ mesh.attributes
     side = num_vertices + edge_of_side.reshape(num_faces, 4)
     centre = num_vertices + num_edges + np.arange(num_faces)
     faces = np.stack(
         [np.stack([quads[:, k], side[:, k], centre, side[:, k - 1]], axis=1) for k in range(4)]
     ).reshape(-1, 4)
     regions = np.concatenate([mesh.regions, mesh.regions[pairs[:, 0]], mesh.regions[quads[:, 0]]])
-    return Mesh(faces, carried, regions)
+    return Mesh(faces, attributes, regions)
 
 
 def _matrix(
@@ -178,7 +180,7 @@ def cut(
         within: region of edge midpoints outside which edges are not cut.
     """
     mesh = mesh.triangles()
-    carried, values = mesh.carried.copy(), field(mesh.positions)
+    attributes, values = mesh.attributes.copy(), field(mesh.positions)
     pairs = np.unique(np.sort(edges(mesh.faces), axis=1), axis=0)
     crossing = values[pairs[:, 0]] * values[pairs[:, 1]] < 0
     if within is not None:
@@ -189,12 +191,12 @@ def cut(
         share = values[a] / (values[a] - values[b])
         if share < SNAP_SHARE or share > 1 - SNAP_SHARE:
             near = a if share < SNAP_SHARE else b
-            carried[near] = (1 - share) * carried[a] + share * carried[b]
+            attributes[near] = (1 - share) * attributes[a] + share * attributes[b]
             values[near] = 0.0
     pairs = pairs[crossing]
     pairs = pairs[values[pairs[:, 0]] * values[pairs[:, 1]] < 0]
     share = (values[pairs[:, 0]] / (values[pairs[:, 0]] - values[pairs[:, 1]]))[:, None]
-    points = (1 - share) * carried[pairs[:, 0]] + share * carried[pairs[:, 1]]
+    points = (1 - share) * attributes[pairs[:, 0]] + share * attributes[pairs[:, 1]]
     point_on = {(int(a), int(b)): mesh.num_vertices + k for k, (a, b) in enumerate(pairs)}
     faces: list[list[int]] = []
     for face in mesh.faces.tolist():
@@ -207,7 +209,7 @@ def cut(
         faces += _triangles_of(polygon, mesh.num_vertices)
     return Mesh(
         np.array(faces, np.int64),
-        np.concatenate([carried, points]),
+        np.concatenate([attributes, points]),
         np.concatenate([mesh.regions, mesh.regions[pairs[:, 0]]]),
     )
 
@@ -229,7 +231,7 @@ def _triangles_of(polygon: list[int], first_new: int) -> list[list[int]]:
 
 def paint(mesh: Mesh, face_regions: Int[np.ndarray, " F"]) -> Mesh:
     """Assign each face a region; regions share no vertex, so their borders are sharp."""
-    return join(
+    return merge_meshes(
         [mesh.faces_only(face_regions == r).painted(int(r)) for r in np.unique(face_regions)]
     )
 
@@ -244,17 +246,17 @@ def smooth(mesh: Mesh, rounds: int, movable: Bool[np.ndarray, " V"]) -> Mesh:
     movable[border_edges(mesh.faces)] = False
     for _ in range(rounds):
         step = 0.5 * movable[:, None] * towards_neighbours(mesh)
-        mesh = mesh.moved(mesh.positions + step)
+        mesh = mesh.with_positions(mesh.positions + step)
     return mesh
 
 
 def smooth_weights(mesh: Mesh, rounds: int) -> Mesh:
     """Spread skinning weights over neighbours, so that a joint bends over a longer stretch."""
-    mean, carried = _mean_of_neighbours(mesh), mesh.carried.copy()
-    weights = carried[:, 3 : 3 + NUM_JOINTS]
+    mean, attributes = _mean_of_neighbours(mesh), mesh.attributes.copy()
+    weights = attributes[:, 3 : 3 + NUM_JOINTS]
     for _ in range(rounds):
         weights += 0.5 * (mean @ weights - weights)
-    return replace(mesh, carried=carried)
+    return replace(mesh, attributes=attributes)
 
 
 def towards_neighbours(mesh: Mesh) -> Float[np.ndarray, "V 3"]:
@@ -282,7 +284,7 @@ def fold_border(
     index = index.reshape(-1, 2)
     a, b = index[:, 0], index[:, 1]
     a_in, b_in = a + len(ring), b + len(ring)
-    carried = np.concatenate([mesh.carried[ring], mesh.carried[ring]])
-    carried[len(ring) :, :3] += inward[ring]
+    attributes = np.concatenate([mesh.attributes[ring], mesh.attributes[ring]])
+    attributes[len(ring) :, :3] += inward[ring]
     faces = np.concatenate([np.stack([b, a, a_in], 1), np.stack([b, a_in, b_in], 1)])
-    return join([mesh, Mesh(faces, carried, np.tile(mesh.regions[ring], 2))])
+    return merge_meshes([mesh, Mesh(faces, attributes, np.tile(mesh.regions[ring], 2))])

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from model.storage.files import WriteError
 from processes.job import Job, JobsError
 from processes.pool import JobPool
-from tools.command import called
+from tools.command import run_cli
 from tools.corpus.clip import (
     SPLIT_TABLE,
     CorpusClip,
@@ -56,7 +56,7 @@ class ClipJob:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    return called(build_corpus, "model.corpus", arguments, CorpusError, VoiceError)
+    return run_cli(build_corpus, "model.corpus", arguments, CorpusError, VoiceError)
 
 
 def build_corpus(out: Path, hours: float, seed: int, workers: int = os.cpu_count() or 1) -> None:

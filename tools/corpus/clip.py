@@ -20,16 +20,16 @@ from model.plan.annotation_files import Interval, NamedTier, textgrid_of
 from model.speech.audio import wav_bytes
 from model.storage.files import write_atomically, write_error
 from tools.corpus.body.arms import follow_plan, move_arms
-from tools.corpus.body.contact import hips_of
+from tools.corpus.body.contact import hips_in_chest
 from tools.corpus.body.face import FaceCurves, move_face
 from tools.corpus.body.legs import Legs, move_legs
-from tools.corpus.body.signals import frame_times, quiet
+from tools.corpus.body.signals import frame_times, listening_envelope
 from tools.corpus.body.trunk import Trunk, move_trunk
 from tools.corpus.gesture.plan import HandKey, HandPlan, make_plan
 from tools.corpus.people.rig import SIDE_SIGN, SIDES, Rig, axis_angles
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.grammar import Split
-from tools.corpus.words.prosody import Utterance, speak
+from tools.corpus.words.prosody import Utterance, synthesise_utterance
 
 NUM_EXPRESSIONS = 100
 
@@ -53,7 +53,7 @@ def make_clip(
 ) -> CorpusClip:
     """Make a clip of about ``target_s`` seconds; deterministic in its arguments."""
     text_rng, voice_rng, motion_rng = np.random.default_rng(seed).spawn(3)
-    utterance = speak(speaker, target_s, split, text_rng, voice_rng)
+    utterance = synthesise_utterance(speaker, target_s, split, text_rng, voice_rng)
     return animate(rig, speaker, utterance, motion_rng)
 
 
@@ -64,10 +64,10 @@ def animate(
     plan_rng, arm_rng, trunk_rng, leg_rng, face_rng = rng.spawn(5)
     num_frames = round(utterance.duration_s * FPS)
     plan = make_plan(utterance, speaker, plan_rng)
-    calm = quiet(utterance, frame_times(num_frames))
+    calm = listening_envelope(utterance, frame_times(num_frames))
     hands = follow_plan(rig, plan, calm, speaker, arm_rng)
     trunk = move_trunk(utterance, hands, calm, speaker, trunk_rng)
-    arms = move_arms(rig, plan, hands, hips_of(rig, trunk.rotations), calm, speaker, arm_rng)
+    arms = move_arms(rig, plan, hands, hips_in_chest(rig, trunk.rotations), calm, speaker, arm_rng)
     legs = move_legs(rig, trunk, calm, speaker, leg_rng)
     face = move_face(utterance, rig.expression_names, trunk, speaker, face_rng)
     rotations = arms | trunk.rotations | legs.rotations

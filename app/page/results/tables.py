@@ -27,7 +27,7 @@ from app.findings.verdict import verdict_of
 from app.page.parts import markup
 from app.run.batch.table import cells_of, interval, star_legend
 from app.run.output.run_folder import FindingRecord, RunRecord
-from conventions.names import REFERENCE_NAME, VERSIONS, Version, counted, short_names
+from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, pluralise, short_names
 from model.storage.escaping import csv_text
 
 
@@ -40,7 +40,7 @@ class Column:
     numbers: Numbers
     kind: Literal["", "reference", "difference"] = ""
 
-    def read(self, measure: Measure, version: Version) -> float | None:
+    def read(self, measure: Measure, version: FilterVersion) -> float | None:
         return self.numbers.get(version, {}).get(measure.key)
 
     @property
@@ -49,7 +49,7 @@ class Column:
 
     def less(self, other: Column, name: str, label: str) -> Column:
         """Return the difference to another motion as a column."""
-        differences: dict[Version, dict[str, float]] = {
+        differences: dict[FilterVersion, dict[str, float]] = {
             version: {
                 key: value - theirs[key]
                 for key, value in self.numbers.get(version, {}).items()
@@ -123,7 +123,7 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
 def _row(measure: Measure, columns: Sequence[Column]) -> str:
     recorded = [each for each in columns if each.kind == "reference" and measure.has_target]
     motions = [each for each in columns if not each.kind]
-    near: dict[Version, Sequence[str]] = {}
+    near: dict[FilterVersion, Sequence[str]] = {}
     for version in VERSIONS:
         target = next((each.read(measure, version) for each in recorded), None)
         of_motions = {each.name: each.read(measure, version) for each in motions}
@@ -138,7 +138,7 @@ def _row(measure: Measure, columns: Sequence[Column]) -> str:
     )
 
 
-def _cell(measure: Measure, column: Column, near: Mapping[Version, Sequence[str]]) -> str:
+def _cell(measure: Measure, column: Column, near: Mapping[FilterVersion, Sequence[str]]) -> str:
     write = signed if column.kind == "difference" else written
     spans = ""
     for kind in VERSIONS:
@@ -237,7 +237,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
     """
     clips = told["clips"]
     told_count = COUNTED.format(
-        clips=counted(len(clips), "clip"), sets=counted(len(systems), "set")
+        clips=pluralise(len(clips), "clip"), sets=pluralise(len(systems), "set")
     )
     return (
         f'<div class="sets">{markup.heading("Results as sets", told_count)}'

@@ -269,16 +269,16 @@ def stage_facts() -> bytes:
     """Return the viewer's constants as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
     from app.run.display import FULL_SPEED_M_S
     from app.run.requests.parts import DEFAULT_TRACKED_POINT
-    from conventions.views import BUILDS, CUTOFF_HZ, MAX_TURN_RAD
+    from conventions.views import BUILDS, CUTOFF_HZ, MAX_EXAGGERATED_RAD
     from renderer.body.look import COLORS
     from renderer.files.glb import STEP_M
-    from renderer.video.render_constants import drawing_facts
+    from renderer.video.render_constants import render_constants
 
     told = {
-        **drawing_facts(),
+        **render_constants(),
         "faces": list(face_names()),
         "reaches": base64.b64encode(encode_camera_bound_poses()).decode("ascii"),
-        "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_TURN_RAD},
+        "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_EXAGGERATED_RAD},
         "scales": {"speed": FULL_SPEED_M_S},
         "points": {name: title for title, name in point_choices()},
         "usual_point": DEFAULT_TRACKED_POINT,

@@ -33,7 +33,7 @@ from app.run.batch.speech_batch import ENDINGS
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_CLIPS, MAX_SAMPLES
 from app.run.requests.requests import GenerateRequest
 from app.run.upload_check import TOO_MANY_CLIPS
-from conventions.names import counted, file_stem, printable
+from conventions.names import file_stem, pluralise, printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.systems.registry import sampler_title
 
@@ -72,8 +72,8 @@ def ask_from_form(
     if count > PAGE_VIDEOS:
         raise RunError(
             text.TOO_MANY_VIDEOS.format(
-                systems=counted(len(systems), "system"),
-                samples=counted(told["samples"], "sample"),
+                systems=pluralise(len(systems), "system"),
+                samples=pluralise(told["samples"], "sample"),
                 count=count,
                 limit=PAGE_VIDEOS,
             )

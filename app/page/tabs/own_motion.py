@@ -33,7 +33,7 @@ from app.run.requests.parts import DEFAULT_TRACKED_POINT, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest
 from app.run.tasks import MEASURE_SETS, SetResults
 from app.run.upload_check import FileKind, kind_of
-from conventions.names import REFERENCE_NAME, counted, printable
+from conventions.names import REFERENCE_NAME, pluralise, printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 
 TAB = "Your motion"
@@ -316,8 +316,8 @@ class OwnMotionRunner(RunRunner):
         figures, files = figures_html(found.files, address), files_listed(found.files, address)
         choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.told)]
         line = "Measured {clips} of {sets}. Choose one to show it in the viewer.".format(
-            clips=counted(len(choices), "clip"),
-            sets=counted(len(found.clips), "set"),
+            clips=pluralise(len(choices), "clip"),
+            sets=pluralise(len(found.clips), "set"),
         )
         told, clip = self._of_sets
         yield {

@@ -321,9 +321,8 @@ def draw_spread(
         return (), []
     from pandas import DataFrame
 
-    from renderer.figures.curves import SPREAD, draw_distributions
-    from renderer.figures.style import MAX_SYSTEMS
-    from renderer.figures.style import written as figure_files
+    from renderer.figures.curves import DISTRIBUTIONS_CAPTION, draw_distributions
+    from renderer.figures.style import MAX_SYSTEMS, save_figure
 
     generated = [name for name in systems if name != REFERENCE_NAME]
     left_out = generated[MAX_SYSTEMS:]
@@ -342,7 +341,7 @@ def draw_spread(
     if values.empty:
         return (), []
     draw = partial(draw_distributions, values, shown, REFERENCE_NAME)
-    files = figure_files(draw, out / "distributions", SPREAD)
+    files = save_figure(draw, out / "distributions", DISTRIBUTIONS_CAPTION)
     if not left_out:
         return tuple(files), []
     return tuple(files), [f"distributions.png leaves out {', '.join(left_out)}: too many systems."]

@@ -34,8 +34,8 @@ from model.motion.motion import Motion, load_motion, save_motion
 from model.speech.audio import Speech
 from processes.job import Job
 from renderer.figures.curves import (
-    HEARING,
-    HearingRow,
+    SPEECH_EFFECT_CAPTION,
+    SpeechEffectRow,
 )
 from renderer.figures.style import MAX_SYSTEMS
 
@@ -248,7 +248,7 @@ def _draw_hearing(
     request: SpeechEffectRequest,
 ) -> None:
     rows = [
-        HearingRow(
+        SpeechEffectRow(
             system,
             {key: arm_speed(motion) for key, motion in of_system[system].grid.items()},
             {
@@ -258,7 +258,7 @@ def _draw_hearing(
         )
         for system, numbers in told.items()
     ]
-    run.figure("hearing", rows, HEARING, request.figure_forms)
+    run.figure("hearing", rows, SPEECH_EFFECT_CAPTION, request.figure_forms)
 
 
 def _percent(share: float) -> str:

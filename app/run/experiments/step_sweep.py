@@ -28,7 +28,7 @@ from model.motion.tracks import track_points
 from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech
 from renderer.figures.curves import (
-    STEPS,
+    STEP_SWEEP_CAPTION,
 )
 
 MAX_S = 10.0
@@ -71,7 +71,7 @@ def measure_step_sweep(request: StepSweepRequest, ear: RunCallbacks = NO_CALLBAC
         run.note(*_step_sentences(points))
         told = list(map(asdict, points))
         run.table("steps", told, [told[0], *(point.values() for point in told)])
-        run.figure("steps", DataFrame(points), STEPS, request.figure_forms)
+        run.figure("steps", DataFrame(points), STEP_SWEEP_CAPTION, request.figure_forms)
         run.finish(MEASURED.format(count=len(points)))
 
 

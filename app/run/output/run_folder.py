@@ -24,8 +24,8 @@ from conventions.colors import colors_of
 from conventions.names import (
     COMPARISON,
     REFERENCE_NAME,
+    FilterVersion,
     SampleName,
-    Version,
     file_stem,
     printable,
     short_names,
@@ -176,7 +176,7 @@ class RunRecord(_Strict):
     says: dict[Name, Text] = {}
     """Sentences on the metrics, by figure."""
     numbers: Annotated[
-        dict[Name, dict[Version, dict[Name, Number]]], Field(max_length=MAX_ROWS)
+        dict[Name, dict[FilterVersion, dict[Name, Number]]], Field(max_length=MAX_ROWS)
     ] = {}
     """Metrics by motion, filter and key of the metric; missing ones were not computed."""
     notes: Annotated[list[Text], Field(max_length=MAX_FINDINGS)] = []

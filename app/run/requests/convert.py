@@ -13,7 +13,7 @@ from tyro.constructors import PrimitiveConstructorSpec
 from app.errors import RunError
 from app.flags import Switch
 from app.run.requests.parts import LiveRecording
-from conventions.names import listed, printable
+from conventions.names import join_names, printable
 
 Request = TypeVar("Request")
 OLD_NAMES: Mapping[str, str] = {
@@ -213,7 +213,7 @@ def refuse_ignored(request: object, names: Sequence[str], why: str, **usual: Any
             flag = next((mark.name for mark in marks if getattr(mark, "name", None)), name)
             given.append(f"--{flag.replace('_', '-')}")
     if given:
-        raise RunError(f"{why}; leave {listed(given)} out.")
+        raise RunError(f"{why}; leave {join_names(given)} out.")
 
 
 def with_paths(request: Request, change: Callable[[Path], Path]) -> Request:

@@ -26,7 +26,7 @@ from app.flags import (
 )
 from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
-from conventions.views import CLOSE_UPS, FRAMINGS, LOOKS, VIEWS, CloseUp, Framing, View
+from conventions.views import BODY_LOOKS, CLOSE_UPS, FRAMINGS, VIEWS, CloseUp, Framing, View
 from model.formats.reading import Assumptions, read_told
 from model.storage.npz import MotionError
 from renderer.figures.style import FORMS
@@ -195,7 +195,7 @@ FigurePanels = Annotated[
 ]
 FigureWidth = Literal["85mm", "174mm"]
 Height = Annotated[int, text_type(parse_size, "PX")]
-BodyLook = Annotated[str, choice_type(LOOKS)]
+BodyLook = Annotated[str, choice_type(BODY_LOOKS)]
 PerSystem = Annotated[Steps, text_type(parse_steps, "N|A=N,...", "as each usually takes")]
 Sampler = Annotated[str | None, text_type(str, "NAME", "each its usual one")]
 GuidanceScale = Annotated[float | None, text_type(float, "N", "as suits each system")]
@@ -388,7 +388,7 @@ class VideoOptions:
 
     body: File = field(default_factory=default_body)
     """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
-    look: BodyLook = LOOKS[0]
+    look: BodyLook = BODY_LOOKS[0]
     """Body shape and skin tone of the open body; a licensed body has only the first."""
     views: Views = ("front",)
     """Camera views of videos; the first is used for the comparison."""

@@ -54,7 +54,11 @@ def render_motion(
         files = _export(request, body, motion)
     apart = () if request.speech is None else _apart(request.speech, reading)
     # Blender uses its own body
-    own = blender_notes(motion) if request.suffix == ".blender.npz" else body.notes(motion)
+    own = (
+        blender_notes(motion)
+        if request.suffix == ".blender.npz"
+        else body.unsupported_notes(motion)
+    )
     return files, (*reading.notes, *apart, *own)
 
 

@@ -30,15 +30,15 @@ from model.motion.motion import Motion, load_motion
 from model.motion.transforms import exaggerate
 from renderer.body.body import Body, BodyMotion
 from renderer.figures.figure6 import JointMarks
-from renderer.scene.camera_setup import Panel, Stage, frames_of, lay_out
+from renderer.scene.camera_setup import CameraSetup, Panel, layout_panels, select_frames
 from renderer.video.compose import compose_videos
-from renderer.video.overlays import Heat, Marks, Trail
+from renderer.video.overlays import HeatMap, Overlays, Trail
 from renderer.video.render import (
     RenderSettings,
+    camera_setup_for,
     draw_frames,
     projected_joints,
-    stacked,
-    stage_for,
+    stack_pictures,
 )
 from renderer.video.workers import RenderJob, draw_jobs
 
@@ -64,7 +64,7 @@ def render_settings(
     width = video.size if video.framing == "whole" else 2 * (3 * video.size // 8)
     size = (layout[0].width, layout[0].height) if layout else (width, video.size)
     if video.close_ups and view == video.views[0]:
-        layout = layout or lay_out(view, *size, video.close_ups)
+        layout = layout or layout_panels(view, *size, video.close_ups)
     try:
         return RenderSettings(*size, view, video.framing, layout=layout, **others)
     except ValueError as error:
@@ -114,7 +114,7 @@ def jobs_of(
     jobs = {}
     for view in video.views:
         settings = render_settings(video, view, **how)
-        stage = stage_for(body, posed, settings)
+        stage = camera_setup_for(body, posed, settings)
         for name in motions:
             jobs[name, view] = RenderJob(
                 **looks[name],
@@ -183,25 +183,30 @@ def draw_poses(
     whole = replace(video, framing="whole", close_ups=(), views=video.views[:1])
     settings = render_settings(whole, whole.views[0])
     posed = {name: body_motion(motion) for name, motion in motions.items()}
-    stage = stage_for(body, [*posed.values()], settings)
+    stage = camera_setup_for(body, [*posed.values()], settings)
     groups: dict[Any, list[str]] = {}
     for name, motion in posed.items():
         groups.setdefault((motion.expression_basis, motion.betas.tobytes()), []).append(name)
     pictures: dict[str, list[np.ndarray]] = {name: [] for name in posed}
     for names in groups.values():  # rendered as consecutive frames of one motion
-        still = [frames_of(posed[name], frames) for name in names]
+        still = [select_frames(posed[name], frames) for name in names]
         parts = {
             part: np.concatenate([getattr(each, part) for each in still])
             for part in ("poses", "trans", "expressions")
         }
         ways = [stage.tracks(body, posed[name])[0][list(frames)] for name in names]
-        looks = body, replace(still[0], **parts), settings, stage.going([np.concatenate(ways)])
+        looks = (
+            body,
+            replace(still[0], **parts),
+            settings,
+            stage.with_camera_paths([np.concatenate(ways)]),
+        )
         with closing(draw_frames(*looks)) as drawn:
             for number, picture in enumerate(drawn):
                 pictures[names[number // len(frames)]].append(picture.copy())
                 done = sum(map(len, pictures.values()))
                 on_share(done / (len(posed) * len(frames)))
-    stacks = {name: stacked(each, settings) for name, each in pictures.items()}
+    stacks = {name: stack_pictures(each, settings) for name, each in pictures.items()}
     return Snapshots(frames, stacks, jerk_marks(body, posed, frames, settings, stage))
 
 
@@ -214,7 +219,7 @@ def displayed(motion: Motion, display: Display) -> Motion:
     return exaggerate(motion, display.exaggeration, display.cutoff_hz)
 
 
-def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> Marks | None:
+def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> Overlays | None:
     """Return the overlays of a motion's pictures; None if nothing is displayed.
 
     Jerk and speed are those of the original motion, also if it is exaggerated.
@@ -223,11 +228,11 @@ def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) ->
         return None
     factor, cutoff = (f"{round(value, 1):g}" for value in (display.exaggeration, display.cutoff_hz))
     is_larger = display.exaggeration != 1
-    return Marks(
+    return Overlays(
         trail=_trail(motion, display, tip) if display.has_trail else None,
         heat=_heat(motion, display, body) if display.coloring == "jerk" else None,
         notice=f"EXAGGERATED x{factor}: all above {cutoff} Hz" if is_larger else "",
-        tag=f"x{factor}" if is_larger else "",
+        close_up_notice=f"x{factor}" if is_larger else "",
     )
 
 
@@ -246,12 +251,12 @@ def _trail(motion: Motion, display: Display, tip: TrackedPoint) -> Trail:
     )
 
 
-def _heat(motion: Motion, display: Display, body: Body) -> Heat:
+def _heat(motion: Motion, display: Display, body: Body) -> HeatMap:
     jerk = derivative_magnitudes(body.joint_positions(body_motion(motion)), 3)
     of_frame = _by_frame(jerk, motion.num_frames)
     smooth = ndimage.gaussian_filter1d(of_frame, _HEAT_SIGMA_FRAMES, axis=0, mode="nearest")
     shares = np.minimum(smooth / display.jerk_m_s3, 1.0)
-    return Heat(shares.astype(np.float32), f"jerk: 0 to {display.jerk_m_s3:g} m/s³")
+    return HeatMap(shares.astype(np.float32), f"jerk: 0 to {display.jerk_m_s3:g} m/s³")
 
 
 def _by_frame(values: np.ndarray, num_frames: int) -> np.ndarray:
@@ -278,7 +283,7 @@ def jerk_marks(
     motions: Mapping[str, BodyMotion],
     frames: Sequence[int],
     settings: RenderSettings,
-    stage: Stage,
+    stage: CameraSetup,
 ) -> JointMarks:
     """Compute the jerk of each joint in the snapshots of motions, on a common scale.
 
@@ -301,7 +306,7 @@ def _jerk_around(body: Body, motion: BodyMotion, frames: Sequence[int]) -> np.nd
     found = []
     for frame in frames:
         near = slice(max(0, frame - AROUND_FRAMES), frame + AROUND_FRAMES + 1)
-        jerk = derivative_magnitudes(body.joint_positions(frames_of(motion, near)), 3)
+        jerk = derivative_magnitudes(body.joint_positions(select_frames(motion, near)), 3)
         found.append(jerk.mean(axis=0) if len(jerk) else np.zeros(jerk.shape[1]))
     return np.stack(found)
 

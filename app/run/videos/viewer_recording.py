@@ -19,7 +19,7 @@ from app.run.requests.requests import ViewerVideoRequest
 from app.run.tasks import ViewerVideo
 from app.run.videos.videos import jobs_of
 from conventions.rates import FPS
-from conventions.views import LOOKS
+from conventions.views import BODY_LOOKS
 from model.motion.motion import Motion, load_motion
 from model.motion.transforms import smooth_motion
 from renderer.body.body import Body, BodyMotion
@@ -109,7 +109,7 @@ def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
         body=request.body,
         display=look.display,
         framing="whole" if look.is_whole else "knees",
-        look=LOOKS[0] if request.body else f"{look.build}-{look.tone}",
+        look=BODY_LOOKS[0] if request.body else f"{look.build}-{look.tone}",
     )
 
 
@@ -127,7 +127,7 @@ def _seen_from_there(
         jobs["1"], raw["1"] = _laid_on(jobs["0"], jobs["1"], raw["1"])
     for key, job in jobs.items():
         assert job.stage is not None
-        stage = job.stage.seen_from(Orbit(*seen.camera))
+        stage = job.stage.with_orbit(Orbit(*seen.camera))
         ways = stage.tracks(body, raw[key])
         if seen.mode != "grid":
             way, *_ = stage.tracks(body, raw["0"])
@@ -135,7 +135,7 @@ def _seen_from_there(
         if seen.mode == "ghost" and job.marks is not None and job.marks.trail is not None:
             trail = replace(job.marks.trail, is_on_body=False)
             job = replace(job, marks=replace(job.marks, trail=trail))
-        jobs[key] = replace(job, stage=stage.going(ways))
+        jobs[key] = replace(job, stage=stage.with_camera_paths(ways))
     return jobs
 
 

@@ -17,7 +17,7 @@ import pandas as pd
 from app.errors import RunError
 from app.study.design.key import KIND_OF_PROTOCOL, MAX_TRIALS_OF_LIST, Stimulus, TrialKind
 from app.study.design.plan import CHOICES, Choice, Plan
-from conventions.names import counted
+from conventions.names import pluralise
 
 PAGES_PER_CHECK = 10
 """Fewest pages per attention check."""
@@ -108,7 +108,7 @@ def _num_checks(plan: Plan, count: int) -> int:
     if asked > most:
         raise RunError(
             f"At most one page in {PAGES_PER_CHECK} may be an attention check, or one in all: of "
-            f"{counted(count, 'trial')} a participant that is {most}; the plan asks for {asked}. "
+            f"{pluralise(count, 'trial')} a participant that is {most}; the plan asks for {asked}. "
             "Leave `attention_checks` out, or show more trials."
         )
     return asked
@@ -310,9 +310,9 @@ def size_of(plan: Plan, design: Design) -> tuple[int, str]:
         votes.update(itertools.combinations(shown, num_shown))
     fewest, most = min(votes.values()), max(votes.values())
     vote, whom = _WHAT[KIND_OF_PROTOCOL[plan.protocol]]
-    count = counted(most, vote) if fewest == most else f"{fewest} to {counted(most, vote)}"
+    count = pluralise(most, vote) if fewest == most else f"{fewest} to {pluralise(most, vote)}"
     minutes, pages = math.ceil((BEFORE_S + seconds) / 60), max(map(len, design.lists))
     return minutes, (
-        f"About {counted(minutes, 'minute')} and {counted(pages, 'page')} for each participant; "
-        f"{count} for each {whom} if all finish."
+        f"About {pluralise(minutes, 'minute')} and {pluralise(pages, 'page')} for each "
+        f"participant; {count} for each {whom} if all finish."
     )

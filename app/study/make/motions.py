@@ -26,7 +26,7 @@ from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, load_speech
 from model.storage.files import file_sha256
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.camera_setup import set_stage
+from renderer.scene.camera_setup import make_camera_setup
 
 FACE_JOINTS = slice(3 * 22, 3 * 25)
 """Columns of jaw and eyes in ``poses``."""
@@ -227,5 +227,5 @@ def _alike(motion: Motion, face: Literal["still", "moving"], body: Body) -> Body
         betas=np.zeros_like(motion.betas),
     )
     x, _, z = motion.trans.mean(axis=0)
-    floor = set_stage(body, [plain]).floor_m
+    floor = make_camera_setup(body, [plain]).floor_m
     return replace(plain, trans=motion.trans - np.array([x, floor, z], np.float32))

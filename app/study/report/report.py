@@ -21,7 +21,7 @@ from app.study.statistics.models import PRIOR_SD, RESAMPLES
 from app.study.statistics.results import BalanceReached, QuestionResult
 from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
 from app.study.statistics.shares import ALPHA, MIN_CLIPS, Number
-from conventions.names import counted, listed, printable
+from conventions.names import join_names, pluralise, printable
 from model.storage import escaping
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -67,7 +67,7 @@ def templates() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         finalize=_shown,
     )
-    forms = percent, percents, number, limits, p_number, p_value, counted, ahead, headline
+    forms = percent, percents, number, limits, p_number, p_value, pluralise, ahead, headline
     env.filters |= {form.__name__: form for form in forms}
     env.globals |= {
         "alpha": ALPHA,
@@ -140,8 +140,8 @@ def headline(result: QuestionResult) -> str:
         if not good:
             return f"{name}for no system was the matching speech told from another's beyond chance."
         return (
-            f"{name}the matching speech was told from another's beyond chance for {listed(good)} "
-            f"({len(good)} of {counted(len(matches), 'system')})."
+            f"{name}the matching speech was told from another's beyond chance for "
+            f"{join_names(good)} ({len(good)} of {pluralise(len(matches), 'system')})."
         )
     ranks, ratings = result.all("mean_rank"), result.all("mean_rating")
     sign = 1 if ranks else -1
@@ -165,17 +165,17 @@ def headline(result: QuestionResult) -> str:
     alike = [best, *(other for other in others if lead(best, other) == 0)]
     told = []
     if any(lead(*pair) for pair in combinations(alike, 2)):
-        told.append(f"{best} is not told apart from {listed(alike[1:])}")
+        told.append(f"{best} is not told apart from {join_names(alike[1:])}")
     elif len(alike) > 1:
-        told.append(f"{listed(alike)} are not told apart")
+        told.append(f"{join_names(alike)} are not told apart")
     if len(order) == 2 and measure == "share" and (votes := result.one("share", *order)):
-        ties = f", {counted(votes.ties, 'tie')}" if votes.ties else ""
+        ties = f", {pluralise(votes.ties, 'tie')}" if votes.ties else ""
         told[:1] = [f"{told[0]}: {votes.wins} and {votes.losses} votes{ties}"] if told else []
     if beaten:
-        told.append(f"{best} is ahead of {listed(beaten)} beyond chance")
+        told.append(f"{best} is ahead of {join_names(beaten)} beyond chance")
     if ahead_of_best:
         told.append(
-            f"{listed(ahead_of_best)} ahead of {best} beyond chance, yet not over all pairs"
+            f"{join_names(ahead_of_best)} ahead of {best} beyond chance, yet not over all pairs"
         )
     friedman = result.one("friedman")
     if alike == order and friedman and friedman.is_significant:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from app.study.design.key import Expected, Key
 from app.study.statistics.answers import TIE, Answer, Participant, is_number
-from conventions.names import counted, listed
+from conventions.names import join_names, pluralise
 
 SHORTEST_VIDEO_S = 0.5
 """Shortest video (s), used if the key does not have their duration."""
@@ -173,9 +173,9 @@ def _doubt(participant: Participant, key: Key) -> str | None:
     failed = failed_checks(participant, key)
     places = {_place(answer) for answer in judged}
     if len(judged) >= ALIKE_FROM and len(places) == 1 and None not in places and (failed or hasty):
-        evidence = [counted(failed, "attention check") + " failed"] if failed else []
+        evidence = [pluralise(failed, "attention check") + " failed"] if failed else []
         evidence += [f"{hasty} of {len(spent)} trials answered too soon"] if hasty else []
-        return f"every answer on the same place, and {listed(evidence)}"
+        return f"every answer on the same place, and {join_names(evidence)}"
     return None
 
 

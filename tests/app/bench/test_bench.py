@@ -13,8 +13,8 @@ from renderer.body.body import load_body
 from renderer.draw.offscreen import OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.studio import FramePreparer, Subject
-from renderer.video.naive import draw_naively
-from renderer.video.render import RenderSettings, stage_for
+from renderer.video.naive import draw_baseline
+from renderer.video.render import RenderSettings, camera_setup_for
 from tests.renderer.scene.test_camera import waving_motion
 
 pytestmark = pytest.mark.slow
@@ -32,7 +32,7 @@ def test_training_rate_counts_the_windows_of_the_timed_steps(monkeypatch, weight
 @pytest.mark.gl
 def test_the_naive_loop_draws_the_same_body():
     body, motion = load_body(), waving_motion(2)
-    stage = stage_for(body, [motion], RenderSettings(drawing.SIZE_PX, drawing.SIZE_PX))
+    stage = camera_setup_for(body, [motion], RenderSettings(drawing.SIZE_PX, drawing.SIZE_PX))
     frames = next(iter(body.vertices(motion, 2)))
     prepare = FramePreparer(body.faces, body.num_vertices, stage)
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
@@ -40,7 +40,7 @@ def test_the_naive_loop_draws_the_same_body():
         canvas = renderer.canvas(subject, drawing.SIZE_PX, drawing.SIZE_PX)
         ours = [canvas.draw(prepare(each), stage.camera).copy() for each in frames]
     for naive, our in zip(
-        draw_naively(list(frames), body, stage, drawing.SIZE_PX), ours, strict=True
+        draw_baseline(list(frames), body, stage, drawing.SIZE_PX), ours, strict=True
     ):
         upper = np.s_[: drawing.SIZE_PX // 2]  # no floor
         far = np.abs(naive[upper].astype(int) - our[upper]).max(axis=-1) > 60

@@ -35,7 +35,7 @@ from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import Interval
 from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import Transcript, Word
-from renderer.video.encoder import read_facts
+from renderer.video.encoder import probe_video
 from tests.app.heard import Heard
 from tests.app.measured import both, diagnostics_of
 from tests.app.requests import diagnose_request
@@ -324,7 +324,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
     assert all((request.output.out / each).is_file() for each in told.named)
     videos = [*request.output.out.glob("*.mp4")]
     assert {path.stem for path in videos} == set(names)
-    assert all(read_facts(path).num_frames == frames for path in videos)
+    assert all(probe_video(path).num_frames == frames for path in videos)
     heard = load_speech(videos[0]).waveform[: len(left)]
     assert np.corrcoef(heard, left[: len(heard)])[0, 1] > 0.95
 

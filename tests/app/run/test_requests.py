@@ -78,7 +78,7 @@ def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
     large, plain = Display(20, True, "jerk"), Display(1, True, "jerk")
     marks = marks_of(motion, large, TIP, BODY)
     assert marks is not None
-    assert marks.notice.startswith("EXAGGERATED x20") and marks.tag == "x20"
+    assert marks.notice.startswith("EXAGGERATED x20") and marks.close_up_notice == "x20"
     drawn, kept = trail_of(motion, large), trail_of(motion, plain)
     assert np.array_equal(drawn.is_spike, kept.is_spike)
     assert np.array_equal(heat_of(motion, large).shares, heat_of(motion, plain).shares)

@@ -35,9 +35,9 @@ from model.motion.motion import Motion, load_motion, save_motion
 from model.motion.tracks import track_points
 from model.speech.audio import write_wav
 from renderer.body.body import load_body
-from renderer.scene.camera_setup import set_stage
+from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.compose import band_height
-from renderer.video.render import RenderSettings, draw_frames, stage_for
+from renderer.video.render import RenderSettings, camera_setup_for, draw_frames
 from renderer.video.workers import RenderJob
 from tests.app.fakes import made_motion
 from tests.app.requests import diagnose_request, generate_request
@@ -166,7 +166,7 @@ def test_snapshots_are_those_of_each_motion_alone_before_the_camera_of_all(tmp_p
     snapshots = _draw_poses(asked, rows, RunCallbacks(shares.append))
     assert [*snapshots.pictures] == [*drawn] and shares[-1].fraction == pytest.approx(0.6)
     settings = RenderSettings(512, 512)
-    stage = stage_for(body, [*map(body_motion, drawn.values())], settings)
+    stage = camera_setup_for(body, [*map(body_motion, drawn.values())], settings)
     for name, each in drawn.items():
         alone = draw_frames(body, body_motion(each), settings, stage, frames=(3, 30))
         np.testing.assert_array_equal(snapshots.pictures[name], [*map(np.copy, alone)])
@@ -179,7 +179,7 @@ def test_the_shaken_joint_stands_out_where_it_is_shaken() -> None:
     shaken.poses[60:, 3 * elbow : 3 * elbow + 3] += rng.normal(scale=0.1, size=(30, 3))
     motions = {"smooth": smooth, "shaken": shaken}
     body, settings = load_body(), RenderSettings(128, 128)
-    stage = set_stage(body, list(motions.values()))
+    stage = make_camera_setup(body, list(motions.values()))
 
     marks = jerk_marks(body, motions, (0, 40, 75), settings, stage)
 
@@ -197,7 +197,7 @@ def test_a_smooth_motion_has_no_strong_mark_and_one_frame_none() -> None:
     calm = body_motion(smooth_motion_example(60))
     calm.poses[:] *= 0.3
     motions = {"a": calm}
-    stage = set_stage(body, list(motions.values()))
+    stage = make_camera_setup(body, list(motions.values()))
     marks = jerk_marks(body, motions, (0, 50), settings, stage)
     assert marks.full_scale == LEAST_FULL_SCALE
     assert marks.values["a"].max() < 0.5 * LEAST_FULL_SCALE

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from conventions.joints import FACE, JOINT_INDEX, NUM_JOINTS
-from conventions.views import MAX_TURN_RAD
+from conventions.views import MAX_EXAGGERATED_RAD
 from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion
 from model.motion.rotations import geodesic_angle
@@ -44,7 +44,7 @@ def test_the_body_s_own_place_trembles_too_and_no_joint_turns_over():
     shown = exaggerate(posed(150, trans=along(1, 0.1 * FAST)), 5)
     assert np.ptp(shown.trans[INSIDE, 1]) == pytest.approx(0.5 * np.ptp(FAST[INSIDE]), rel=0.04)
     wild = angles_of(exaggerate(turning(30 * FAST), 20))
-    assert 0.9 * MAX_TURN_RAD < np.abs(wild[INSIDE]).max() < 1.1 * MAX_TURN_RAD
+    assert 0.9 * MAX_EXAGGERATED_RAD < np.abs(wild[INSIDE]).max() < 1.1 * MAX_EXAGGERATED_RAD
 
 
 def test_speech_gaze_short_clips_and_a_factor_of_one_stay_as_they_are():

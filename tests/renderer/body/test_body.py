@@ -69,7 +69,7 @@ def smplx_file(path: Path, **changes: object) -> Path:
 
 
 def test_zero_pose_is_the_template_and_translation_moves_every_vertex(body):
-    (posed,) = body.vertices(BodyMotion.resting())
+    (posed,) = body.vertices(BodyMotion.zero_pose())
     np.testing.assert_allclose(posed[0], body.template, atol=1e-6)
     motion = random_motion(num_frames=3)
     still = replace(motion, trans=np.zeros_like(motion.trans))
@@ -201,7 +201,7 @@ def test_the_right_hand_is_the_mirror_of_the_left(body):
         for k, turn in enumerate(0.4 * bent, start=1):
             poses[0, JOINT_INDEX[f"left_{finger}{k}"]] = turn
             poses[0, JOINT_INDEX[f"right_{finger}{k}"]] = turn * [1, -1, -1]  # in the plane x = 0
-    (posed,) = all_vertices(body, replace(BodyMotion.resting(), poses=poses.reshape(1, 165)))
+    (posed,) = all_vertices(body, replace(BodyMotion.zero_pose(), poses=poses.reshape(1, 165)))
     left, right = ([TIP_VERTICES[f"{side}_{name}"] for name in fingers] for side in SIDES)
     wrists = [body.rest_joints[JOINT_INDEX[f"{side}_wrist"]] for side in SIDES]
     assert np.linalg.norm(posed[left] - body.template[left], axis=1).min() > 0.01
@@ -280,14 +280,14 @@ def test_a_licensed_file_is_posed_as_published(tmp_path, columns, num_betas):
 def test_what_the_open_body_cannot_show_is_left_out_and_said(body):
     flame, plain = random_motion(basis="flame100"), random_motion(num_expressions=0)
     assert max_distance_mm(all_vertices(body, flame), all_vertices(body, plain)) == 0
-    (note,) = body.notes(flame)
+    (note,) = body.unsupported_notes(flame)
     assert "flame100" in note and "arkit52" in note
-    assert body.notes(random_motion(basis="flame100", num_expressions=0)) == ()
+    assert body.unsupported_notes(random_motion(basis="flame100", num_expressions=0)) == ()
     plain = random_motion()
     shaped = replace(plain, betas=np.full(300, 2.0))
     assert max_distance_mm(all_vertices(body, shaped), all_vertices(body, plain)) == 0
-    assert body.notes(plain) == ()
-    assert "betas" in body.notes(shaped)[0]
+    assert body.unsupported_notes(plain) == ()
+    assert "betas" in body.unsupported_notes(shaped)[0]
 
 
 def waist_m(body: Body) -> float:
@@ -407,4 +407,4 @@ def test_files_that_are_no_body(tmp_path):
 )
 def test_bad_motions(changes, words):
     with pytest.raises(BodyError, match=words):
-        replace(BodyMotion.resting(4), **changes)
+        replace(BodyMotion.zero_pose(4), **changes)

@@ -9,10 +9,10 @@ import pytest
 
 from renderer.body.body import load_body
 from renderer.body.skinning import VertexNormals
-from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, open_gl
+from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, load_opengl
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
-from renderer.scene.camera_setup import Shot, Stage
+from renderer.scene.camera_setup import CameraSetup, PanelCamera
 from renderer.scene.studio import FramePreparer, PosedFrame, Subject
 from renderer.video.render import RenderSettings
 from tests.golden.regenerate import PICTURES, posed
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.gl
 SIZE = (160, 120)
 RED, GREEN = (0.9, 0.02, 0.02), (0.02, 0.9, 0.02)
 CAMERA = Camera(eye=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0), yfov_rad=0.8)
-STAGE = Stage((Shot("front", CAMERA),), floor_m=0.0)
+STAGE = CameraSetup((PanelCamera("front", CAMERA),), floor_m=0.0)
 
 
 def box(low, high) -> tuple[np.ndarray, np.ndarray]:
@@ -140,9 +140,9 @@ def test_normals_equal_the_slow_sum():
 
 def test_a_second_backend_needs_a_process_of_its_own():
     backend = gl_backend()
-    open_gl(backend)
+    load_opengl(backend)
     with pytest.raises(GLError, match="needs a process of its own"):
-        open_gl("osmesa" if backend == "egl" else "egl")
+        load_opengl("osmesa" if backend == "egl" else "egl")
 
 
 def make_subject() -> tuple[Subject, PosedFrame]:
@@ -154,7 +154,7 @@ def make_subject() -> tuple[Subject, PosedFrame]:
 
 def test_lights_are_added_up_in_one_order_wherever_they_lie_in_memory():
     """Else some pixels would differ by a grey level from process to process."""
-    open_gl(gl_backend())
+    load_opengl(gl_backend())
     from renderer.draw.gl import BodyScene
 
     scenes = [BodyScene(*make_subject(), CAMERA, 4 / 3).scene for _ in range(20)]
@@ -177,7 +177,7 @@ def tube(rings: int, around: int = 12) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_only_near_openings_a_mesh_is_seen_from_behind():
-    open_gl(gl_backend())
+    load_opengl(gl_backend())
     from renderer.draw.gl import OPENING_M, near_openings
 
     vertices, faces = tube(30)

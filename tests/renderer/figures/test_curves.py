@@ -14,7 +14,7 @@ from renderer.figures.curves import (
     draw_error_growth,
     draw_step_curve,
 )
-from renderer.figures.style import FigureError, matplotlib_settings, written
+from renderer.figures.style import FigureError, matplotlib_settings, save_figure
 from tests.helpers import ROOT
 from tests.renderer.figures.figure_checks import check_apart, drawn_texts
 
@@ -139,7 +139,7 @@ def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
         "import matplotlib; assert matplotlib.rcParams['pdf.fonttype'] == 3\n"
     )
     subprocess.run([sys.executable, "-c", program, str(tmp_path / "b")], check=True, cwd=ROOT)
-    for path in written(lambda: draw_error_growth(growth()), tmp_path / "a", "So."):
+    for path in save_figure(lambda: draw_error_growth(growth()), tmp_path / "a", "So."):
         assert path.read_bytes() == (tmp_path / f"b{path.suffix}").read_bytes(), path.suffix
 
 

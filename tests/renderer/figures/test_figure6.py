@@ -21,7 +21,7 @@ from renderer.figures.figure6 import (
     choose_snapshot_frames,
     draw_figure6,
     fits_column,
-    off_the_slow_path,
+    high_pass_mm,
 )
 from renderer.figures.style import (
     COLUMN_MM,
@@ -29,9 +29,9 @@ from renderer.figures.style import (
     PAGE_MM,
     FigureError,
     matplotlib_settings,
-    written,
+    save_figure,
 )
-from renderer.scene.camera_setup import set_stage
+from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.render import RenderSettings, projected_joints
 from tests.renderer.drawn import render_stills
 from tests.renderer.figures.figure_checks import NAMES, ODD_NAMES, check_apart, drawn_texts
@@ -100,7 +100,9 @@ def lines_of(axes: Any) -> dict[str, Any]:
 
 def test_the_caption_stands_beside_the_figure_and_not_in_it(tmp_path: Path) -> None:
     contents = check(**make_inputs(1, False, 0, 15))
-    png, *_, txt = written(partial(draw_figure6, contents), tmp_path / "figure6", contents.caption)
+    png, *_, txt = save_figure(
+        partial(draw_figure6, contents), tmp_path / "figure6", contents.caption
+    )
     with Image.open(png) as picture:
         assert picture.width == 2055  # 174 mm at 300 dpi
         assert picture.info["Description"] == contents.caption
@@ -220,7 +222,7 @@ def test_marks_grow_and_darken_with_the_value_and_faint_ones_are_none() -> None:
 
 def test_panels_and_width_can_be_chosen_and_count_from_a() -> None:
     inputs = make_inputs(2, False, 3)
-    figure = drawn(check(**inputs, asked_panels=("a", "d"), width_mm=COLUMN_MM))
+    figure = drawn(check(**inputs, requested_panels=("a", "d"), width_mm=COLUMN_MM))
     assert figure.get_figwidth() == pytest.approx(COLUMN_MM / 25.4)
     titles = [part.get_suptitle() for part in figure.findobj(lambda a: hasattr(a, "get_suptitle"))]
     assert [title[0] for title in titles if title] == ["a", "b"]
@@ -231,13 +233,13 @@ def test_panels_and_width_can_be_chosen_and_count_from_a() -> None:
         [0, 50]
     ] * 2
     with pytest.raises(FigureError, match="none has anything to show"):
-        check(**make_inputs(1, False, 0, 15), asked_panels=("b", "d"))
+        check(**make_inputs(1, False, 0, 15), requested_panels=("b", "d"))
 
 
 def test_a_column_that_fits_is_no_taller_than_a_page() -> None:
     for count in (3, 4):
         inputs = make_inputs(count, False, 3)
-        figure = drawn(check(**inputs, asked_panels=("a", "b"), width_mm=COLUMN_MM))
+        figure = drawn(check(**inputs, requested_panels=("a", "b"), width_mm=COLUMN_MM))
         is_low = figure.get_figheight() * 25.4 <= MAX_HEIGHT_MM
         assert is_low == fits_column(count, ("a", "b")) == (count == 3)
 
@@ -328,12 +330,12 @@ def test_refuses_with_one_sentence(changes: dict[str, Any], message: str) -> Non
 @pytest.mark.parametrize("view", ["front", "side"])
 def test_cuts_follow_the_body_and_lose_nothing_of_it(view: str) -> None:
     rng = np.random.default_rng(0)
-    motion = BodyMotion.resting(61)
+    motion = BodyMotion.zero_pose(61)
     motion.poses[:] = rng.normal(scale=0.15, size=(1, 165))
     motion.trans[:, 0] = np.linspace(0.0, 4.0, 61)
     body, frames = load_body(), (0, 30, 60)
     settings = RenderSettings(160, 160, view=view, is_transparent=True)
-    stage = set_stage(body, [motion], view)
+    stage = make_camera_setup(body, [motion], view)
     pictures = render_stills(body, motion, frames, settings, stage=stage)
     pixels = projected_joints(body, motion, frames, settings, stage)
     marks = JointMarks({"a": pixels}, {"a": np.ones(pixels.shape[:2])}, 1.0)
@@ -365,7 +367,7 @@ def wave(hertz: float, metres: float, num_frames: int = 300) -> np.ndarray:
 @pytest.mark.parametrize(("hertz", "kept"), [(1.0, 0.0), (2.0, 0.0), (5.0, 0.5), (10.0, 1.0)])
 def test_what_is_slow_is_taken_away_and_what_is_fast_stays(hertz: float, kept: float) -> None:
     """Forwards and backwards, a Butterworth filter halves what lies at its cut-off."""
-    off = off_the_slow_path(wave(hertz, 0.01), FPS)[INSIDE]
+    off = high_pass_mm(wave(hertz, 0.01), FPS)[INSIDE]
     assert np.abs(off - kept * 1000 * wave(hertz, 0.01)[INSIDE]).max() < 0.1
 
 
@@ -379,7 +381,7 @@ def test_each_motion_has_a_strip_on_one_scale_with_its_rms_and_sees_what_lies_be
     strips = [axes_of(figure, f"tremble of {name}")[0] for name in tracks]
     assert len({axes.get_ylim() for axes in strips}) == 1
     for axes, track in zip(strips, tracks.values(), strict=True):
-        off = off_the_slow_path(track, FPS)[300:]
+        off = high_pass_mm(track, FPS)[300:]
         lifts = axes.get_yticks()
         assert lifts[0] > lifts[1] == 0.0 > lifts[2], "x, y and z stand apart"
         for k, line in enumerate(axes.get_lines()[:3]):

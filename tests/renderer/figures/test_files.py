@@ -16,17 +16,17 @@ from PIL import Image
 
 from conventions.colors import SYSTEM_COLORS
 from renderer.figures import style
-from renderer.figures.curves import HearingRow
+from renderer.figures.curves import SpeechEffectRow
 from renderer.figures.figure6 import Figure6
-from renderer.figures.kept import DRAW, draw_saved, save_contents
+from renderer.figures.kept import _RENAMED, DRAW, draw_saved, save_contents
 from renderer.figures.style import (
     FORMS,
     FigureError,
     Places,
     matplotlib_settings,
-    styles_of,
+    save_figure,
+    series_styles,
     wrap_text,
-    written,
 )
 from tests.renderer.figures.test_curves import MARKS, growth
 from tests.renderer.figures.test_figure6 import make_inputs
@@ -46,7 +46,7 @@ def small_figure() -> Any:
 
 def write(stem: Path, forms: Sequence[str] = FORMS) -> dict[str, Path]:
     """By form."""
-    paths = written(small_figure, stem, "What it shows.", forms)
+    paths = save_figure(small_figure, stem, "What it shows.", forms)
     return {path.suffix[1:]: path for path in paths}
 
 
@@ -98,7 +98,7 @@ def test_a_form_that_is_asked_for_later_is_the_one_that_is_written_at_once(
         "figure6": Figure6(**make_inputs(3, num_snapshots=2, num_frames=80)),
         "jitter": replace(example_sheet(2), window_advance=0),
         "hearing": [
-            HearingRow(
+            SpeechEffectRow(
                 name,
                 {(clip, seed): np.arange(90.0) + seed for clip in "xy" for seed in (0, 1)},
                 {"arms": (0.4, 0.1)},
@@ -109,11 +109,18 @@ def test_a_form_that_is_asked_for_later_is_the_one_that_is_written_at_once(
         "steps": MARKS,
     }[name]
     places: Places = []
-    svg, *_ = written(lambda: DRAW[name](contents), tmp_path / "once", "So.", ("svg",), places)
+    svg, *_ = save_figure(lambda: DRAW[name](contents), tmp_path / "once", "So.", ("svg",), places)
     for known in ([], places):  # the same that are found again
         save_contents(tmp_path / "kept.npz", name, contents, "So.", known)
         draw_saved(tmp_path / "kept.npz", tmp_path / "later.svg")
         assert (tmp_path / "later.svg").read_bytes() == svg.read_bytes()
+    arrays = dict(np.load(tmp_path / "kept.npz"))
+    text = arrays["contents"].tobytes()
+    for old, new in _RENAMED.items():  # as earlier versions wrote it
+        text = text.replace(new.encode(), old.encode())
+    np.savez(tmp_path / "old.npz", **arrays | {"contents": np.frombuffer(text, np.uint8)})
+    draw_saved(tmp_path / "old.npz", tmp_path / "old.svg")
+    assert (tmp_path / "old.svg").read_bytes() == svg.read_bytes()
 
 
 def test_a_file_that_holds_no_figure_is_refused(tmp_path: Path) -> None:
@@ -169,7 +176,7 @@ def farthest(points: np.ndarray, line: np.ndarray) -> float:
 
 
 def test_styles_differ_without_colour():
-    styles = [*styles_of((*SYSTEM_COLORS, "reference"), "reference").values()]
+    styles = [*series_styles((*SYSTEM_COLORS, "reference"), "reference").values()]
     assert len({style.marker for style in styles}) == len(styles)
     assert not any("linestyle" in style.line_properties for style in styles), "lines are unbroken"
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_DEPTH, JOINT_INDEX
-from conventions.names import VERSIONS, Version
+from conventions.names import VERSIONS, FilterVersion
 from renderer.figures.jitter import (
     NO_DATA,
     NO_PERIOD,
@@ -40,14 +40,14 @@ def example_sheet(
     return JitterSheet(reference | systems, "right middle fingertip", 52, 8)
 
 
-def with_numbers(sheet: JitterSheet, name: str, kind: Version, **numbers: Any) -> JitterSheet:
+def with_numbers(sheet: JitterSheet, name: str, kind: FilterVersion, **numbers: Any) -> JitterSheet:
     """The sheet with other numbers of one motion."""
     versions = sheet.jitter[name]
     versions = {**versions, kind: replace(versions[kind], **numbers)}
     return replace(sheet, jitter={**sheet.jitter, name: versions})
 
 
-def both(depth: np.ndarray, seed: int, roughness: float) -> dict[Version, Jitter]:
+def both(depth: np.ndarray, seed: int, roughness: float) -> dict[FilterVersion, Jitter]:
     raw = jitter_of(depth, seed, roughness)
     return {"raw": raw, "savgol": jitter_of(depth, seed, 1.0 + 0.25 * (roughness - 1.0))}
 
@@ -65,7 +65,7 @@ def jitter_of(depth: np.ndarray, seed: int, roughness: float) -> Jitter:
         by_joint=jerk,
         spectrum=(frequency, power / power.sum()),
         chain=CHAIN,
-        chain_drop=share,
+        jerk_drop_by_joint=share,
         by_phase=phase,
         period=None,
     )
@@ -103,7 +103,9 @@ def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(setti
         curves = {row: lines_of(panels[f"{row} {kind}"])[name] for row in ROWS if row != "joints"}
         np.testing.assert_allclose(curves["depth"].get_ydata(), measured.by_depth)
         np.testing.assert_allclose(curves["seams"].get_ydata(), measured.by_phase)
-        np.testing.assert_allclose(curves["attribution"].get_ydata(), 100 * measured.chain_drop)
+        np.testing.assert_allclose(
+            curves["attribution"].get_ydata(), 100 * measured.jerk_drop_by_joint
+        )
         assert measured.spectrum is not None
         frequency, power = measured.spectrum
         np.testing.assert_allclose(curves["spectrum"].get_xdata(), frequency)
@@ -203,8 +205,8 @@ def test_nothing_overlaps_whatever_the_names_and_numbers(
     for name, kind in itertools.product(list(sheet.jitter), VERSIONS):
         jitter = sheet.jitter[name][kind]
         jerk = {key: factor * getattr(jitter, key) for key in ("by_joint", "by_depth", "by_phase")}
-        drop = -min(factor, 3.0) * jitter.chain_drop
-        sheet = with_numbers(sheet, name, kind, chain_drop=drop, **jerk)
+        drop = -min(factor, 3.0) * jitter.jerk_drop_by_joint
+        sheet = with_numbers(sheet, name, kind, jerk_drop_by_joint=drop, **jerk)
     check_legible(sheet, monkeypatch)
 
 
@@ -214,7 +216,7 @@ def test_missing_numbers_leave_a_stated_gap(settings, monkeypatch):
         by_joint=np.full(55, np.nan),
         spectrum=None,
         chain=("pelvis",),
-        chain_drop=np.full(1, np.nan),
+        jerk_drop_by_joint=np.full(1, np.nan),
         by_phase=np.zeros(0),
         period=None,
     )

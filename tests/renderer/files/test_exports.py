@@ -80,14 +80,14 @@ def test_positions_read_back_are_those_of_the_motion(body, tmp_path):
     assert wanted.shape[0] == 9
     for joint, name in enumerate(JOINT_NAMES):
         np.testing.assert_allclose(positions[name], wanted[:, joint], atol=1e-4, err_msg=name)
-    write_bvh(body, BodyMotion.resting(2), tmp_path / "rest.bvh")
+    write_bvh(body, BodyMotion.zero_pose(2), tmp_path / "rest.bvh")
     _, positions = read_bvh(tmp_path / "rest.bvh")
     for finger, vertex in TIP_VERTICES.items():
         end = positions[f"{finger}3 end"][1]
         np.testing.assert_allclose(end, body.template[vertex], atol=1e-5)
     no_tips = {"template": body.template[:99], "shape_dirs": body.shape_dirs[:99]}
     small = replace(body, **no_tips, regions=None)
-    write_bvh(small, BodyMotion.resting(1), tmp_path / "small.bvh")
+    write_bvh(small, BodyMotion.zero_pose(1), tmp_path / "small.bvh")
     for places in (positions, read_bvh(tmp_path / "small.bvh")[1]):
         ends = [name for name in places if name.endswith(" end")]
         lengths = [np.linalg.norm(places[it][0] - places[it[:-4]][0]) for it in ends]
@@ -97,10 +97,10 @@ def test_positions_read_back_are_those_of_the_motion(body, tmp_path):
 @pytest.mark.parametrize("degrees", [90.0, -90.0, 180.0])
 def test_right_angles_lose_nothing(body, tmp_path, degrees):
     """At 90 degrees about X two Euler angles fall together; the rotation must survive."""
-    poses = BodyMotion.resting(1).poses.copy()
+    poses = BodyMotion.zero_pose(1).poses.copy()
     poses[:, 48] = np.radians(degrees)  # left shoulder about X
     poses[:, 54] = 0.7  # left elbow
-    motion = replace(BodyMotion.resting(1), poses=poses)
+    motion = replace(BodyMotion.zero_pose(1), poses=poses)
     write_bvh(body, motion, tmp_path / "angle.bvh")
     _, positions = read_bvh(tmp_path / "angle.bvh")
     wanted = body.joint_positions(motion)[:, JOINT_NAMES.index("left_middle3")]

@@ -123,7 +123,7 @@ def test_file_read_back_stands_where_the_body_stands(body):
 
 
 def test_zero_pose_timing_faces_and_colours_are_exact(body):
-    glb = Glb(glb_bytes(body, BodyMotion.resting(31)))
+    glb = Glb(glb_bytes(body, BodyMotion.zero_pose(31)))
     assert max_distance_mm(glb.posed(1), body.template) < 1e-3
     sampler = glb.document["animations"][0]["samplers"][0]
     np.testing.assert_allclose(glb.array(sampler["input"])[:, 0], np.arange(31) / 30, atol=1e-6)
@@ -136,9 +136,9 @@ def test_zero_pose_timing_faces_and_colours_are_exact(body):
 
 
 def test_only_expressions_that_move_and_that_the_body_has_are_stored(body):
-    expressions = BodyMotion.resting(4).expressions.copy()
+    expressions = BodyMotion.zero_pose(4).expressions.copy()
     expressions[2, body.expression_names.index("jawOpen")] = 0.8
-    motion = replace(BodyMotion.resting(4), expressions=expressions)
+    motion = replace(BodyMotion.zero_pose(4), expressions=expressions)
     glb = Glb(glb_bytes(body, motion))
     assert glb.document["meshes"][0]["extras"]["targetNames"] == ["jawOpen"]
     (opened,) = body.vertices(motion)

@@ -13,17 +13,24 @@ from conventions.joints import JOINT_INDEX, TIP_VERTICES
 from conventions.views import VIEWS
 from renderer.body.body import BodyMotion, load_body
 from renderer.scene.camera import (
-    FARTHEST_M,
     MARGIN,
-    STEEPEST_RAD,
+    MAX_PAN_M,
+    MAX_PITCH_RAD,
     ZOOMS,
     Camera,
     Orbit,
-    frame_points,
-    outermost,
+    extreme_points,
+    fit_camera,
     view_axes,
 )
-from renderer.scene.camera_setup import MIDDLE_M, Panel, cut_out, frames_of, lay_out, set_stage
+from renderer.scene.camera_setup import (
+    ORBIT_CENTRE_HEIGHT_M,
+    Panel,
+    close_up_mesh,
+    layout_panels,
+    make_camera_setup,
+    select_frames,
+)
 
 COORDINATES = st.floats(-3.0, 3.0, width=32)
 POINTS = hnp.arrays(np.float64, st.tuples(st.integers(1, 12), st.just(3)), elements=COORDINATES)
@@ -65,7 +72,7 @@ def test_each_view_looks_from_its_side_and_a_little_down(view, towards_eye):
 @given(POINTS, st.sampled_from(VIEWS), st.integers(400, 3000), st.floats(0.0, 0.4))
 def test_every_ball_lies_inside_the_picture(points, view, width, radius):
     height = 1000
-    camera = frame_points(points, view, aspect=width / height, radius_m=radius)
+    camera = fit_camera(points, view, aspect=width / height, radius_m=radius)
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(64, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -79,7 +86,7 @@ def test_the_camera_comes_as_near_as_it_may():
     rng = np.random.default_rng(1)
     points = rng.normal(size=(50, 3))
     for view in VIEWS:
-        pixels = frame_points(points, view, aspect=1.5).project(points, 1500, 1000)
+        pixels = fit_camera(points, view, aspect=1.5).project(points, 1500, 1000)
         used = np.ptp(pixels, axis=0) / (1500, 1000)
         # One axis decides the distance: it uses the picture up to the margin on both sides.
         assert used.max() == pytest.approx(1 - MARGIN, abs=1e-6)
@@ -93,17 +100,17 @@ def test_the_outermost_places_give_the_same_camera_as_all(view):
         rng = np.random.default_rng(seed)
         points, aspect = rng.normal(size=(20, 3, 3)), rng.uniform(0.3, 3.0)
         eyes = [
-            frame_points(
+            fit_camera(
                 places.reshape(-1, 3), view, aspect=aspect, radius_m=np.tile(radius, len(places))
             ).eye
-            for places in (points, outermost(points, view, aspect=aspect))
+            for places in (points, extreme_points(points, view, aspect=aspect))
         ]
         np.testing.assert_allclose(*eyes, rtol=0.0, atol=1e-9)
 
 
 def waving_motion(num_frames: int = 40, walk_m: float = 0.0) -> BodyMotion:
     """Arms swung wide, over the head and forward, while walking along x."""
-    motion = BodyMotion.resting(num_frames)
+    motion = BodyMotion.zero_pose(num_frames)
     poses = motion.poses.reshape(num_frames, 55, 3).copy()
     swing = np.sin(np.linspace(0.0, 1.6 * np.pi, num_frames))
     poses[:, JOINT_INDEX["left_shoulder"], 2] = 1.4 * swing
@@ -119,10 +126,10 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
     owner = np.asarray(body.weights.argmax(axis=1)).ravel()
     legs = [JOINT_INDEX[f"{s}_{n}"] for s in ("left", "right") for n in ("knee", "ankle", "foot")]
     above = ~np.isin(owner, legs)
-    camera = set_stage(body, [motion], aspect=0.75, framing="knees").camera
-    for vertices in np.concatenate(list(body.vertices(frames_of(motion, slice(0, 30, 4))))):
+    camera = make_camera_setup(body, [motion], aspect=0.75, framing="knees").camera
+    for vertices in np.concatenate(list(body.vertices(select_frames(motion, slice(0, 30, 4))))):
         assert sees(camera, vertices[above], 300, 400).all()
-    standing = BodyMotion.resting(2)
+    standing = BodyMotion.zero_pose(2)
     poses = standing.poses.reshape(2, 55, 3).copy()
     for side, sign in (("left", -1.0), ("right", 1.0)):
         poses[:, JOINT_INDEX[f"{side}_shoulder"], 2] = 1.2 * sign  # arms down
@@ -130,7 +137,7 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
     joints = body.joint_positions(standing)[0]
     trunk = joints[[JOINT_INDEX["head"], JOINT_INDEX["pelvis"]]]
     whole, knees = (
-        set_stage(body, [standing], aspect=0.75, framing=framing).camera
+        make_camera_setup(body, [standing], aspect=0.75, framing=framing).camera
         for framing in ("whole", "knees")
     )
     tall = [np.ptp(camera.project(trunk, 300, 400)[:, 1]) for camera in (whole, knees)]
@@ -142,7 +149,7 @@ def test_from_the_knees_up_a_body_is_larger_and_nothing_above_them_is_cut():
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_arm_of_a_hand_beside_the_picture_ends_closed_in_the_upper_arm(side):
     body = load_body()
-    part = cut_out(body, f"{side}_hand")
+    part = close_up_mesh(body, f"{side}_hand")
     shown = trimesh.Trimesh(body.template[part.vertices], part.faces, process=False)
     shown.merge_vertices()
     assert shown.is_winding_consistent
@@ -159,15 +166,15 @@ def test_the_arm_of_a_hand_beside_the_picture_ends_closed_in_the_upper_arm(side)
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side):
     body, view = load_body(), f"{side}_hand"
-    panels = lay_out("front", 400, 400, ["hands"])[1:]
+    panels = layout_panels("front", 400, 400, ["hands"])[1:]
     place = [panel.view for panel in panels].index(view)
     tips = [vertex for name, vertex in TIP_VERTICES.items() if name.startswith(side)]
 
     def shown(motion: BodyMotion) -> np.ndarray:
-        stage = set_stage(body, [motion], close_ups=panels)
+        stage = make_camera_setup(body, [motion], close_ups=panels)
         shot, track = stage.shots[1 + place], stage.tracks(body, motion)[1 + place]
         chunks = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
-        cameras = [shot.camera.moved(offset) for offset in track]
+        cameras = [shot.camera.translated(offset) for offset in track]
         assert all(
             sees(camera, tip, 200, 200).all() for camera, tip in zip(cameras, chunks, strict=True)
         )
@@ -186,14 +193,14 @@ def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side
 
 def test_the_face_fills_its_close_up_and_the_camera_follows_it():
     body = load_body()
-    still, walking, some = BodyMotion.resting(40), waving_motion(walk_m=3.0), slice(0, 40, 5)
+    still, walking, some = BodyMotion.zero_pose(40), waving_motion(walk_m=3.0), slice(0, 40, 5)
     head = body.template[:, 1] > body.rest_joints[JOINT_INDEX["head"], 1] + 0.05
-    stage = set_stage(body, [still, walking], "face")
-    (heads,) = (chunk[:, head] for chunk in body.vertices(frames_of(walking, some)))
+    stage = make_camera_setup(body, [still, walking], "face")
+    (heads,) = (chunk[:, head] for chunk in body.vertices(select_frames(walking, some)))
     for vertices, offset in zip(heads, stage.tracks(body, walking)[0][some], strict=True):
-        assert sees(stage.camera.moved(offset), vertices, 400, 400).all()
-    stage = set_stage(body, [still], "face")
-    camera = stage.camera.moved(stage.tracks(body, still)[0][0])
+        assert sees(stage.camera.translated(offset), vertices, 400, 400).all()
+    stage = make_camera_setup(body, [still], "face")
+    camera = stage.camera.translated(stage.tracks(body, still)[0][0])
     pixels = camera.project(body.template[head], 400, 400)
     assert np.ptp(pixels[:, 1]) > 130
 
@@ -202,13 +209,13 @@ def test_the_face_fills_its_close_up_and_the_camera_follows_it():
 def test_a_body_that_wanders_far_stays_large_and_whole(view):
     body = load_body()
     motions = [waving_motion(120, walk_m=9.0), waving_motion(120)]
-    stage = set_stage(body, motions, view)
+    stage = make_camera_setup(body, motions, view)
     heights = []
     for motion in motions:
         track, some = stage.tracks(body, motion)[0], slice(0, 120, 14)
-        (posed,) = body.vertices(frames_of(motion, some))
+        (posed,) = body.vertices(select_frames(motion, some))
         for vertices, offset in zip(posed, track[some], strict=True):
-            camera = stage.camera.moved(offset)
+            camera = stage.camera.translated(offset)
             assert sees(camera, vertices, 500, 500).all()
             heights.append(np.ptp(camera.project(vertices, 500, 500)[:, 1]))
     assert min(heights) > 200, "of 500 pixels"
@@ -220,22 +227,22 @@ def test_a_body_that_wanders_far_stays_large_and_whole(view):
 )
 def test_one_stage_shows_all_of_all_motions_of_a_comparison_and_stands_still(view, size):
     body = load_body()
-    motions = [waving_motion(walk_m=0.7), waving_motion(walk_m=-0.7), BodyMotion.resting(3)]
-    stage = set_stage(body, motions, view, size[0] / size[1])
-    assert stage == set_stage(body, motions[::-1], view, size[0] / size[1])
+    motions = [waving_motion(walk_m=0.7), waving_motion(walk_m=-0.7), BodyMotion.zero_pose(3)]
+    stage = make_camera_setup(body, motions, view, size[0] / size[1])
+    assert stage == make_camera_setup(body, motions[::-1], view, size[0] / size[1])
     assert not stage.shots[0].is_following and not stage.tracks(body, motions[0])[0].any()
     for motion in motions:
-        for chunk in body.vertices(frames_of(motion, slice(0, None, 3))):
+        for chunk in body.vertices(select_frames(motion, slice(0, None, 3))):
             assert sees(stage.camera, chunk, *size).all()
 
 
 def test_the_floor_lies_under_the_soles():
     body = load_body()
-    motion = BodyMotion.resting(4)
+    motion = BodyMotion.zero_pose(4)
     lifted = replace(motion, trans=motion.trans + np.array([0.0, 0.7, 0.0]))
     lowest = float(body.template[:, 1].min())
-    assert set_stage(body, [motion]).floor_m == pytest.approx(lowest, abs=0.01)
-    assert set_stage(body, [lifted]).floor_m == pytest.approx(lowest + 0.7, abs=0.01)
+    assert make_camera_setup(body, [motion]).floor_m == pytest.approx(lowest, abs=0.01)
+    assert make_camera_setup(body, [lifted]).floor_m == pytest.approx(lowest + 0.7, abs=0.01)
 
 
 CAMERA = Camera(eye=(0.3, 1.4, 4.0), target=(0.3, 1.1, 0.0))
@@ -252,7 +259,7 @@ def middle_of(camera: Camera) -> np.ndarray:
     "orbit", [Orbit(), Orbit(-2.0, 0.4), Orbit(0.0, -0.6, 3.0), Orbit(3.0, 1.0, 0.5)]
 )
 def test_turned_and_nearer_it_keeps_its_middle_in_the_middle(orbit):
-    moved, middle = orbit.moved(CAMERA, AROUND), middle_of(CAMERA)
+    moved, middle = orbit.apply(CAMERA, AROUND), middle_of(CAMERA)
     assert moved.project(middle, 400, 300) == pytest.approx([200, 150])
     before, after = (np.linalg.norm(np.subtract(each.eye, middle)) for each in (CAMERA, moved))
     assert after == pytest.approx(before / orbit.zoom)
@@ -263,12 +270,12 @@ def test_turned_and_nearer_it_keeps_its_middle_in_the_middle(orbit):
 
 def test_a_quarter_turn_sees_the_left_of_the_body():
     level = Camera(eye=(0.0, 1.0, 4.0), target=(0.0, 1.0, 0.0))
-    moved = Orbit(np.pi / 2).moved(level, np.array([0.0, 1.0, 0.0]))
+    moved = Orbit(np.pi / 2).apply(level, np.array([0.0, 1.0, 0.0]))
     assert moved.eye == pytest.approx((4.0, 1.0, 0.0))
-    aside = Orbit(right_m=0.5, up_m=-0.25).moved(level, np.array([0.0, 1.0, 0.0]))
+    aside = Orbit(right_m=0.5, up_m=-0.25).apply(level, np.array([0.0, 1.0, 0.0]))
     assert aside.eye == pytest.approx((0.5, 0.75, 4.0))
-    moved = Orbit(pitch_rad=STEEPEST_RAD).moved(CAMERA, AROUND)
-    assert np.arcsin(moved.axes()[2][1]) == pytest.approx(STEEPEST_RAD)
+    moved = Orbit(pitch_rad=MAX_PITCH_RAD).apply(CAMERA, AROUND)
+    assert np.arcsin(moved.axes()[2][1]) == pytest.approx(MAX_PITCH_RAD)
 
 
 @pytest.mark.parametrize(
@@ -277,7 +284,7 @@ def test_a_quarter_turn_sees_the_left_of_the_body():
         (Orbit(pitch_rad=1.6), "pitch is -1.48 to 1.48; got 1.6"),
         (Orbit(zoom=20.0), f"zoom is {ZOOMS[0]:g} to {ZOOMS[1]:g}; got 20"),
         (Orbit(zoom=float("nan")), "got nan"),
-        (Orbit(right_m=2 * FARTHEST_M), "way to the right"),
+        (Orbit(right_m=2 * MAX_PAN_M), "way to the right"),
         (Orbit(yaw_rad=float("inf")), "yaw"),
     ],
 )
@@ -287,10 +294,12 @@ def test_where_no_camera_of_the_stage_stands_is_refused(orbit, words):
 
 
 def test_a_stage_is_seen_from_elsewhere_around_the_middle_of_its_bodies():
-    stage = set_stage(load_body(), [waving_motion(20)], framing="knees")
-    assert stage.seen_from(Orbit()) is stage
-    turned = stage.seen_from(Orbit(yaw_rad=np.pi, zoom=2.0))
-    pivot = np.array([stage.centre_xz[0], stage.floor_m + MIDDLE_M, stage.centre_xz[1]])
+    stage = make_camera_setup(load_body(), [waving_motion(20)], framing="knees")
+    assert stage.with_orbit(Orbit()) is stage
+    turned = stage.with_orbit(Orbit(yaw_rad=np.pi, zoom=2.0))
+    pivot = np.array(
+        [stage.centre_xz[0], stage.floor_m + ORBIT_CENTRE_HEIGHT_M, stage.centre_xz[1]]
+    )
     backward = stage.camera.axes()[2]
     depth = float(backward @ (np.asarray(stage.camera.eye) - pivot))
     behind = turned.camera.axes()[2]
@@ -302,8 +311,8 @@ def test_a_stage_is_seen_from_elsewhere_around_the_middle_of_its_bodies():
 def test_cameras_follow_the_motion_they_are_told_to_and_no_other():
     body = load_body()
     calm, other = waving_motion(20), waving_motion(20, walk_m=3.0)
-    stage = set_stage(body, [calm, other], close_ups=[Panel("right_hand", 0, 0, 40, 40)])
+    stage = make_camera_setup(body, [calm, other], close_ups=[Panel("right_hand", 0, 0, 40, 40)])
     assert stage.shots[0].is_following
     ways = stage.tracks(body, calm)
-    assert np.array_equal(stage.going(ways).tracks(body, other), ways)
+    assert np.array_equal(stage.with_camera_paths(ways).tracks(body, other), ways)
     assert not np.allclose(stage.tracks(body, other)[0], ways[0])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from renderer.video.encoder import VideoError, VideoWriter, read_facts, run_ffmpeg
+from renderer.video.encoder import VideoError, VideoWriter, probe_video, run_ffmpeg
 
 SIZE = (96, 64)
 SAMPLE_RATE = 16_000
@@ -70,7 +70,7 @@ def test_frames_rate_format_and_sound(tmp_path, num_frames, sound_s):
             assert duration_s == pytest.approx(num_frames / 30, abs=1 / 30)
     assert len(decoded_frames(path)) == num_frames
     assert list(tmp_path.glob(".*")) == []
-    facts = read_facts(path)
+    facts = probe_video(path)
     assert (facts.width, facts.height, facts.num_frames) == (*SIZE, num_frames)
     data = path.read_bytes()
     assert 0 < data.find(b"moov") < data.find(b"mdat"), "a browser reads the index first"
@@ -139,7 +139,7 @@ def test_what_cannot_be_written_is_said_and_leaves_no_file(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["v.mp4"]
     (tmp_path / "no.mp4").write_text("no video")
     with pytest.raises(VideoError, match=r"no\.mp4 cannot be read as a video"):
-        read_facts(tmp_path / "no.mp4")
+        probe_video(tmp_path / "no.mp4")
 
 
 def test_an_ffmpeg_that_fails_is_quoted(tmp_path, monkeypatch):
@@ -157,7 +157,7 @@ def test_a_missing_ffmpeg_is_named(tmp_path, monkeypatch):
     with pytest.raises(VideoError, match=r"gone is no ffmpeg.*unset IMAGEIO_FFMPEG_EXE"):
         write_video(tmp_path / "v.mp4", np.arange(3))
     with pytest.raises(VideoError, match="is no ffmpeg"):
-        read_facts(tmp_path / "v.mp4")
+        probe_video(tmp_path / "v.mp4")
     assert list(tmp_path.iterdir()) == []
 
 

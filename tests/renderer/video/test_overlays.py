@@ -5,30 +5,30 @@ import pytest
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from renderer.body.body import BodyMotion, load_body
-from renderer.scene.camera_setup import lay_out
-from renderer.video.overlays import Heat, MarkPainter, Marks, Trail, heat_colors
-from renderer.video.render import RenderSettings, stage_for
+from renderer.scene.camera_setup import layout_panels
+from renderer.video.overlays import HeatMap, OverlayPainter, Overlays, Trail, heat_colors
+from renderer.video.render import RenderSettings, camera_setup_for
 from tests.renderer.drawn import render_stills
 
 pytestmark = pytest.mark.gl
 
-SETTINGS = RenderSettings(160, 160, layout=lay_out("front", 160, 160, ("hands",)))
+SETTINGS = RenderSettings(160, 160, layout=layout_panels("front", 160, 160, ("hands",)))
 
 
-def drawn(marks: Marks | None, num_frames: int = 40, frame: int = 39) -> np.ndarray:
-    body, motion = load_body(), BodyMotion.resting(num_frames)
+def drawn(marks: Overlays | None, num_frames: int = 40, frame: int = 39) -> np.ndarray:
+    body, motion = load_body(), BodyMotion.zero_pose(num_frames)
     return render_stills(body, motion, [frame], SETTINGS, marks=marks)[0].astype(int)
 
 
 def test_a_trail_is_where_the_point_was_within_the_last_second():
-    body, motion = load_body(), BodyMotion.resting(40)
-    stage = stage_for(body, [motion], SETTINGS)
+    body, motion = load_body(), BodyMotion.zero_pose(40)
+    stage = camera_setup_for(body, [motion], SETTINGS)
     joints = body.joint_positions(motion)
     way = joints[:, JOINT_INDEX["head"]] + np.array([0.4, -1.2, 0.0])  # beside the legs
     way[:, 1] += np.linspace(0.0, 0.4, 40)
     is_spike = np.arange(40) == 25
     trail = Trail(way, np.linspace(0.0, 1.0, 40), is_spike, close_up="")
-    with_trail, without = drawn(Marks(trail=trail)), drawn(None)
+    with_trail, without = drawn(Overlays(trail=trail)), drawn(None)
     panel = SETTINGS.panels[0]
     changed = np.abs(with_trail - without).max(axis=2) > 40
     assert not changed[panel.height :].any(), "in the body's panel alone"
@@ -42,11 +42,11 @@ def test_a_trail_is_where_the_point_was_within_the_last_second():
 
 
 def test_a_trail_is_in_the_close_up_of_its_hand():
-    body, motion = load_body(), BodyMotion.resting(40)
+    body, motion = load_body(), BodyMotion.zero_pose(40)
     way = body.joint_positions(motion)[:, JOINT_INDEX["right_middle3"]].copy()
     way[:, 1] += np.linspace(-0.03, 0.03, 40)
     trail = Trail(way, np.ones(40), np.zeros(40, bool), close_up="right_hand")
-    changed = np.abs(drawn(Marks(trail=trail)) - drawn(None)).max(axis=2) > 40
+    changed = np.abs(drawn(Overlays(trail=trail)) - drawn(None)).max(axis=2) > 40
     _, right, left = SETTINGS.panels
     assert changed[right.box].sum() > 20
     assert not changed[left.box].any()
@@ -64,20 +64,20 @@ def test_what_jerks_is_coloured_and_the_rest_is_grey():
     assert np.ptp(still, axis=1).max() < 0.03, "grey"
     assert moving.sum(axis=1).max() < 0.5 * still.sum(axis=1).min(), "darker in any eye"
     assert (moving[:, 2] > 2 * moving[:, 1]).all()
-    heat = Heat(np.repeat(shares, 40, axis=0), "jerk")
+    heat = HeatMap(np.repeat(shares, 40, axis=0), "jerk")
     _, right, left = SETTINGS.panels
-    picture = drawn(Marks(heat=heat))
+    picture = drawn(Overlays(heat=heat))
     purple = (picture[..., 2] - picture[..., 1]) > 40
     assert purple[right.box].mean() > 0.1 > 0.001 > purple[left.box].mean()
     shares = np.zeros((40, NUM_JOINTS), np.float32)
     shares[20:] = 1.0
-    marks = Marks(heat=Heat(shares))
+    marks = Overlays(heat=HeatMap(shares))
     before, after = drawn(marks, frame=19), drawn(marks, frame=20)
     assert np.abs(before - after).max(axis=2).max() > 100, "from frame to frame"
 
 
 def test_nobody_overlooks_that_a_picture_is_exaggerated():
-    marks = Marks(notice="EXAGGERATED x20", tag="x20")
+    marks = Overlays(notice="EXAGGERATED x20", close_up_notice="x20")
     picture = drawn(marks)
     for panel, least in zip(SETTINGS.panels, (0.04, 0.02, 0.02), strict=True):
         loud = np.abs(picture[panel.box] - (196, 52, 0)).max(axis=2) < 12
@@ -86,21 +86,21 @@ def test_nobody_overlooks_that_a_picture_is_exaggerated():
 
 
 def test_marks_beyond_the_picture_are_cut_off():
-    body, motion = load_body(), BodyMotion.resting(4)
-    stage = stage_for(body, [motion], SETTINGS)
+    body, motion = load_body(), BodyMotion.zero_pose(4)
+    stage = camera_setup_for(body, [motion], SETTINGS)
     far = np.tile(np.array([[50.0, 0.0, 0.0]]), (4, 1))
     behind = np.tile(np.array([[0.0, 0.0, 50.0]]), (4, 1))
     for way in (far, behind):
-        marks = Marks(trail=Trail(way, np.ones(4), np.ones(4, bool), close_up="right_hand"))
+        marks = Overlays(trail=Trail(way, np.ones(4), np.ones(4, bool), close_up="right_hand"))
         assert render_stills(body, motion, [3], SETTINGS, stage=stage, marks=marks).any()
 
 
 def test_painting_leaves_the_picture_it_was_given_and_legends_lie_apart():
     blank, panel = np.full((240, 160, 3), 200, np.uint8), SETTINGS.panels[0]
     nowhere = Trail(np.full((1, 3), np.nan), np.ones(1), np.zeros(1, bool), "slow to fast")
-    marks = Marks(nowhere, Heat(np.zeros((1, NUM_JOINTS)), "jerk"), "n", "t")
-    camera = stage_for(load_body(), [BodyMotion.resting()], SETTINGS).camera
-    painted = MarkPainter(marks, SETTINGS.panels).paint(blank, 0, 3 * [camera])
+    marks = Overlays(nowhere, HeatMap(np.zeros((1, NUM_JOINTS)), "jerk"), "n", "t")
+    camera = camera_setup_for(load_body(), [BodyMotion.zero_pose()], SETTINGS).camera
+    painted = OverlayPainter(marks, SETTINGS.panels).paint(blank, 0, 3 * [camera])
     assert (blank == 200).all()
     edges = np.flatnonzero(np.diff((painted[: panel.height] != 200).any(axis=(1, 2))))
     assert np.diff(edges)[1::2].tolist() == [4, 4]  # between two legends and the notice

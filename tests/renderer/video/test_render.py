@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from renderer.body.body import BodyMotion, load_body
-from renderer.scene.camera_setup import lay_out, set_stage
+from renderer.scene.camera_setup import layout_panels, make_camera_setup
 from renderer.video.render import RenderSettings
 from tests.renderer.drawn import render_stills
 from tests.renderer.scene.test_camera import waving_motion
@@ -19,7 +19,7 @@ def small(**changes) -> RenderSettings:
 
 
 def beside(*close_ups: str) -> RenderSettings:
-    return small(layout=lay_out("front", 128, 128, close_ups))
+    return small(layout=layout_panels("front", 128, 128, close_ups))
 
 
 def test_stills_come_in_the_order_asked_for():
@@ -32,12 +32,12 @@ def test_stills_come_in_the_order_asked_for():
         with pytest.raises(ValueError, match=f"Frame {frame} was asked for; the motion has 10"):
             render_stills(body, motion, [frame], small())
     with pytest.raises(ValueError, match="other close-ups"):
-        stage = set_stage(body, [motion])
+        stage = make_camera_setup(body, [motion])
         render_stills(body, motion, [0], beside("hands"), stage=stage)
 
 
 def test_close_ups_stand_beside_a_body_that_they_leave_as_it_is():
-    body, motion = load_body(), BodyMotion.resting(6)
+    body, motion = load_body(), BodyMotion.zero_pose(6)
     plain, both = small(), beside("face", "hands")
     assert both.picture_size == (128, 256)
     assert beside("hands").picture_size == (128, 192)

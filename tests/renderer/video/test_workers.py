@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processes.exit_report import Ended
+from processes.exit_report import ExitReport
 from processes.job import Cancelled
 from renderer.body.body import load_body
 from renderer.body.body_file import BodyError
 from renderer.draw.offscreen import GLError
-from renderer.scene.camera_setup import set_stage
+from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.encoder import VideoError
 from renderer.video.render import RenderSettings
 from renderer.video.workers import RenderJob, draw_jobs, failure
@@ -76,7 +76,7 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
     frame once and in order."""
     monkeypatch.chdir(tmp_path)
     body, motion, far = load_body(), waving_motion(8), waving_motion(8, walk_m=4.0)
-    stage = set_stage(body, [motion, far])
+    stage = make_camera_setup(body, [motion, far])
     write_wav(tmp_path / "s.wav", tone(0.4))
     first = RenderJob(motion, Path("0.mp4"), Path("s.wav"), settings(crf=8), still_frames=(3, 0))
     jobs = {
@@ -140,9 +140,9 @@ def test_a_crash_is_an_error_here_and_one_while_idle_is_made_good(tmp_path):
 
 
 def test_a_crash_is_the_drivers_where_there_is_one():
-    crash = failure(Ended(-signal.SIGSEGV))
+    crash = failure(ExitReport(-signal.SIGSEGV))
     assert "most likely the OpenGL driver" in str(crash) and isinstance(crash, GLError)
-    left = failure(Ended(1, ("KeyError: 'x'",)))
+    left = failure(ExitReport(1, ("KeyError: 'x'",)))
     assert not isinstance(left, GLError) and "KeyError" in str(left) and "driver" not in str(left)
 
 

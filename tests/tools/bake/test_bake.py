@@ -12,11 +12,11 @@ from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.views import BUILDS
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_PATH
-from renderer.body.decimation import NUM_FACES, Surface, coarser, surface_of
+from renderer.body.decimation import NUM_FACES, Surface, decimate, surface_of
 from renderer.body.levels import open_body_faces
 from tests.helpers import ROOT
 from tools.bake import face, geometry
-from tools.bake.body_shapes import FIGURES, Posed, on_skeleton
+from tools.bake.body_shapes import FIGURES, Posed, fit_to_skeleton
 from tools.bake.geometry import Mesh
 
 
@@ -88,12 +88,16 @@ def test_a_figure_is_fitted_to_the_skeleton_of_another():
     first = rng.normal(size=(NUM_JOINTS, 3))
     other = first + rng.normal(scale=0.05, size=first.shape)
     weights = np.eye(NUM_JOINTS)
-    fitted = on_skeleton(Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), weights)
+    fitted = fit_to_skeleton(
+        Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), weights
+    )
     limbs = [JOINT_INDEX[f"left_{name}"] for name in ("shoulder", "elbow", "wrist", "index2")]
     np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
     # A point at the far end of a bone, moved with the bone alone, lands there too.
     at_parents = np.eye(NUM_JOINTS)[[max(parent, 0) for parent in PARENTS]]
-    fitted = on_skeleton(Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), at_parents)
+    fitted = fit_to_skeleton(
+        Posed(other, other, np.eye(3)), Posed(first, first, np.eye(3)), at_parents
+    )
     np.testing.assert_allclose(fitted[limbs], first[limbs], atol=1e-9)
 
 
@@ -140,7 +144,7 @@ def areas(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def test_a_flat_sheet_keeps_its_outline_and_its_colours_apart_and_no_face_turns_over():
     whole = surface(8)
-    (faces,) = coarser(whole, [40])
+    (faces,) = decimate(whole, [40])
     assert len(faces) <= 40
     of_faces = areas(whole.vertices, faces)
     assert (of_faces[:, 2] > 0).all()

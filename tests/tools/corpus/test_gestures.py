@@ -5,8 +5,8 @@ import numpy as np
 from conventions.joints import JOINT_INDEX
 from conventions.rates import SAMPLE_RATE
 from tools.corpus.gesture.choice import (
-    STALE,
-    Choice,
+    REPEAT_MEMORY,
+    GestureSelector,
     contrast_halves,
     directions,
     list_items,
@@ -14,7 +14,7 @@ from tools.corpus.gesture.choice import (
 from tools.corpus.gesture.gestures import (
     GENERIC,
     GESTURES,
-    KEYWORDS,
+    GESTURES_BY_WORD,
     ONLY_WHEN_STRESSED,
     REST,
     SHAPES,
@@ -35,7 +35,7 @@ WORD_S = 0.5
 def test_all_names_exist():
     for gesture in GESTURES.values():
         assert set(gesture.shapes) <= set(SHAPES)
-    assert {name for names in KEYWORDS.values() for name in names} <= set(GESTURES)
+    assert {name for names in GESTURES_BY_WORD.values() for name in names} <= set(GESTURES)
     assert set(GENERIC) <= set(GESTURES)
     assert set(ONLY_WHEN_STRESSED) <= set(GESTURES)
     assert {*IDLE_SHAPES, *BEAT_SHAPES} <= set(SHAPES)
@@ -84,7 +84,7 @@ def test_a_contrast_has_two_halves_and_a_plain_sentence_none():
 
 def test_the_halves_go_to_the_two_sides_and_words_keep_their_side():
     words = spoken(CONTRAST, "Taste the sauce and the bread.")
-    places = Choice(words, (), ANNA, np.random.default_rng(0))
+    places = GestureSelector(words, (), ANNA, np.random.default_rng(0))
     at = {(word.sentence, word.text): k for k, word in enumerate(words)}
     bread, sauce = (places.aside_m(at[0, text]) for text in ("bread", "sauce"))
     assert bread > 0.04  # the left, the other hand's side
@@ -95,11 +95,11 @@ def test_the_halves_go_to_the_two_sides_and_words_keep_their_side():
 
 def test_a_keyword_does_not_call_the_same_gesture_again_at_once():
     words = spoken(*(["Stop, please stop, you have to stop."] * 40))
-    choice = Choice(words, (), ANNA, np.random.default_rng(1))
+    choice = GestureSelector(words, (), ANNA, np.random.default_rng(1))
     names = [choice.gesture(range(k, k + 7))[0] for k in range(0, len(words) - 7, 7)]
     calls = [k for k, name in enumerate(names) if name == "stop"]
     assert len(calls) >= 3
-    assert np.diff(calls).min() > STALE
+    assert np.diff(calls).min() > REPEAT_MEMORY
 
 
 def test_the_items_of_a_list_lie_side_by_side():
@@ -113,7 +113,7 @@ def test_the_items_of_a_list_lie_side_by_side():
     assert items[3] == 1.0
     assert items[4] == 0.0
     assert items[9] == -1.0
-    places = Choice(words, phrases, ANNA, np.random.default_rng(0))
+    places = GestureSelector(words, phrases, ANNA, np.random.default_rng(0))
     assert places.aside_m(3) > 0.04 > -0.04 > places.aside_m(9)
 
 
@@ -124,7 +124,7 @@ def test_left_and_right_are_sides_and_right_now_is_not():
 
 
 def test_a_contrast_calls_the_hand_of_its_side():
-    choice = Choice(spoken(CONTRAST), (), PEOPLE["milo"], np.random.default_rng(5))
+    choice = GestureSelector(spoken(CONTRAST), (), PEOPLE["milo"], np.random.default_rng(5))
     left = [choice.hands(GESTURES["offer"], 0.08, 1) == ["left"] for _ in range(300)]
     assert np.mean(left) > 0.7
 

@@ -14,15 +14,15 @@ from tools.corpus.words.grammar import (
     KINDS,
     SPLITS,
     Split,
+    generate_sentences,
     split_of,
-    talk,
 )
 from tools.corpus.words.topics import TOPICS
 
 
 def sentences(count: int, split: Split, seed: int = 0) -> list[str]:
     rng = np.random.default_rng(seed)
-    return list(islice(talk(rng, split), count))
+    return list(islice(generate_sentences(rng, split), count))
 
 
 def test_every_symbol_is_defined_and_every_rule_is_used():
@@ -53,13 +53,13 @@ def test_ten_hours_hardly_repeat_a_sentence():
     drawn = [
         sentence
         for split, count in (("train", 8000), ("val", 1000), ("test", 1000))
-        for sentence in islice(talk(rng, split), count)  # type: ignore[arg-type]
+        for sentence in islice(generate_sentences(rng, split), count)  # type: ignore[arg-type]
     ]
     assert len(set(drawn)) > 0.99 * len(drawn)
 
 
 def test_only_a_question_is_followed_by_an_answer():
-    drawn = list(islice(talk(np.random.default_rng(4), "train"), 2000))
+    drawn = list(islice(generate_sentences(np.random.default_rng(4), "train"), 2000))
     after = [b.startswith(("Yes, exactly", "Good question")) for b in drawn[1:]]
     asked = np.array([a.endswith("?") for a in drawn[:-1]])
     assert np.mean(np.array(after)[asked]) > 0.08

@@ -14,10 +14,10 @@ from tools.corpus.people.speaker import (
     VoiceError,
     align,
     pronounce,
-    say,
+    synthesise,
     words_of,
 )
-from tools.corpus.words.prosody import speak
+from tools.corpus.words.prosody import synthesise_utterance
 
 VOICE = FliteVoice("slt", 178.0, 26.0)
 SENTENCE = "Honestly, the whole project is really important."
@@ -29,7 +29,7 @@ def test_stress_marks_one_vowel_and_words_keep_their_apostrophes(flite):
 
 
 def test_phones_tile_the_sentence_and_every_word_is_found_in_order(flite):
-    waveform, phones = say(SENTENCE, VOICE)
+    waveform, phones = synthesise(SENTENCE, VOICE)
     assert phones[0].start_s == 0.0
     for before, after in pairwise(phones):
         assert before.end_s == after.start_s < after.end_s
@@ -53,12 +53,12 @@ def test_alignment_gives_a_joined_sound_to_one_of_its_words(flite):
 
 def test_a_sentence_without_sound_is_refused(flite):
     with pytest.raises(VoiceError, match="nothing to say"):
-        say("...", VOICE)
+        synthesise("...", VOICE)
 
 
 def test_every_speaker_has_a_voice_within_range(flite):
     for speaker in SPEAKERS:
-        utterance = speak(speaker, 2.0, "train", *np.random.default_rng(0).spawn(2))
+        utterance = synthesise_utterance(speaker, 2.0, "train", *np.random.default_rng(0).spawn(2))
         first, last = utterance.words[0], utterance.words[-1]
         assert last.sentence == 0 and len(utterance.words) > 3
         assert 0.15 < (last.end_s - first.start_s) / len(utterance.words) < 0.7, speaker.name

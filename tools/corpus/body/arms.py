@@ -242,7 +242,7 @@ def _soft_ceiling(value: np.ndarray, limit: np.ndarray | float, margin: float) -
     return np.where(value > limit, limit + margin * np.tanh(over / margin), value)
 
 
-def add_life(
+def add_idle_motion(
     arms: dict[str, Arm],
     curves: dict[str, Float[np.ndarray, "T C"]],
     share: Float[np.ndarray, " T"],
@@ -298,7 +298,7 @@ def _finger_life(
     return life
 
 
-def trailing(
+def follow_through(
     arm: Arm,
     hand: Float[np.ndarray, "T C"],
     fore: Float[np.ndarray, "T 3 3"],
@@ -359,7 +359,7 @@ def follow_plan(
     curves = {side: _follow_keys(arms[side], plan.keys[side], time_s, rng) for side in SIDES}
     for span in plan.cycles:
         _add_cycle(curves[span.side], span, time_s)
-    add_life(arms, curves, 1.0 - STILL * calm, speaker, rng)
+    add_idle_motion(arms, curves, 1.0 - STILL * calm, speaker, rng)
     return {side: within_reach(arms[side], curves[side]) for side in SIDES}
 
 
@@ -421,7 +421,7 @@ class _ArmMover:
     def trailing(self, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "T C"]:
         """Return the curves with wrist and fingers that lag behind the hand."""
         _, _, fore, direction = self._solve(hand)
-        return trailing(self._arm, hand, fore, direction)
+        return follow_through(self._arm, hand, fore, direction)
 
     def balls(
         self, hand: Float[np.ndarray, "T C"]

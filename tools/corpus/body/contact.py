@@ -53,7 +53,7 @@ class Hips:
     position: Float[np.ndarray, "T 3"]
 
 
-def hips_of(rig: Rig, rotations: dict[int, Float[np.ndarray, "T 3 3"]]) -> Hips:
+def hips_in_chest(rig: Rig, rotations: dict[int, Float[np.ndarray, "T 3 3"]]) -> Hips:
     """Return the pelvis in the chest's frame, from the spine's local rotations."""
     lowest, middle, chest = (JOINT_INDEX[f"spine{k}"] for k in (1, 2, 3))
     two = rotations[lowest] @ rotations[middle]

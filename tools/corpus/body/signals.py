@@ -70,20 +70,22 @@ FINGERS = slice(7, 7 + SHAPE_SIZE)
 NUM_CHANNELS = 7 + SHAPE_SIZE
 
 
-SETTLES_S = (0.2, 1.1)  # start and end of settling after the last word
-WAKES_S = (0.6, 0.0)  # start and end of waking before the next word
+OFFSET_RAMP_S = (0.2, 1.1)  # start and end of settling after the last word
+ONSET_RAMP_S = (0.6, 0.0)  # start and end of waking before the next word
 
 
-def quiet(utterance: Utterance, time_s: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+def listening_envelope(
+    utterance: Utterance, time_s: Float[np.ndarray, " T"]
+) -> Float[np.ndarray, " T"]:
     """Return the calmness (0 to 1): it rises after listening begins and falls before speech."""
     level = np.zeros(len(time_s))
     for span in utterance.listening:
         rise, fall = np.ones(len(time_s)), np.zeros(len(time_s))
         if span.start_s > 0:
-            begin, end = SETTLES_S
+            begin, end = OFFSET_RAMP_S
             rise = minimum_jerk((time_s - span.start_s - begin) / (end - begin))
         if span.end_s < utterance.duration_s:
-            begin, end = WAKES_S
+            begin, end = ONSET_RAMP_S
             fall = minimum_jerk((time_s - span.end_s + begin) / (begin - end))
         level += rise - fall
     return np.clip(level, 0.0, 1.0)

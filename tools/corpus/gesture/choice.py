@@ -8,7 +8,7 @@ import numpy as np
 
 from tools.corpus.gesture.gestures import (
     GENERIC,
-    KEYWORDS,
+    GESTURES_BY_WORD,
     LISTED,
     ONLY_WHEN_STRESSED,
     GestureShape,
@@ -20,7 +20,7 @@ from tools.corpus.words.prosody import Phrase, SpokenWord
 FAVOURITE = 4.0  # factor on the probability of a speaker's favourites
 LISTED_SHARE = 0.6  # share of list items with a listing gesture
 OWN_SIDE_SHARE = 0.75  # share of one-handed contrast gestures by the nearer hand
-STALE = 5  # chunks before a literal gesture may be repeated
+REPEAT_MEMORY = 5  # chunks before a literal gesture may be repeated
 
 
 ASIDE_M = 0.065
@@ -31,7 +31,7 @@ SECOND_MARKS = frozenset("but other others or now there another".split())
 NEW_PLACE_SHARE = 0.3  # share of stressed words that get a new position
 
 
-class Choice:
+class GestureSelector:
     """Random choice of gestures, hands and positions for one speaker.
 
     It avoids the last gestures and reuses the side of an idea. The first half of a contrast goes to
@@ -49,7 +49,7 @@ class Choice:
         self._words = words
         self._speaker = speaker
         self._rng = rng
-        self._recent: deque[str] = deque(maxlen=STALE)
+        self._recent: deque[str] = deque(maxlen=REPEAT_MEMORY)
         self._free_hands: list[str] | None = None
         self._known: dict[str, float] = {}
         first = SIDE_SIGN[speaker.other_hand]
@@ -102,7 +102,7 @@ class Choice:
         rng, words = self._rng, self._words
         candidates = []
         for k in chunk:
-            for name in KEYWORDS.get(words[k].text, ()):
+            for name in GESTURES_BY_WORD.get(words[k].text, ()):
                 if name in self._recent:
                     continue
                 common = name in ONLY_WHEN_STRESSED
@@ -112,7 +112,7 @@ class Choice:
         if not candidates:
             return None
         share, name, k = max(candidates)
-        return (name, k) if rng.random() < self._speaker.literal * share else None
+        return (name, k) if rng.random() < self._speaker.keyword_gesture_rate * share else None
 
     def _generic(self) -> str:
         names = list(GENERIC)

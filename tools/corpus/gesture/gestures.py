@@ -140,7 +140,7 @@ class Cycle:
     vertical_m: float
     forward_m: float
     hz: float
-    in_turn: bool
+    alternates: bool
     """True if the second hand is half a period later."""
 
 
@@ -158,14 +158,14 @@ class GestureShape:
     shrugs: bool = False
 
 
-def _pose(told: dict[str, Any]) -> HandPose:
+def _pose(definition: dict[str, Any]) -> HandPose:
     return HandPose(
-        position=np.array(told["position"], dtype=np.float64),
-        palm=np.array(told["palm"], dtype=np.float64),
-        flex_deg=float(told.get("flex_deg", 0)),
-        deviation_deg=float(told.get("deviation_deg", 0)),
-        elbow_out=float(told.get("elbow_out", 0)),
-        fingers=SHAPES[told.get("shape", "relaxed")],
+        position=np.array(definition["position"], dtype=np.float64),
+        palm=np.array(definition["palm"], dtype=np.float64),
+        flex_deg=float(definition.get("flex_deg", 0)),
+        deviation_deg=float(definition.get("deviation_deg", 0)),
+        elbow_out=float(definition.get("elbow_out", 0)),
+        fingers=SHAPES[definition.get("shape", "relaxed")],
     )
 
 
@@ -197,7 +197,7 @@ def _calls() -> dict[str, tuple[str, ...]]:
     return calls
 
 
-KEYWORDS = _calls()
+GESTURES_BY_WORD = _calls()
 """Names of the literal gestures of each word."""
 
 ONLY_WHEN_STRESSED = frozenset(

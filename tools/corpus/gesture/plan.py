@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from model.plan.plan import Phase
-from tools.corpus.gesture.choice import Choice
+from tools.corpus.gesture.choice import GestureSelector
 from tools.corpus.gesture.gestures import FLEX, GESTURES, HandPose
-from tools.corpus.gesture.speaker_style import Habit, distance_from_neutral
+from tools.corpus.gesture.speaker_style import PoseSampler, distance_from_neutral
 from tools.corpus.people.rig import SIDE_SIGN, SIDES
 from tools.corpus.people.speaker import Speaker
 from tools.corpus.words.prosody import Phrase, Utterance
@@ -78,8 +78,8 @@ class _Planner:
         self.utterance = utterance
         self.speaker = speaker
         self.rng = rng
-        self.manner = Habit(speaker, rng)
-        self.choice = Choice(utterance.words, utterance.phrases, speaker, rng)
+        self.manner = PoseSampler(speaker, rng)
+        self.choice = GestureSelector(utterance.words, utterance.phrases, speaker, rng)
         first_s = utterance.phrases[0].start_s
         listens = any(span.start_s < first_s for span in utterance.listening)
         rests = speaker.listening_rest_of if listens else speaker.rest_of
@@ -124,7 +124,7 @@ class _Planner:
             lag = rng.normal(0.04, 0.035) if second else 0.0
             own_prepare, own_stroke = prepare, stroke
             if second:
-                own_prepare, own_stroke = self.manner.not_a_mirror(prepare, stroke)
+                own_prepare, own_stroke = self.manner.vary_second_hand(prepare, stroke)
             own_stroke = _moved(own_stroke, aside_m * SIDE_SIGN[side])
             own_via = [(share, _moved(p, share * aside_m * SIDE_SIGN[side])) for share, p in via]
             self._stroke(side, name, word.text, apex_s + lag, own_prepare, own_stroke, own_via)
@@ -137,7 +137,7 @@ class _Planner:
                         gesture.cycle.vertical_m * size,
                         gesture.cycle.forward_m * size,
                         gesture.cycle.hz * speaker.tempo,
-                        np.pi if second and gesture.cycle.in_turn else 0.0,
+                        np.pi if second and gesture.cycle.alternates else 0.0,
                     )
                 )
             depth = 0.8 if second else 1.0
@@ -166,7 +166,7 @@ class _Planner:
         for side in SIDES:
             last = self._last(side)
             tired = phrase.ends_sentence and gap_s > 0.45 and rng.random() < 0.3
-            if gap_s > speaker.patience_s or tired:
+            if gap_s > speaker.pause_threshold_s or tired:
                 start_s = max(phrase.end_s + rng.uniform(0.05, 0.3), last.arrive_s + 0.2)
                 duration_s = rng.uniform(0.65, 1.05)
                 pose = self.manner.rest_pose(speaker.rest_of(side))
@@ -259,7 +259,9 @@ class _Planner:
             if since_s < 0.27:
                 continue
             far = distance_from_neutral(last.pose)
-            held = manner.settled(last.pose, min((0.15 + 0.45 * far) * since_s, 0.45))
+            held = manner.relaxed_towards_centre(
+                last.pose, min((0.15 + 0.45 * far) * since_s, 0.45)
+            )
             up, down = manner.beat_poses(held, depth_m, float(aside_m))
             lift_s = beat_s - 0.16
             self._add(side, lift_s, min(0.34, lift_s - last.arrive_s + 0.16), up, "beat", name)
@@ -271,7 +273,7 @@ class _Planner:
         while end_s + 0.3 - self._last(side).arrive_s > 0.6:
             pose = self._last(side).pose
             far = distance_from_neutral(pose)
-            held = self.manner.settled(pose, rng.uniform(0.15, 0.3) + 0.3 * far)
+            held = self.manner.relaxed_towards_centre(pose, rng.uniform(0.15, 0.3) + 0.3 * far)
             arrive_s = self._last(side).arrive_s + rng.uniform(0.55, 0.8) - 0.1 * far
             self._add(side, arrive_s, rng.uniform(0.5, 0.75), held, "hold", name)
 

@@ -24,7 +24,7 @@ NEVER_FLAT_DEG = 5.0  # people's fingers stay a little bent
 Choice = TypeVar("Choice")
 
 
-class Habit:
+class PoseSampler:
     """Random poses of one speaker from one generator."""
 
     def __init__(self, speaker: Speaker, rng: np.random.Generator):
@@ -95,7 +95,7 @@ class Habit:
         ]
         return prepare, stroke, via
 
-    def not_a_mirror(self, prepare: HandPose, stroke: HandPose) -> tuple[HandPose, HandPose]:
+    def vary_second_hand(self, prepare: HandPose, stroke: HandPose) -> tuple[HandPose, HandPose]:
         """Vary the poses for the second hand: lower, smaller, turned a little."""
         rng = self.rng
         offset = rng.normal(0, 0.032, 3) * [0.6, 1.2, 1.0] - [0.0, 0.015, 0.0]
@@ -114,7 +114,7 @@ class Habit:
             ),
         )
 
-    def settled(self, pose: HandPose, share: float) -> HandPose:
+    def relaxed_towards_centre(self, pose: HandPose, share: float) -> HandPose:
         """Move a pose by ``share`` towards the middle of the gesture space."""
         rng = self.rng
         centre = NEUTRAL + self._offset + np.array([0.0, -0.03, -0.01])

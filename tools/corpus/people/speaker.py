@@ -66,7 +66,7 @@ def words_of(sentence: str) -> list[str]:
     return re.findall(r"[a-z']+", sentence.lower())
 
 
-def say(
+def synthesise(
     sentence: str, voice: FliteVoice, stretch: float = 1.0
 ) -> tuple[Float[np.ndarray, " N"], list[Phone]]:
     """Speak one sentence: samples at 16 kHz, and its phones with word numbers and stress.
@@ -202,7 +202,7 @@ class Speaker:
     """Rest pose of the hands while listening; empty for that in pauses."""
     ready: str = "low"
     """Waiting pose of a hand between gestures."""
-    patience_s: float = 0.7
+    pause_threshold_s: float = 0.7
     """Longest pause (s) without retraction."""
     energy: float = 1.0
     """Strength of accents of head and trunk."""
@@ -214,7 +214,7 @@ class Speaker:
     finger_life: float = 1.0
     beats: float = 1.0
     """Share of accents after a stroke with a beat."""
-    literal: float = 1.0
+    keyword_gesture_rate: float = 1.0
     """Share of words with a literal gesture that get it."""
     beat_shape: str = "relaxed"
     idle_shape: str = "relaxed"

@@ -20,9 +20,9 @@ from model.storage.npz import MotionError
 from renderer.body.body import BodyMotion, load_body
 from renderer.video.compose import label_band
 from renderer.video.render import RenderSettings, draw_frames
-from tools.command import called
+from tools.command import run_cli
 from tools.corpus.body.arms import follow_plan, move_arms
-from tools.corpus.body.contact import hips_of
+from tools.corpus.body.contact import hips_in_chest
 from tools.corpus.body.trunk import PELVIS_TILT_DEG, SPINE
 from tools.corpus.build import MANIFEST, CorpusError, read_manifest
 from tools.corpus.clip import MOTION, SPLIT_TABLE, ClipPaths, clip_paths
@@ -33,8 +33,8 @@ from tools.corpus.people.speaker import SPEAKERS
 from tools.corpus.report.realism import (
     Figures,
     MeasuredClip,
-    judge_realism,
     measure_clip,
+    measure_realism,
 )
 
 COLUMNS, SIZE_PX = 8, 144
@@ -50,7 +50,7 @@ def draw_gestures(rig: Rig, path: Path) -> None:
     poses = {name: (gesture.stroke, gesture.hands) for name, gesture in GESTURES.items()}
     poses |= {f"rest: {name}": (pose, "two") for name, pose in REST.items()}
     held = [_held(rig, pose, both=hands in ("two", "free")) for pose, hands in poses.values()]
-    motion = replace(BodyMotion.resting(len(held)), poses=np.stack(held))
+    motion = replace(BodyMotion.zero_pose(len(held)), poses=np.stack(held))
     settings = RenderSettings(SIZE_PX, SIZE_PX, VIEW, framing="knees")
     pictures = [picture.copy() for picture in draw_frames(load_body(), motion, settings)]
     names = [name.replace("_", " ") for name in poses]
@@ -79,7 +79,9 @@ def _held(rig: Rig, pose: HandPose, both: bool) -> Float[np.ndarray, " 165"]:
         joint: euler_matrices("X", np.full((num_frames, 1), pitch)) for joint, pitch in posture
     }
     curves = follow_plan(rig, HandPlan(keys), speaking, SPEAKERS[0], rng)
-    arms = move_arms(rig, HandPlan(keys), curves, hips_of(rig, trunk), speaking, SPEAKERS[0], rng)
+    arms = move_arms(
+        rig, HandPlan(keys), curves, hips_in_chest(rig, trunk), speaking, SPEAKERS[0], rng
+    )
     vectors = np.zeros((NUM_JOINTS, 3))
     for joint, rotmat in (trunk | arms).items():
         vectors[joint] = axis_angles(rotmat[num_frames // 2])
@@ -87,7 +89,7 @@ def _held(rig: Rig, pose: HandPose, both: bool) -> Float[np.ndarray, " 165"]:
 
 
 AIM, AIM_OVER_FLOOR = 0.85, 0.05
-TOLD = 8  # rows of each table: the statistics that separate best alone
+NUM_FEATURES_SHOWN = 8  # rows of each table: the statistics that separate best alone
 
 Clips = list[MeasuredClip]
 
@@ -137,9 +139,11 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
     title = f"## {question}\n\n"
     if len(real) < 2 or len(corpus) < 2:
         return f"{title}Too few clips to say.\n"
-    realism = judge_realism(real, corpus)
+    realism = measure_realism(real, corpus)
     rows = []
-    for told in realism.features.head(TOLD).reset_index(names="name").to_dict("records"):
+    for told in (
+        realism.features.head(NUM_FEATURES_SHOWN).reset_index(names="name").to_dict("records")
+    ):
         medians = [_short(told[which]) for which in ("first", "second", "corpus")]
         areas = [f"{told[which]:.2f}" for which in ("auc", "real_auc")]
         rows.append([told["name"], *medians, *areas, f"{told['share']:.0%}"])
@@ -250,7 +254,7 @@ def measure_clips(clips: dict[str, ClipPaths], rig: Rig, title: str) -> list[Mea
 
 def main(arguments: list[str] | None = None) -> int:
     program = "tools.corpus.report"
-    return called(write_report, program, arguments, MotionError, ReportError, CorpusError, OSError)
+    return run_cli(write_report, program, arguments, MotionError, ReportError, CorpusError, OSError)
 
 
 if __name__ == "__main__":

@@ -275,7 +275,7 @@ def _area(low: np.ndarray, high: np.ndarray) -> float:
     return float(roc_auc_score(_sides(low, high), np.concatenate([low, high])))
 
 
-def judge_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
+def measure_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
     """Compare the corpus with two real clips, trained on one and half of it, tested on the rest."""
     first, second = real[:2]
     halves = pd.concat(corpus[0::2]), pd.concat(corpus[1::2])

@@ -278,7 +278,7 @@ def split_of(sentence: str) -> Split:
     return "val" if bucket == 8 else "test" if bucket == 9 else "train"
 
 
-def talk(rng: np.random.Generator, split: Split) -> Iterator[str]:
+def generate_sentences(rng: np.random.Generator, split: Split) -> Iterator[str]:
     """Yield endless sentences of the split by topic; questions may be answered after a pause."""
     while True:
         topic = _draw_topic(rng)

@@ -8,8 +8,8 @@ from scipy.ndimage import map_coordinates
 
 from conventions.rates import SAMPLE_RATE
 from model.plan.plan import Span
-from tools.corpus.people.speaker import PAUSE, Phone, Speaker, say, words_of
-from tools.corpus.words.grammar import Split, talk
+from tools.corpus.people.speaker import PAUSE, Phone, Speaker, synthesise, words_of
+from tools.corpus.words.grammar import Split, generate_sentences
 
 FUNCTION_WORDS = frozenset(
     """a an the and or but so of to in on at for from with by as is are was were be been am it its
@@ -78,7 +78,7 @@ class Utterance:
         return len(self.waveform) / SAMPLE_RATE
 
 
-def speak(
+def synthesise_utterance(
     speaker: Speaker,
     target_s: float,
     split: Split,
@@ -89,10 +89,10 @@ def speak(
     lead_s = _draw_listening(voice_rng) if voice_rng.random() < LISTENS_FIRST else LEAD_S
     sentences: list[_Spoken] = []
     spoken_s = lead_s
-    for text in talk(text_rng, split):
+    for text in generate_sentences(text_rng, split):
         if sentences and spoken_s >= target_s - 2.0:
             break
-        waveform, phones = say(text, speaker.voice, stretch=voice_rng.uniform(0.94, 1.06))
+        waveform, phones = synthesise(text, speaker.voice, stretch=voice_rng.uniform(0.94, 1.06))
         pause_s = _draw_pause(text, speaker, voice_rng)
         sentences.append(_Spoken(text, *_trim(waveform, phones), pause_s))
         spoken_s += len(sentences[-1].waveform) / SAMPLE_RATE + pause_s

@@ -7,7 +7,7 @@ qualities can be more or less, and no phrase contains a pronoun.
 Topic = dict[str, tuple[str, ...]]
 
 
-def _topic(who: str, places: str, things: str, many: str, qualities: str, acts: str) -> Topic:
+def _topic(speaker: str, places: str, things: str, many: str, qualities: str, acts: str) -> Topic:
     """Return the expansions by symbol, from lists separated by commas.
 
     Args:
@@ -22,7 +22,7 @@ def _topic(who: str, places: str, things: str, many: str, qualities: str, acts: 
     verbs = [(*verb.split("/"), rest) for verb, rest in forms]
     at = tuple(places.split(", "))
     return {
-        "WHO": tuple(who.split(", ")),
+        "WHO": tuple(speaker.split(", ")),
         "AT": at,
         "PLACE": tuple(place.split(" ", 1)[1] for place in at),
         "THING": tuple(things.split(", ")),
