@@ -103,7 +103,6 @@ FAMILY = OfficialFamily(
     package="model.systems.official",
     place=5,
     whole_speech=(FILTERED, UNFILTERED),
-    shared_weights={UNFILTERED: FILTERED},
     files_title="GlobalDiff by its authors (docs/official.md)",
     files=(
         FileFlag(
