@@ -217,8 +217,8 @@ def test_only_beats_above_chance_are_told() -> None:
         ({"a": high}, "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most)."),
         (
             {"a": high, "b": low},
-            "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most); the "
-            "others are not.",
+            "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most); not of "
+            "the others.",
         ),
         ({"a": both()}, ""),
     ):
