@@ -102,7 +102,7 @@ def _overview(argv: Sequence[str]) -> NoReturn:
     lines = [
         f"{name:<{width}}  {(does.__doc__ or '').split('.')[0]}." for name, does in told.items()
     ]
-    head = f"{text.TAGLINE}\n\n{PROGRAM} COMMAND --help lists what a command takes.\n\n"
+    head = f"{text.TAGLINE}\n\n{PROGRAM} COMMAND --help lists the options of a command.\n\n"
     sys.stdout.write(head + "\n".join(" ".join(line.split("\n")) for line in lines) + "\n")
     raise SystemExit(0)
 

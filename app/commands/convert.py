@@ -47,21 +47,21 @@ class ConvertRequest:
     """Write the assumptions made for each file as JSON."""
 
 
-def convert(asked: ConvertRequest) -> None:
+def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
     """Convert motion files to BEAT2 npz, BVH or glTF.
 
     Files are written as they were interpreted: at 30 frames per second, in metres, y up, hands
     relative to the flat hand, 55 joints. The assumptions are reported. Files that cannot be read
     are named and skipped (exit status 1).
     """
-    told = converted(asked)
+    told = converted(request)
     failed = [each for each in told if "error" in each]
-    if asked.is_json:
+    if request.is_json:
         sys.stdout.write(json.dumps(told, indent=1) + "\n")
     for each in told:
         for sentence in [each["error"]] if "error" in each else each["notes"]:
             print_message(sentence)
-        if "out" in each and not asked.is_json:
+        if "out" in each and not request.is_json:
             print_path(Path(each["out"]))
     if failed:
         raise RunError(f"{len(failed)} of {len(told)} files could not be read.")

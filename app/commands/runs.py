@@ -75,7 +75,7 @@ class Pool:
             RunError: if processes and scheduler are both set.
         """
         if self.processes is not None and self.scheduler is not None:
-            raise RunError("Give --processes or --scheduler; a cluster has workers of its own.")
+            raise RunError("Give either --processes or --scheduler; a cluster has its own workers.")
         return JobPool(self.processes, self.scheduler)
 
 
@@ -127,7 +127,7 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
     for clip, sentence in done.failed.items():
         print_message(f"{clip}: {sentence}")
     if done.kept:
-        print_message(f"{done.kept} clips had been made before and were kept.")
+        print_message(f"{done.kept} clips were already complete and were reused.")
     if done.failed:
         raise RunError(
             f"{len(done.failed)} of {len(done.failed) + len(done.clips)} clips could not be made; "
@@ -146,13 +146,13 @@ def diagnose(
     how rotation errors grow along the kinematic chain.
 
     Args:
-        check: check sets against the rules of the GENEA leaderboard and compute no metrics; needs
+        check: Check sets against the rules of the GENEA leaderboard and compute no metrics; needs
             --reference, the recorded test clips (docs/many-clips.md).
     """
     from app.run.batch.archives import is_packed
 
     if check not in (None, "genea"):
-        raise RunError("--check takes genea.")
+        raise RunError("--check must be genea.")
     paths = request.motions.motions
     if not paths:
         raise RunError("There is no motion to measure; name at least one file.")
@@ -182,7 +182,9 @@ def _check_sets(request: DiagnoseRequest) -> None:
     print_path(out / "check.md")
     wrong = [name for name, checked in found.items() if not checked.is_right]
     if wrong:
-        raise RunError(f"{', '.join(wrong)}: not as the leaderboard asks; see above.")
+        raise RunError(
+            f"{', '.join(wrong)}: do not meet the leaderboard's requirements; see above."
+        )
 
 
 def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
@@ -196,7 +198,7 @@ def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
     if left_out:
         raise RunError(
             f"{len(left_out)} of {len(left_out) + len(clips)} clips could not be measured; the "
-            "tables are of the others."
+            "tables contain the others."
         )
 
 
@@ -246,9 +248,9 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
 
     source = request.speech.path
     if is_motion(source):
-        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "In a motion the plan is found")
+        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "The plan of a motion is detected")
         if request.is_empty:
-            raise RunError("In a motion the plan is found; leave --empty out.")
+            raise RunError("The plan of a motion is detected; leave --empty out.")
         _finish(
             [request.out], write_plan_from_motion(source, request.out, request.import_overrides)
         )
@@ -297,10 +299,10 @@ def leaderboard_add(
     a table.
 
     Args:
-        board: leaderboard file; it is created if it does not exist.
-        results: output folders of `diagnose`.
-        systems: systems to add; by default all.
-        note: text shown next to the numbers.
+        board: Leaderboard file; it is created if it does not exist.
+        results: Output folders of `diagnose`.
+        systems: Systems to add; by default all.
+        note: Text shown next to the numbers.
     """
     known = read_leaderboard(board) if board.exists() else []
     new = [entries_of(folder, note, list(systems)) for folder in results]
@@ -316,7 +318,7 @@ def leaderboard_merge(
     """Merge leaderboards.
 
     Args:
-        out: leaderboard file to write.
+        out: Leaderboard file to write.
     """
     write_leaderboard(merge_entries(read_leaderboard(path) for path in boards), out)
     print_path(out)
@@ -326,7 +328,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
     """Write a leaderboard as an HTML page that can be sorted.
 
     Args:
-        out: page to write; it must end in .html.
+        out: Page to write; it must end in .html.
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
@@ -345,7 +347,9 @@ def _told_if_stopped() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise RunError("stopped; what is done is kept, and the same command goes on.") from None
+        raise RunError(
+            "Interrupted. Finished clips are kept; run the same command again to continue."
+        ) from None
 
 
 def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:

@@ -31,12 +31,12 @@ KEEP_S = 600.0
 """Time (s) for which the last minute of an ended session stays available."""
 SEED_LIMIT = 2**31 - 1
 FULL = (
-    "{limit} visitors speak live on this machine already, and more would make all of them wait; "
-    "try again in a few minutes."
+    "{limit} live sessions are already running on this machine, and more would delay all of them. "
+    "Try again in a few minutes."
 )
 FULL_EACH = (
-    "{limit} visitors speak live from your address already, the most of one address; try again "
-    "when one of them has ended."
+    "{limit} live sessions are already running from your network address, which is the limit. Try "
+    "again when one has ended."
 )
 TAKEN_OVER = "The live session goes on in another tab of this browser."
 
@@ -48,7 +48,7 @@ def live_options(told: Any) -> SamplingOptions:
         RunError: if the system, speaker or seed is missing or invalid.
     """
     if not isinstance(told, dict):
-        raise RunError("The page asked for no live session; load it again.")
+        raise RunError("The page sent an invalid request for a live session. Please reload it.")
     system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
     if not isinstance(system, str) or not isinstance(speaker, str):
         raise RunError("Choose a system and a speaker style first.")

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from app.page.worker import Worker
 
 PORT_TAKEN = (
-    "Port {port} of {host} is taken, perhaps by this page, which then is open there already; "
-    "choose another with --port."
+    "Port {port} of {host} is already in use, perhaps by another instance of this page. Choose "
+    "another port with --port."
 )
 log = logging.getLogger(__name__)
 _is_ending = threading.Event()

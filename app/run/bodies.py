@@ -86,7 +86,7 @@ def picture_motions(motions: Mapping[str, Motion]) -> tuple[dict[str, Motion], t
     """Align the motions and cut them to a renderable length; return them with notes on the cuts."""
     longest = max(MAX_FRAMES // max(len(motions), 1), 1)
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]
-    told = f"Stage and videos show the first {longest / FPS:.0f} s of {', '.join(cut)}."
+    told = f"The viewer and the videos show the first {longest / FPS:.0f} s of {', '.join(cut)}."
     placed = {
         name: align_to_origin(first_frames(motion, min(motion.num_frames, longest)))
         for name, motion in motions.items()

@@ -45,8 +45,8 @@ from model.systems.registry import list_systems, usual_planner
 from renderer.draw.probe import choose_backend
 
 LIVE_NOTE = (
-    "This motion was made while the speech was spoken, in windows that start 0.3 s or more "
-    "after each other: measures of window joins, which look every 52 frames, do not see its own."
+    "This motion was generated live, in windows that start at least 0.3 s apart. The seam metrics "
+    "assume windows every 52 frames and do not apply to it."
 )
 
 
@@ -241,8 +241,8 @@ def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
     unused = [name for name in by_name if name not in names]
     if unused:
         raise RunError(
-            f"Steps are given for {unused[0]!r}, which is none of the systems of this run; these "
-            f"are {', '.join(names)}."
+            f"Steps were given for {unused[0]}, which is not part of this run. Systems of this "
+            f"run: {', '.join(names)}."
         )
     return tuple(get_system(name, sampling.weights) for name in dict.fromkeys(names))
 
@@ -297,14 +297,14 @@ def _options(
     plans = () if read is None else (read.plan,)
     for what, given in (("plan", plan), ("style", style)):
         if given is not None and not any(map(_performs, systems)):
-            raise RunError(f"None of these systems performs plans; leave the {what} out.")
+            raise RunError(f"None of these systems uses gesture plans; remove the {what}.")
     run.note(*(() if read is None else read.notes))
     sampler, guidance = sampling.sampler, sampling.guidance
     samplers = dict.fromkeys(sampler.name for each in systems for sampler in each.samplers)
     if sampler not in (None, *samplers):
         raise RunError(f"There is no sampler {sampler!r}; choose one of {', '.join(samplers)}.")
     if guidance not in (None, 1) and all(each.guidance is None for each in systems):
-        raise RunError("None of these systems takes guidance; leave it out.")
+        raise RunError("None of these systems supports guidance; remove it.")
     options: dict[str, GenerateOptions] = {}
     for system in systems:
         performs = _performs(system)
@@ -335,7 +335,7 @@ def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) ->
             + (
                 f"the reference was cut to {speech.num_frames}."
                 if is_longer
-                else "where it has ended, the comparison holds its last frame."
+                else "after its end, the comparison video repeats its last frame."
             )
         )
     return {REFERENCE_NAME: first_frames(motion, speech.num_frames)}

@@ -45,8 +45,7 @@ from model.speech.audio import Speech, SpeechLimits, load_speech
 from renderer.body.body import Body
 
 NO_SPEECH = (
-    "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
-    "their times as a TextGrid."
+    "Aligning words needs the speech: add it (--speech), or give a TextGrid with word times."
 )
 
 
@@ -57,7 +56,7 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
     """
     if request.metrics.mean_speeds is not None and request.speech.path is None:
-        raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
+        raise RunError("Mean joint speeds are only used together with speech; also give --speech.")
     body = get_body(request.video.body)
     tip = make_tracked_point(request.video.body, request.joint)
     files = _files_of(request)
@@ -153,7 +152,7 @@ def _shown(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str,
     names = [name for name in asked if name != REFERENCE_NAME]
     unknown = [name for name in names if name not in others]
     if unknown:
-        raise RunError(f"There is no motion {unknown[0]!r} to show; there are {', '.join(others)}.")
+        raise RunError(f"Unknown motion {unknown[0]}; choose from {', '.join(others)}.")
     if len(names) > limit:
         raise RunError(f"Figures show at most {limit} motions of these; {len(names)} were named.")
     chosen = [*(names or others[:limit]), *(name for name in motions if name == REFERENCE_NAME)]
@@ -254,7 +253,7 @@ def _windows(request: DiagnoseRequest, motions: Iterable[str]) -> dict[str, Wind
     """
     if request.motions.window is None:
         if request.motions.overlap:
-            raise RunError("An overlap says nothing without a window; give both (--window).")
+            raise RunError("An overlap needs a window length; also give --window.")
         return {}
     try:
         windows = Windowing(request.motions.window, request.motions.overlap)

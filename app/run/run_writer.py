@@ -61,7 +61,7 @@ from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, save_figure
 
 _GROWN = 1.2
 """Growth factor of a motion after which its alignment is computed again."""
-FAULT = "The program failed in the middle of this run."
+FAULT = "The run stopped because of an internal error."
 
 
 @dataclass

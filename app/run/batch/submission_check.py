@@ -116,7 +116,7 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
         told.append(f"clips that are missing: {len(missing)}: {shorten_list(missing)}.")
     if extra:
         told.append(
-            f"clips that are none of the test set, to be left out: {len(extra)}: "
+            f"clips that are not in the test set (remove them): {len(extra)}: "
             f"{shorten_list(extra)}."
         )
     told += [f"{shorten_list(named)}: {why}" for why, named in files.items()]
@@ -147,5 +147,5 @@ def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, st
             )
         other = seen.setdefault(file_sha256(path), name)
         if other != name:
-            wrong[name] = f"it is the same file as {other}, so they are no samples."
+            wrong[name] = f"it is identical to {other}; samples must differ."
     return wrong

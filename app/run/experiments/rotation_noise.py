@@ -32,7 +32,7 @@ from renderer.video.workers import draw_jobs
 
 NAMES: tuple[str, str] = ("local noise", "global noise")
 """Names of the two bodies, by the rotations with noise."""
-DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
+DRAWN = "Noise of {noise:g} rad on local rotations (left) and on global rotations (right)."
 _DRAWN = 0.85
 """Fraction of the work that is done when both bodies are rendered."""
 
@@ -47,7 +47,9 @@ def compare_rotation_noise(request: RotationNoiseRequest, ear: RunCallbacks = NO
     request.check()
     motion = request.motion
     if not moving_chain(request.joint):
-        raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
+        raise RunError(
+            f"No rotation moves the {request.joint}; track a joint further from the pelvis."
+        )
     request.import_overrides.check([motion])
     found = read_any_motion(motion, request.import_overrides, request.body)
     growth = measure_error_growth(

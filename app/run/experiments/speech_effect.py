@@ -175,8 +175,8 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
         named = _NAMED.fullmatch(path.name)
         if named is None:
             raise RunError(
-                f"{path.name} must be called SYSTEM__SPEECH__SEED.npz or SPEECH__SEED.npz, with two"
-                " underscores between, so that it is known what it was made of."
+                f"{path.name} must be named SYSTEM__SPEECH__SEED.npz or SPEECH__SEED.npz "
+                "(two underscores), so that its speech and seed are known."
             )
         grid = grids.setdefault(named["system"] or folder.name, {})
         grid[named["speech"], int(named["seed"])] = read_any_motion(path).motion
@@ -217,27 +217,28 @@ def _heard_sentence(system: str, numbers: Mapping[str, Any]) -> str:
     arms = numbers["parts"]["arms"]
     lead, low, high = (round(100 * arms[key]) for key in ("lead", "lead_low", "lead_high"))
     if low > 0:
-        verdict = "Speech decides more than chance."
+        verdict = "Arm motion depends more on the speech than on the noise seed."
     elif high < 0:
-        verdict = "Speech decides less than chance."
+        verdict = "Arm motion depends more on the noise seed than on the speech."
     else:
-        verdict = "It is open which of them decides more; more speeches and seeds would tell."
+        verdict = "The difference is not significant; use more speeches and seeds."
     told = (
-        f"{system}: speech decides {_percent(arms['by_speech'])} of the arms' speed and"
-        f" chance {_percent(arms['by_noise'])}, a difference of {_points(lead)} points (95 %"
-        f" interval over pairs of motions {_points(low)} to {_points(high)}); with the same noise"
-        " and other speech their rotations correlate"
-        f" {numbers['arm_rotations_same_noise']:.2f}."
+        f"{system}: the speech accounts for {_percent(arms['by_speech'])} of the arm-speed "
+        f"correlation and the noise seed for {_percent(arms['by_noise'])}, a difference of "
+        f"{_points(lead)} percentage points (95 % interval over pairs of motions {_points(low)} to "
+        f"{_points(high)}). With the same noise and different speech, arm rotations correlate with "
+        f"r = {numbers['arm_rotations_same_noise']:.2f}."
     )
     if "speakers" not in numbers:
         return f"{told} {verdict}"
     both = numbers["speakers"]
     calm, manner = both["calm"], both["manner"]
     return (
-        f"{told} Of {calm} and {both['lively']}, the speaker decides"
-        f" {_percent(manner['by_speaker'])} of the arms' speed; with the same noise and"
-        f" speech their rotations correlate {manner['arm_rotations_same_noise']:.2f}, and"
-        f" {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast. {verdict}"
+        f"{told} For the speakers {calm} and {both['lively']}, the speaker accounts for "
+        f"{_percent(manner['by_speaker'])} of the arm-speed correlation. With the same noise and "
+        f"speech, their arm rotations correlate with r = {manner['arm_rotations_same_noise']:.2f}, "
+        f"and {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast as "
+        f"{both['lively']}'s. {verdict}"
     )
 
 

@@ -116,9 +116,9 @@ def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
         calm = AS_CALM * most.tip_jerk_m_s3
         least = next(each for each in of_it if each.tip_jerk_m_s3 <= calm)
         yield (
-            f"{label}: with fewer than {most.steps} steps the fingertip jerks over 5 % more."
+            f"{label}: with fewer than {most.steps} steps, fingertip jerk is over 5 % higher."
             if least is most
-            else f"{label}: {least.steps} of {most.steps} steps leave the fingertip as calm within"
-            f" 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
-            f" {least.ms_per_frame:.1f} in place of {most.ms_per_frame:.1f} ms a frame."
+            else f"{label}: {least.steps} of {most.steps} steps reach the same fingertip jerk "
+            f"within 5 %, {least.distance_cm:.1f} cm from the result with {most.steps}, in "
+            f"{least.ms_per_frame:.1f} instead of {most.ms_per_frame:.1f} ms per frame."
         )

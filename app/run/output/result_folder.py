@@ -103,8 +103,8 @@ def _who(folder: Path, file: IO[str]) -> str:
         file.seek(0)
         facts = json.loads(file.read(10_000))
         return (
-            f"Another command is at work in {folder}: process {facts['pid']} on {facts['host']}, "
-            f"since {facts['since']}, `{facts['command']}`; {end}"
+            f"Another command is already writing to {folder}: process {facts['pid']} on "
+            f"{facts['host']}, since {facts['since']}, `{facts['command']}`; {end}"
         )
     except (OSError, ValueError, KeyError, TypeError):  # the other command has just started
         return f"Another command is at work in {folder}; {end}"

@@ -39,8 +39,8 @@ TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
 SHOWN = "shown"
 """Folder of files that only a player uses."""
 NO_RUN = (
-    "{name} holds no run that can be shown ({why}); give a folder that `generate` or `diagnose` of "
-    "this version has written, or its zip."
+    "{name} is not a run folder that can be opened ({why}). Give a folder written by `generate` "
+    "or `diagnose` of this version, or its zip."
 )
 DAMAGED = "{name} of this run is damaged: {why}; take the run's folder or zip as it was written."
 MAX_RUN_BYTES = 20_000_000

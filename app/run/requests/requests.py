@@ -41,7 +41,7 @@ from model.storage.cards import two_speakers
 from model.systems.registry import list_systems, usual_systems
 from renderer.figures.style import FORMS, MAX_SYSTEMS
 
-Joint = Annotated[str, arg(help="Fingertip or joint to follow, such as left_index or right_wrist.")]
+Joint = Annotated[str, arg(help="Fingertip or joint to track, such as left_index or right_wrist.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +172,7 @@ class RenderRequest:
 
     motion: Annotated[
         Positional[Path],
-        arg(metavar="MOTION", help="One, in BEAT2's form, or any that is read."),
+        arg(metavar="MOTION", help="Motion file: BEAT2 npz, or any other supported format."),
     ]
     out: Path
     """Output file; its suffix selects the format: .mp4, .png, .glb, .bvh, .blender.npz, .obj, .ply.
@@ -286,7 +286,7 @@ class SpeechEffectRequest:
         self.sampling.check()
         if self.is_of_motions:
             if self.speakers:
-                raise RunError("A folder of motions tells no speakers.")
+                raise RunError("Speakers cannot be compared for a folder of motions.")
             return
         if not 2 <= len(self.speeches) <= MAX_SPEECHES:
             raise RunError(
@@ -364,7 +364,7 @@ class StepSweepRequest:
     """Request to generate the same motion with different numbers of sampling steps."""
 
     speech: Annotated[
-        Positional[Path], arg(metavar="SPEECH", help="Of which ten seconds are used.")
+        Positional[Path], arg(metavar="SPEECH", help="Audio file; ten seconds are used.")
     ]
     out: Path
     """Folder of results."""

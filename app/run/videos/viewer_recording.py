@@ -29,9 +29,10 @@ from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, Pair, band_heigh
 from renderer.video.workers import RenderJob, draw_jobs
 
 NAME = "stage.mp4"
-NO_LINES = "Skeletons and axes of joints are of the stage alone, and not in the video."
+NO_LINES = "Skeletons and joint axes are only shown in the viewer, not in the video."
 TOO_SMALL = (
-    "Bodies are too small on the stage to be drawn ({why}); enlarge one, or make its window larger."
+    "The bodies are too small to be recorded ({why}). Enlarge one, or make the browser window "
+    "larger."
 )
 MAX_ENLARGED = 1.5
 """Maximum number of video pixels per pixel of the page."""

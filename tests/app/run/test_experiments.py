@@ -146,7 +146,7 @@ def test_a_planted_ear_is_found_in_anyones_motion(
     assert told["deaf"]["parts"]["arms"]["by_speech"] < 0.2
     assert told["deaf"]["parts"]["arms"]["by_noise"] > 0.7
     shown = capsys.readouterr()
-    assert "hears: speech decides" in shown.err
+    assert "hears: the speech accounts for" in shown.err
     assert shown.out.splitlines() == [
         str(out / name)
         for name in (
@@ -173,14 +173,16 @@ def test_speech_decides_more_only_where_the_printed_interval_says_so(
     said = _heard_sentence("a", {"parts": {"arms": arms}, "arm_rotations_same_noise": 0.5})
     speech, chance, _, low, high = (
         int(each.replace("\N{MINUS SIGN}", "-"))
-        for each in re.findall(r"(\N{MINUS SIGN}?\d+)(?: %(?! interval)| points| to|\);)", said)[:5]
+        for each in re.findall(
+            r"(\N{MINUS SIGN}?\d+)(?: %(?! interval)| percentage points| to|\)\.)", said
+        )[:5]
     )
-    assert ("more than chance" in said) == (low > 0)
-    assert ("less than chance" in said) == (high < 0)
-    assert ("It is open" in said) == (low <= 0 <= high)
-    if "more than chance" in said:
+    assert ("more on the speech" in said) == (low > 0)
+    assert ("more on the noise seed" in said) == (high < 0)
+    assert ("not significant" in said) == (low <= 0 <= high)
+    if "more on the speech" in said:
         assert speech > chance
-    if "less than chance" in said:
+    if "more on the noise seed" in said:
         assert speech < chance
 
 
@@ -190,7 +192,7 @@ def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
         ({"speeches": ("a/one.wav", "b/one.wav")}, "one name"),
         ({"seeds": 1}, "2 to 8; got 1"),
         ({"systems": ()}, "One to"),
-        ({"speeches": (tmp_path,), "speakers": ("ann", "bob")}, "tells no speakers"),
+        ({"speeches": (tmp_path,), "speakers": ("ann", "bob")}, "Speakers cannot be compared"),
     ]:
         asked = {"speeches": ("one.wav", "two.wav"), "systems": (WORLD, "gan/5")} | changes
         asked["speeches"] = tuple(map(Path, asked["speeches"]))
@@ -310,7 +312,7 @@ def test_points_are_what_generation_and_measures_say(
     record = read_run(out)
     assert record.results == ["run.json", *(f"steps.{ending}" for ending in endings)]
     calm = table[0]["tip_jerk_m_s3"] <= 1.05 * table[1]["tip_jerk_m_s3"]
-    words = "1 of 3 steps leave" if calm else "with fewer than 3 steps the fingertip jerks over 5 %"
+    words = "1 of 3 steps reach" if calm else "with fewer than 3 steps, fingertip jerk is over 5 %"
     assert record.sentence == "Measured 2 motions." and words in record.notes[0]
     rows = csv_rows(out / "steps.csv")
     assert [row["steps"] for row in rows] == ["1", "3"]

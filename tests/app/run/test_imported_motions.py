@@ -153,7 +153,7 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
     assert "frame 0 to 39; got 40" in refusal("--start", "40")
     without_speech = refusal("--transcript", str(text))
     assert without_speech == refusal("--words", "recognise")
-    assert "add it (--speech), or give words with their times" in without_speech
+    assert "add it (--speech), or give a TextGrid" in without_speech
     assert "no TextGrid" in refusal("--transcript", str(grid))
     assert "words.txt" in refusal("--speech", str(text))
     assert "(--speech)" in refusal("--mean-speeds", "speeds.npy")

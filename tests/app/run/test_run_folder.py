@@ -83,7 +83,7 @@ def row(**changes: Any) -> dict[str, Any]:
 )  # fmt: skip
 def test_anything_else_is_refused_with_a_sentence(told, tmp_path):
     (tmp_path / RUN).write_bytes(told if isinstance(told, bytes) else told.encode())
-    with pytest.raises(RunError, match=r"holds no run that can be shown \(run\.json is damaged"):
+    with pytest.raises(RunError, match=r"not a run folder that can be .* \(run\.json is damaged"):
         read_run(tmp_path)
 
 
@@ -232,7 +232,7 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
     told = [(each.name, each.sentence, each.at) for each in findings_told(findings)]
     assert told == [
         ("b", "A hand is in the chest.", None),
-        ("a", "It jumps; rare.", 1.5),
+        ("a", "It jumps (rare).", 1.5),
         ("b", "It trembles.", None),
     ]
 

@@ -107,7 +107,7 @@ def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch
     motion = load_motion(CLEAN)
     pictured, notes = picture_motions({"long": motion, "short": motion.part(slice(20))})
     assert [each.num_frames for each in pictured.values()] == [30, 20]
-    assert notes == ("Stage and videos show the first 1 s of long.",)
+    assert notes == ("The viewer and the videos show the first 1 s of long.",)
 
 
 class _Drawing(Exception):
@@ -216,7 +216,7 @@ def test_what_no_stage_shows_is_refused() -> None:
     body, right = PANELS[:2]
     thin = ViewerPanel(view="right_hand", rect=(0, 100, 40, 1))
     for changes, words in [
-        ({"bodies": ()}, "no body on the stage yet"),
+        ({"bodies": ()}, "no body in the viewer yet"),
         ({"mode": "wipe"}, "are not of its bodies"),
         ({"mode": "ghost", "shown": (0,), "panels": (PANELS, PANELS)}, "are not of its bodies"),
         (
@@ -232,7 +232,7 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"panels": ((body, right, right),)}, "are not of its bodies"),
         ({"panels": ((ViewerPanel(rect=(0, 0, 900, 100)),),)}, "The body has no room"),
         ({"panels": ((body, thin),)}, "right hand has no room"),
-        ({"exaggeration": 50.0}, "1 to 20 times as large; got 50"),
+        ({"exaggeration": 50.0}, "by a factor of 1 to 20; got 50"),
         ({"tone": "green"}, "'light', 'medium', 'dark' or 'clay'"),
         ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom is 0.4 to 10; got 99"),
     ]:
@@ -352,7 +352,7 @@ def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_p
     face = ViewerPanel(view="face", rect=(0, 10, 1000, 990))
     panels = ((ViewerPanel(rect=(0, 0, 10, 10)), face),)
     seen = changed(GRID, size=(1000.0, 1000.0), panels=panels)
-    with pytest.raises(RunError, match="too small on the stage"):
+    with pytest.raises(RunError, match="too small to be recorded"):
         draw_viewer_video(asked(tmp_path, seen), NO_CALLBACKS)
     told: list[object] = []
     with pytest.raises(Cancelled):

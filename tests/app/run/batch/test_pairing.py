@@ -123,7 +123,7 @@ def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_pat
             for clip in "abc"
         ]
     )
-    sheet = (tmp_path / "both" / "sheet.md").read_text().split("How far samples of one clip")[1]
+    sheet = (tmp_path / "both" / "sheet.md").read_text().split("Variation between samples")[1]
     (line,) = (line for line in sheet.splitlines() if title in line)
     assert float(line.split("|")[2]) == pytest.approx(spread, rel=0.01)
 
@@ -216,7 +216,7 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
         f"{clips[1]} have fewer samples than the 3",
         "3 samples of a clip; a system that draws hands in 5",
         f"{clips[0]}_sample0.npz: it has 15 frames where the recording has 20",
-        f"{clips[0]}_sample2.npz: it is the same file as {clips[0]}_sample0.npz",
+        f"{clips[0]}_sample2.npz: it is identical to {clips[0]}_sample0.npz",
         f"{clips[1]}_sample0.npz: it lacks trans",
     ):
         assert any(words in line for line in bad.told), words

@@ -200,10 +200,10 @@ def test_sums_are_kept_and_measured_again_if_values_are_expected(results: AnyRun
     with np.load(kept) as file:
         assert any(name.startswith("without translation|") for name in file.files)
     again = diagnose_folders(results)
-    assert any("2 clips had been measured before" in note for note in again.notes)
+    assert any("2 clips had already been measured" in note for note in again.notes)
     kept.unlink()
     again = diagnose_folders(replace_fields(results, expected=()))
-    assert not any("had been measured before" in note for note in again.notes)
+    assert not any("had already been measured" in note for note in again.notes)
     with np.load(kept) as file:
         assert not any(name.startswith("without translation|") for name in file.files)
 

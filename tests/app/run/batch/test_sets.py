@@ -97,7 +97,7 @@ def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkey
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", round(1.5 * held))
     asked = diagnose_request(motions=(mine,), names=("mine",), out=tmp_path / "one")
     assert measure_sets(asked).told["clips"] == list(CLIPS)
-    with pytest.raises(RunError, match="would unpack to"):
+    with pytest.raises(RunError, match="would extract to"):
         measure_sets(replace_fields(asked, out=tmp_path / "two", reference=theirs))
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_FILES", len(CLIPS) + 1)
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", 10 * held)

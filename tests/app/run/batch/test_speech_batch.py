@@ -146,7 +146,7 @@ def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path,
     assert main(asked) == 0
     said = capsys.readouterr()
     assert said.out.split()[0] == str(out / "b")
-    assert "2 clips had been made before and were kept." in said.err
+    assert "2 clips were already complete and were reused." in said.err
 
 
 def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
@@ -214,7 +214,7 @@ def test_a_person_who_stops_it_is_told_that_it_goes_on(
     asked = ["generate", str(speeches), *flags]
     assert main(asked) == 1
     assert capsys.readouterr().err == (
-        "stopped; what is done is kept, and the same command goes on.\n"
+        "Interrupted. Finished clips are kept; run the same command again to continue.\n"
     )
     assert (tmp_path / "out" / "a" / RUN).is_file()
 
