@@ -131,13 +131,15 @@ def draw_frames(
     chosen = select_frames(motion, frames)
     vertices = [chain.from_iterable(mesh.vertices(chosen)) for mesh in meshes]
     colors = [heat_colors(mesh, heat.shares[frames]) if heat else repeat(None) for mesh in meshes]
-    prepare = [FramePreparer(mesh.faces, mesh.num_vertices, stage) for mesh in meshes]
+    prepare = [FramePreparer(m.faces, m.num_vertices, stage, m.texture) for m in meshes]
     corners = prepare[0].ground.corners()
     whole = np.full(settings.picture_shape, _LINE, np.uint8)
     with OffscreenRenderer(settings.backend or choose_backend()) as renderer:
         canvases = [
             renderer.canvas(
-                Subject(mesh.faces, mesh.vertex_colors, corners, settings.is_transparent),
+                Subject(
+                    mesh.faces, mesh.vertex_colors, corners, settings.is_transparent, mesh.texture
+                ),
                 panel.width,
                 panel.height,
             )
