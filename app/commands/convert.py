@@ -42,7 +42,8 @@ class ConvertRequest:
     """File format for a folder of outputs."""
     told: ImportOverrides = field(default_factory=Assumptions)
     body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz: its mean hand pose is used, and its bones in .bvh and .glb."""
+    """A character (.vrm, .glb), written with the motion in it as .glb; or a licensed
+    SMPLX_NEUTRAL*.npz, whose mean hand pose is used, and its bones in .bvh and .glb."""
     is_json: Annotated[bool, arg(name="json")] = False
     """Write the assumptions made for each file as JSON."""
 
@@ -156,8 +157,8 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Readi
     from model.formats.read import read_any_motion
     from model.motion.motion import save_motion
     from model.storage.files import written_atomically
+    from renderer.files.character_glb import animated_glb
     from renderer.files.exports import write_bvh
-    from renderer.files.glb import glb_bytes
 
     reading = read_any_motion(path, request.told, request.body, name)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -170,5 +171,5 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Readi
             if out.suffix.lower() == ".bvh":
                 write_bvh(body, motion, part)
             else:
-                part.write_bytes(glb_bytes(body, motion))
+                part.write_bytes(animated_glb(body, motion))
     return reading

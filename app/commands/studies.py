@@ -28,10 +28,9 @@ def export(
     interruption; the key is reused.
 
     Args:
-        plan: Study plan (docs/user-study.md).
-        out: Folder of the study.
-        body: Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
-        weights: Folder of trained systems.
+        out: folder of the study.
+        body: a character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
+            the open body.
     """
     from app.run.callbacks import RunCallbacks
     from app.study.design.plan import read_plan

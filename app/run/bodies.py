@@ -178,5 +178,9 @@ class TrackedPoint:
 
 
 def make_tracked_point(body: Path | None, point: str = DEFAULT_TRACKED_POINT) -> TrackedPoint:
-    """Make the source of a tracked point for the open body, or for the body of a file."""
-    return TrackedPoint(point, None if body is None else get_body(body))
+    """Make the source of a tracked point, on a licensed body or else on the open skeleton.
+
+    A character has its own proportions, so its metrics are those of the skeleton, too.
+    """
+    loaded = None if body is None else get_body(body)
+    return TrackedPoint(point, None if loaded is None or loaded.rig is not None else loaded)

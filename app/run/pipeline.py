@@ -106,6 +106,7 @@ def _run(
         run.progress("speech", 0.0)
         rows = rows_of(request, words, run)
         run.timeline(rows.timeline, words.given)
+        run.note(*rows.body.remarks)
         for name, motion in rows.staged.items():
             run.note(
                 *(f"{name}: {note}" for note in rows.body.unsupported_notes(body_motion(motion)))

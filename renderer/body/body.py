@@ -164,10 +164,16 @@ class Body(BodyArrays):
 
     def joint_positions(self, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
         """Return the position of each joint, metres."""
+        _, positions = self.global_transforms(motion)
+        return (positions + motion.trans[:, None]).astype(np.float32)
+
+    def global_transforms(
+        self, motion: BodyMotion
+    ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
+        """Return global rotations and positions of the joints, without the translation."""
         _, shaped_joints = self.shaped(motion)
         local_rot, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
-        _, positions = skinning.global_transforms(local_rot, joints)
-        return (positions + motion.trans[:, None]).astype(np.float32)
+        return skinning.global_transforms(local_rot, joints)
 
     def shaped(
         self, motion: BodyMotion
@@ -179,7 +185,8 @@ class Body(BodyArrays):
         joints = self.rest_joints + self.shape_joints[:, :, :count] @ betas
         return vertices, joints.astype(np.float64)
 
-    def _expressions(self, motion: BodyMotion, frames: slice) -> Float32[np.ndarray, "T E"]:
+    def expression_weights(self, motion: BodyMotion, frames: slice) -> Float32[np.ndarray, "T E"]:
+        """Return the weight of each expression component in some frames."""
         num_components = len(self.expression_dirs)
         weights = np.zeros((frames.stop - frames.start, num_components), np.float32)
         if motion.expression_basis == self.expression_basis:
@@ -195,7 +202,7 @@ class Body(BodyArrays):
         """Return local rotations, and rest joints with the expression of each frame."""
         turns = motion.poses[frames].astype(np.float64).reshape(-1, 3)
         local_rot = Rotation.from_rotvec(turns).as_matrix().reshape(-1, NUM_JOINTS, 3, 3)
-        expressions = self._expressions(motion, frames)
+        expressions = self.expression_weights(motion, frames)
         shift = np.tensordot(expressions, self.expression_joints, 1)
         return local_rot, shaped_joints + shift
 
@@ -208,7 +215,7 @@ class Body(BodyArrays):
     ) -> Float32[np.ndarray, "T V 3"]:
         local_rot, joints = self._joints(motion, frames, shaped_joints)
         rest_vertices = np.repeat(shaped_vertices[None], len(local_rot), axis=0)
-        expressions = self._expressions(motion, frames)
+        expressions = self.expression_weights(motion, frames)
         if expressions.any():
             rest_vertices[:, self.expression_vertices] += np.tensordot(
                 expressions, self.expression_dirs, 1

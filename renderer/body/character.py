@@ -49,7 +49,7 @@ MAX_ARM_TWIST_DEG = 30.0
 """Twist of the hand that the upper arm shares; the forearm takes more, as when a palm turns up."""
 
 _TRUNK = ("spine1", "spine2", "spine3")
-_EYE = re.compile(r"(def|[lr])?(left|right)?eye(ball)?(left|right|[lr])?[0-9]*")
+_EYE = re.compile(r"eye(ball)?(left|right|[lr])?[0-9]*$")
 _VRM_FINGERS = {"Index": "index", "Middle": "middle", "Ring": "ring", "Little": "pinky"}
 _VRM_BONES: dict[str, str] = {
     "hips": "pelvis", "spine": "spine1", "chest": "spine2", "upperChest": "spine3",
@@ -207,7 +207,7 @@ class _Character:
             if "jaw" in plain:
                 found.setdefault("jaw", node)
             side = side_of(names[node])
-            if side and _EYE.fullmatch(plain):
+            if side and _EYE.search(plain):
                 found.setdefault(f"{side}_eye", node)
         return found
 
@@ -537,14 +537,11 @@ def _hand_turns(
         palms.append(np.cross(first, last))
         frames.append(_frame(along, palms[-1]))
     hand = Rotation.from_matrix(frames[1] @ frames[0].T)
-    upper, fore = ours[elbow] - ours[shoulder], ours[wrist] - ours[elbow]
-    twist = _twist(turns[elbow].apply(palms[0]), hand.apply(palms[0]), fore)
+    palm = hand.apply(palms[0])
     most = np.radians(MAX_ARM_TWIST_DEG)
-    return {
-        shoulder: _about(upper, float(np.clip(twist, -most, most))) * turns[shoulder],
-        elbow: _about(fore, twist) * turns[elbow],
-        wrist: hand,
-    }
+    return {wrist: hand} | _twisted(
+        (shoulder, elbow, wrist), turns, theirs, ours, palms[0], palm, most
+    )
 
 
 def _foot_turns(
@@ -557,12 +554,40 @@ def _foot_turns(
     hip, knee, ankle, foot = (f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot"))
     if foot not in theirs:
         return {ankle: Rotation.identity()}
-    heading = theirs[foot] - theirs[ankle]
+    heading = (theirs[foot] - theirs[ankle]) * (1.0, 0.0, 1.0)  # its pitch is no twist
     up = np.array([0.0, 1.0, 0.0])
     turn = _about(up, _twist(heading, ours[foot] - ours[ankle], up))
     changed = {ankle: turn}
     if hip in theirs and knee in theirs:
-        thigh, shin = ours[knee] - ours[hip], ours[ankle] - ours[knee]
-        twist = _twist(turns[knee].apply(heading), turn.apply(heading), shin)
-        changed |= {hip: _about(thigh, twist) * turns[hip], knee: _about(shin, twist) * turns[knee]}
+        most, ahead = np.pi, turn.apply(heading)
+        changed |= _twisted((hip, knee, ankle), turns, theirs, ours, heading, ahead, most)
     return changed
+
+
+def _twisted(
+    limb: tuple[str, str, str],
+    turns: dict[str, Rotation],
+    theirs: dict[str, np.ndarray],
+    ours: dict[str, np.ndarray],
+    normal: np.ndarray,
+    wanted: np.ndarray,
+    most: float,
+) -> dict[str, Rotation]:
+    """Return rotations of a limb's two bones, twisted until a normal at its end lies as wanted.
+
+    Args:
+        most: largest twist of the upper bone (rad); the lower bone has the rest as well.
+    """
+    start, middle, end = limb
+    first, second = turns[start], turns[middle]
+    upper, lower = ours[middle] - ours[start], ours[end] - ours[middle]
+    their_lower = theirs[end] - theirs[middle]
+    total = 0.0
+    for _ in range(4):  # the bones are not in line, so one twist changes the other's
+        twist = _twist(second.apply(normal), wanted, lower)
+        step = float(np.clip(total + twist, -most, most)) - total
+        total += step
+        first = _about(upper, step) * first
+        second = _aligned(first.apply(their_lower), lower) * first
+    second = _about(lower, _twist(second.apply(normal), wanted, lower)) * second
+    return {start: first, middle: second}

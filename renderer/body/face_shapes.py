@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float32, Float64, Int64
 
 from renderer.body.gltf import Gltf
 
@@ -157,10 +157,10 @@ class FaceShapes:
             self._rows.append((moving + self._count, offsets[:, moving]))
         self._count += len(matrices)
 
-    def directions(self) -> tuple[Int64[np.ndarray, " M"], Float64[np.ndarray, "E M 3"]]:
+    def directions(self) -> tuple[Int64[np.ndarray, " M"], Float32[np.ndarray, "E M 3"]]:
         """Return the vertices that any component moves, and their offsets by component (m)."""
         if not self._rows:
-            return np.zeros(0, np.int64), np.zeros((len(self._names), 0, 3))
+            return np.zeros(0, np.int64), np.zeros((len(self._names), 0, 3), np.float32)
         return (
             np.concatenate([vertices for vertices, _ in self._rows]),
             np.concatenate([offsets for _, offsets in self._rows], axis=1),

@@ -59,7 +59,7 @@ class Gltf:
                 f"at most {MAX_JSON_BYTES / 1e6:.0f} are read."
             )
         self.document: dict[str, Any] = json.loads(content[20 : 20 + json_bytes])
-        self._binary = content[28 + json_bytes : length]
+        self.binary = content[28 + json_bytes : length]
         for extension, usual in COMPRESSIONS.items():
             if extension in self.document.get("extensionsUsed", ()):
                 raise BodyError(
@@ -137,7 +137,7 @@ class Gltf:
             raise BodyError(f"{self.name}: an array begins before its file.")
         start = view.get("byteOffset", 0) + offset
         return np.ndarray(
-            (count, width), kind, self._binary, start if count else 0, (stride, kind.itemsize)
+            (count, width), kind, self.binary, start if count else 0, (stride, kind.itemsize)
         )
 
     def picture(self, index: int, most_px: int) -> Image.Image | None:

@@ -54,7 +54,7 @@ def glb_bytes(
             ``extras``, with their frame.
     """
     vertices, joints = body.shaped(motion)
-    buffer = _Buffer()
+    buffer = Buffer()
     offsets = joints - np.where(np.array(PARENTS)[:, None] >= 0, joints[list(PARENTS)], 0)
     nodes: list[dict] = [
         {"name": name, "translation": offsets[joint].tolist()}
@@ -74,11 +74,7 @@ def glb_bytes(
     stage = make_camera_setup(body, [motion], _CAMERA_VIEW)
     animation = _animation(buffer, body, motion, stage, offsets[0], nodes, used)
     if markers:
-        told = [
-            {"time": round(seconds, 4), "frame": round(seconds * FPS), "name": name}
-            for seconds, name in markers
-        ]
-        animation["extras"] = {"markers": told}
+        animation["extras"] = {"markers": markers_of(markers)}
     camera = stage.camera
     lens = {"yfov": camera.yfov_rad, "aspectRatio": 1.0, "znear": Z_NEAR_M}
     nodes.append({"name": "body", "mesh": 0, "skin": 0})
@@ -108,21 +104,34 @@ def glb_bytes(
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.content)}],
     }
+    return joined(document, bytes(buffer.content))
+
+
+def markers_of(markers: Sequence[tuple[float, str]]) -> list[dict]:
+    """Return times (s) with names as an animation's ``extras`` state them, with their frames."""
+    return [
+        {"time": round(seconds, 4), "frame": round(seconds * FPS), "name": name}
+        for seconds, name in markers
+    ]
+
+
+def joined(document: dict, binary: bytes) -> bytes:
+    """Join the two chunks of a binary glTF file."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + 8 + len(buffer.content)
+    total = 12 + 8 + len(text) + 8 + len(binary)
     return b"".join(
         [
             struct.pack("<4sII", b"glTF", 2, total),
             struct.pack("<I4s", len(text), b"JSON"),
             text,
-            struct.pack("<I4s", len(buffer.content), b"BIN\0"),
-            bytes(buffer.content),
+            struct.pack("<I4s", len(binary), b"BIN\0"),
+            binary,
         ]
     )
 
 
-class _Buffer:
+class Buffer:
     """Binary part of a GLB, with its buffer views and accessors."""
 
     def __init__(self) -> None:
@@ -201,7 +210,7 @@ def _used_expressions(body: Body, motion: BodyMotion) -> list[int]:
 
 
 def _mesh(
-    buffer: _Buffer, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
+    buffer: Buffer, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
 ) -> dict:
     num_vertices = body.num_vertices
     normals = VertexNormals(body.faces, num_vertices)(vertices).astype(np.float32)
@@ -233,7 +242,7 @@ def _mesh(
     return mesh
 
 
-def _coarser_mesh(buffer: _Buffer, mesh: dict, faces: UInt16[np.ndarray, "F 3"]) -> dict:
+def _coarser_mesh(buffer: Buffer, mesh: dict, faces: UInt16[np.ndarray, "F 3"]) -> dict:
     """Return a mesh of other faces with the vertices of ``mesh``."""
     indices = buffer.accessor(faces.ravel(), target=_ELEMENT_BUFFER)
     attributes = mesh["primitives"][0]["attributes"]
@@ -255,7 +264,7 @@ def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _animation(
-    buffer: _Buffer,
+    buffer: Buffer,
     body: Body,
     motion: BodyMotion,
     stage: CameraSetup,
@@ -268,10 +277,7 @@ def _animation(
     times = buffer.accessor(frames, bounds=True)
     rotvec = motion.poses.reshape(-1, 3).astype(np.float64)
     quaternions = Rotation.from_rotvec(rotvec).as_quat().reshape(-1, NUM_JOINTS, 4)
-    # Neighbouring frames get the same sign, so that players interpolate the short way.
-    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
-    flips[flips == 0] = 1
-    quaternions[1:] *= np.cumprod(flips, axis=0)[..., None]
+    quaternions = same_sign(quaternions)
     moved: list[tuple[int, str, int]] = []
     for joint in range(NUM_JOINTS):
         of_joint = quaternions[:, joint]
@@ -298,6 +304,14 @@ def _animation(
             for number, (node, path, _) in enumerate(moved)
         ],
     }
+
+
+def same_sign(quaternions: Float[np.ndarray, "T *J 4"]) -> Float[np.ndarray, "T *J 4"]:
+    """Give neighbouring frames the same sign, so that players interpolate the short way."""
+    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
+    flips[flips == 0] = 1
+    signs = np.concatenate([np.ones_like(flips[:1]), np.cumprod(flips, axis=0)])
+    return quaternions * signs[: len(quaternions), ..., None]
 
 
 STEP_M = 4e-6

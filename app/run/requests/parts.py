@@ -387,7 +387,8 @@ class VideoOptions:
     """Body, and appearance of videos."""
 
     body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
+    open body."""
     look: BodyLook = BODY_LOOKS[0]
     """Body shape and skin tone of the open body; a licensed body has only the first."""
     views: Views = ("front",)

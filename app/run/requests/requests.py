@@ -319,7 +319,8 @@ class RotationNoiseRequest:
     import_overrides: ImportOverrides = field(default_factory=Assumptions)
     joint: Joint = DEFAULT_TRACKED_POINT
     body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
+    open body."""
     size: Height = 512
     """Height of a body in the video (pixels)."""
     noise_rad: Annotated[float, arg(name="noise", metavar="RAD")] = 0.02

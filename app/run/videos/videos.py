@@ -23,6 +23,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowFileKind, add_file, file_of, read_run, video_file
 from app.run.requests.parts import MAX_COMPARED, VideoOptions
 from app.run.requests.requests import RunVideosRequest
+from conventions.joints import TIP_VERTICES
 from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 from model.metrics.smoothness import derivative_magnitudes
@@ -229,20 +230,24 @@ def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) ->
     factor, cutoff = (f"{round(value, 1):g}" for value in (display.exaggeration, display.cutoff_hz))
     is_larger = display.exaggeration != 1
     return Overlays(
-        trail=_trail(motion, display, tip) if display.has_trail else None,
+        trail=_trail(motion, display, tip, body) if display.has_trail else None,
         heat=_heat(motion, display, body) if display.coloring == "jerk" else None,
         notice=f"EXAGGERATED x{factor}: all above {cutoff} Hz" if is_larger else "",
         close_up_notice=f"x{factor}" if is_larger else "",
     )
 
 
-def _trail(motion: Motion, display: Display, tip: TrackedPoint) -> Trail:
-    track = tip.track(motion)
+def _trail(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> Trail:
+    track, drawn = tip.track(motion), tip
+    # A character's trail leaves its own hand; the numbers are those of the skeleton.
+    if body.rig is not None:
+        joint = f"{tip.point}3" if tip.point in TIP_VERTICES else tip.point
+        drawn = TrackedPoint(joint, body)
     speed = _by_frame(derivative_magnitudes(track, 1), len(track))
     jerk = _by_frame(derivative_magnitudes(track, 3), len(track))
     side = tip.point.split("_")[0]
     return Trail(
-        points=track if display.exaggeration == 1 else tip.track(displayed(motion, display)),
+        points=drawn.track(motion if display.exaggeration == 1 else displayed(motion, display)),
         speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
         is_spike=jerk > display.jerk_m_s3,
         legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {display.jerk_m_s3:g} m/s³",
