@@ -435,7 +435,7 @@ class _Character:
         told = [f"{name} has {counted(NUM_JOINTS - len(without), 'joint')} of SMPL-X's 55"]
         if without:
             shown = without if len(without) <= 8 else [*without[:7], f"{len(without) - 7} more"]
-            told[0] += f"; {listed(shown)} stay with their parents"
+            told[0] += f"; without a bone, so at rest: {listed(shown)}"
         told.append(shapes.remark)
         told.append(
             "Its proportions are its own, so a hand may miss the body where the motion touches it; "
