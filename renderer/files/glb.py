@@ -12,12 +12,14 @@ steps of 1 / 32767. All builds share skeleton, topology, weights and face, so no
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt16
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
@@ -37,7 +39,7 @@ _BODY_NODE, _CAMERA_NODE = NUM_JOINTS, NUM_JOINTS + 1  # after the joints
 _CAMERA_VIEW = "front"
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _COMPONENTS = {"float32": 5126, "uint32": 5125, "uint16": 5123, "int16": 5122, "uint8": 5121}
-_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 def glb_bytes(
@@ -86,11 +88,24 @@ def glb_bytes(
             "rotation": Rotation.from_matrix(camera.axes().T).as_quat().tolist(),
         }
     )
-    material = {
+    material: dict = {
         "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.75},
         "doubleSided": True,
     }
+    pictured: dict = {}
+    if body.texture is not None:
+        picture = io.BytesIO()
+        Image.fromarray(body.texture.pixels).save(picture, "WEBP", quality=88, method=1)
+        view = buffer.view(np.frombuffer(picture.getvalue(), np.uint8))
+        material["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
+        material |= {"alphaMode": "MASK", "alphaCutoff": 0.5}
+        pictured = {
+            "images": [{"bufferView": view, "mimeType": "image/webp"}],
+            "textures": [{"extensions": {"EXT_texture_webp": {"source": 0}}}],
+            "extensionsUsed": ["EXT_texture_webp"],
+        }
     document = {
+        **pictured,
         "asset": {"version": "2.0", "generator": "co-speech motion app"},
         "scene": 0,
         "scenes": [{"nodes": [0, _BODY_NODE, _CAMERA_NODE]}],
@@ -148,7 +163,7 @@ class Buffer:
         bounds: bool = False,
     ) -> int:
         """Add an array of scalars (N,) or vectors (N, C); return the index of its accessor."""
-        entry = {"bufferView": self._view(array, target), **_description(array)}
+        entry = {"bufferView": self.view(array, target), **_description(array)}
         if normalized:
             entry["normalized"] = True
         if bounds:
@@ -171,16 +186,17 @@ class Buffer:
                 "sparse": {
                     "count": len(indices),
                     "indices": {
-                        "bufferView": self._view(indices, None),
+                        "bufferView": self.view(indices, None),
                         "componentType": _COMPONENTS[indices.dtype.name],
                     },
-                    "values": {"bufferView": self._view(values, None)},
+                    "values": {"bufferView": self.view(values, None)},
                 },
             }
         )
         return len(self.accessors) - 1
 
-    def _view(self, array: np.ndarray, target: int | None) -> int:
+    def view(self, array: np.ndarray, target: int | None = None) -> int:
+        """Add the bytes of an array; return the index of their buffer view."""
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
         if target is not None:
             view["target"] = target
@@ -213,7 +229,9 @@ def _mesh(
     buffer: Buffer, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
 ) -> dict:
     num_vertices = body.num_vertices
-    normals = VertexNormals(body.faces, num_vertices)(vertices).astype(np.float32)
+    texture = body.texture
+    normals_of = VertexNormals(body.faces, num_vertices, texture and texture.welds)
+    normals = normals_of(vertices).astype(np.float32)
     joints, shares = _four_strongest(body)
     colors = np.full((num_vertices, 4), 65535, np.uint16)
     colors[:, :3] = np.round(body.vertex_colors * 65535)
@@ -231,6 +249,8 @@ def _mesh(
         "material": 0,
     }
     mesh: dict = {"name": "body", "primitives": [primitive]}
+    if texture is not None:
+        primitive["attributes"]["TEXCOORD_0"] = buffer.accessor(texture.uv, target=_ARRAY_BUFFER)
     if used:
         primitive["targets"] = [
             {"POSITION": buffer.sparse_accessor(moved, body.expression_dirs[k], num_vertices)}
@@ -239,6 +259,8 @@ def _mesh(
         mesh["weights"] = [0.0] * len(used)
         names = body.expression_names
         mesh["extras"] = {"targetNames": [names[k] if names else f"expression{k}" for k in used]}
+        if body.jaw_component in used:
+            mesh["extras"]["jawTarget"] = used.index(body.jaw_component)
     return mesh
 
 
