@@ -26,7 +26,7 @@ from conventions.humanoid import (
     side_of,
 )
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
-from conventions.names import counted, listed
+from conventions.names import pluralise, join_names
 from renderer.body.body_file import (
     MAX_FACES,
     MAX_VERTICES,
@@ -147,7 +147,7 @@ class _Character:
         missing = [name for name in ("pelvis", *arms) if name not in bones]
         if missing or len(set(bones.values())) < len(bones):
             raise BodyError(
-                f"{self._gltf.name} has no bone of its own for {listed(missing or ['each joint'])};"
+                f"{self._gltf.name} has no bone of its own for {join_names(missing or ['each joint'])};"
                 " a pelvis and two whole arms are needed."
             )
         return bones
@@ -432,17 +432,17 @@ class _Character:
         """Return sentences on what of the character moves and what does not."""
         name = self._gltf.name
         without = [each.replace("_", " ") for each in JOINT_NAMES if each not in self.bones]
-        told = [f"{name} has {counted(NUM_JOINTS - len(without), 'joint')} of SMPL-X's 55"]
+        told = [f"{name} has {pluralise(NUM_JOINTS - len(without), 'joint')} of SMPL-X's 55"]
         if without:
             shown = without if len(without) <= 8 else [*without[:7], f"{len(without) - 7} more"]
-            told[0] += f"; without a bone, so at rest: {listed(shown)}"
+            told[0] += f"; without a bone, so at rest: {join_names(shown)}"
         told.append(shapes.remark)
         told.append(
             "Its proportions are its own, so a hand may miss the body where the motion touches it; "
             "metrics are of the standard skeleton"
         )
         if num_missing:
-            told.append(f"{counted(num_missing, 'texture')} could not be read and are left out")
+            told.append(f"{pluralise(num_missing, 'texture')} could not be read and are left out")
         return tuple(f"{each}." for each in told)
 
 
