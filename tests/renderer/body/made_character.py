@@ -60,7 +60,7 @@ def character(body: Body, kind: str, seed: int = 0, scale: float = 100.0) -> byt
     below an armature that is scaled, moved and, for VRM 0.x, turned to face -z.
     """
     rng = np.random.default_rng(seed)
-    resting = BodyMotion.resting(2)
+    resting = BodyMotion.zero_pose(2)
     resting.expressions[1, :52] = 1.0  # so that all blendshapes are in the file
     document, binary = parse(glb_bytes(body, resting))
     binds = np.eye(4)[None] + np.zeros((NUM_JOINTS, 1, 1))

@@ -39,7 +39,7 @@ def lively(num_frames: int, seed: int = 0) -> BodyMotion:
     waves = rng.uniform(0.2, 1.5, 165), rng.uniform(0, 6, 165), rng.uniform(-0.4, 0.4, 165)
     poses = waves[2] * np.sin(2 * np.pi * waves[0] * times + waves[1])
     trans = 0.3 * np.sin(times + np.arange(3)) + [0, 1.3, 0]
-    resting = BodyMotion.resting(num_frames)
+    resting = BodyMotion.zero_pose(num_frames)
     expressions = np.zeros_like(resting.expressions)
     expressions[:, 24] = 0.5 + 0.5 * np.sin(times[:, 0])
     return BodyMotion(poses, trans, expressions, "arkit52", resting.betas)
@@ -56,7 +56,7 @@ def test_every_joint_moves_as_the_open_bodys(read, open_body, seconds):
     motion = lively(30 * seconds)
     apart = read.joint_positions(motion) - open_body.joint_positions(motion)
     assert np.linalg.norm(apart, axis=-1).max() < MAX_DISTANCE_M
-    world = read.global_transforms(BodyMotion.resting())[0]
+    world = read.global_transforms(BodyMotion.zero_pose())[0]
     rest = open_body.global_transforms(
         BodyMotion(a_pose().reshape(1, -1), np.zeros((1, 3)), np.zeros((1, 100)), "arkit52", [])
     )[0]
