@@ -26,7 +26,7 @@ from conventions.humanoid import (
     side_of,
 )
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
-from conventions.names import pluralise, join_names
+from conventions.names import join_names, pluralise
 from renderer.body.body_file import (
     MAX_FACES,
     MAX_VERTICES,
@@ -147,8 +147,8 @@ class _Character:
         missing = [name for name in ("pelvis", *arms) if name not in bones]
         if missing or len(set(bones.values())) < len(bones):
             raise BodyError(
-                f"{self._gltf.name} has no bone of its own for {join_names(missing or ['each joint'])};"
-                " a pelvis and two whole arms are needed."
+                f"{self._gltf.name} has no bone of its own for "
+                f"{join_names(missing or ['each joint'])}; a pelvis and two whole arms are needed."
             )
         return bones
 
