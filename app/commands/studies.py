@@ -28,9 +28,11 @@ def export(
     interruption; the key is reused.
 
     Args:
-        out: folder of the study.
-        body: a character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
+        plan: Study plan (docs/user-study.md).
+        out: Folder of the study.
+        body: A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
             the open body.
+        weights: Folder of trained systems.
     """
     from app.run.callbacks import RunCallbacks
     from app.study.design.plan import read_plan
