@@ -40,7 +40,7 @@ class ConvertRequest:
     """Output file (.npz, .bvh, .glb), or a folder for all outputs."""
     to: Literal[".npz", ".bvh", ".glb"] = ".npz"
     """File format for a folder of outputs."""
-    told: ImportOverrides = field(default_factory=Assumptions)
+    import_overrides: ImportOverrides = field(default_factory=Assumptions)
     body: File = field(default_factory=default_body)
     """A character (.vrm, .glb), written with the motion in it as .glb; or a licensed
     SMPLX_NEUTRAL*.npz, whose mean hand pose is used, and its bones in .bvh and .glb."""
@@ -97,7 +97,9 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
             raise RunError(f"{len(found)} motions do not fit into one file; give --out a folder.")
         if not found:
             raise RunError(f"There is no motion file ({', '.join(ENDINGS)}) in what was given.")
-        request.told.check([path for path, _ in found], *(str(name) for _, name in found))
+        request.import_overrides.check(
+            [path for path, _ in found], *(str(name) for _, name in found)
+        )
         outs = [request.out] if is_file else _outs(request, [name for _, name in found])
         return [
             _told(path, name, out, request) for (path, name), out in zip(found, outs, strict=True)
@@ -160,7 +162,7 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Readi
     from renderer.files.character_glb import animated_glb
     from renderer.files.exports import write_bvh
 
-    reading = read_any_motion(path, request.told, request.body, name)
+    reading = read_any_motion(path, request.import_overrides, request.body, name)
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix.lower() == ".npz":
         assumed = json.dumps([each.as_json() for each in reading.assumptions])

@@ -98,13 +98,13 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
 def _run(task: Task, request: Any, out: Path) -> None:
     """Run a task, and report its output files, verdict, findings and notes."""
     with ProgressBars() as shown:
-        task(request, RunCallbacks(shown.take))
+        task(request, RunCallbacks(shown.on_event))
     record = read_run(out)
     verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
     said = [record.says.get(key) for key in ("step", "beats")]
-    findings = record.gravest if record.kind == "generated" else record.findings
+    findings = record.top_findings if record.kind == "generated" else record.findings
     found = [f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings]
-    paths = [out / name for name in record.results]
+    paths = [out / name for name in record.result_files]
     _finish(paths, [*record.notes, *filter(None, [*verdict, *said]), *found])
 
 
@@ -119,15 +119,15 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
     with ProgressBars() as shown, _told_if_stopped():
 
         def on_done(folder: Path, share: float) -> None:
-            shown.show("generate clips", share)
+            shown.update("generate clips", share)
             print_path(folder)
 
         done = run_batch(clip_requests(request), pool, on_done)
     _finish([request.output.out / path.name for path in done.files], done.notes)
     for clip, sentence in done.failed.items():
         print_message(f"{clip}: {sentence}")
-    if done.kept:
-        print_message(f"{done.kept} clips were already complete and were reused.")
+    if done.num_reused:
+        print_message(f"{done.num_reused} clips were already complete and were reused.")
     if done.failed:
         raise RunError(
             f"{len(done.failed)} of {len(done.failed) + len(done.clips)} clips could not be made; "
@@ -177,10 +177,10 @@ def _check_sets(request: DiagnoseRequest) -> None:
     out = request.output.out
     found = check_sets(request.motions.motions, request.imports.reference, out)
     for checked in found.values():
-        for sentence in checked.told:
+        for sentence in checked.messages:
             print_message(sentence)
     print_path(out / "check.md")
-    wrong = [name for name, checked in found.items() if not checked.is_right]
+    wrong = [name for name, checked in found.items() if not checked.is_valid]
     if wrong:
         raise RunError(
             f"{', '.join(wrong)}: do not meet the leaderboard's requirements; see above."
@@ -192,9 +192,9 @@ def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
 
     refuse_ignored(request, _OF_ONE, "Of folders only numbers over clips are made")
     with ProgressBars() as shown, _told_if_stopped():
-        result = diagnose_folders(request, partial(shown.show, "measure clips"), pool)
+        result = diagnose_folders(request, partial(shown.update, "measure clips"), pool)
     _finish(result.files, result.notes)
-    left_out, clips = result.told["left_out"], result.told["clips"]
+    left_out, clips = result.summary["left_out"], result.summary["clips"]
     if left_out:
         raise RunError(
             f"{len(left_out)} of {len(left_out) + len(clips)} clips could not be measured; the "
@@ -209,7 +209,7 @@ def steps(request: Annotated[StepSweepRequest, Flat], files: Files) -> None:
     with the most steps, are plotted over milliseconds per frame on this machine.
     """
     use_family_files(vars(files))
-    _run(MEASURE_STEPS, request, request.out)
+    _run(MEASURE_STEPS, request, request.output.out)
 
 
 def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None:
@@ -223,7 +223,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
     if request.is_of_motions:
         ignored = ("weights", "speaker", "systems", "guidance", "seeds")
         refuse_ignored(request, ignored, "The motions of a folder are compared as they are")
-    _run(MEASURE_SPEECH_EFFECT, request, request.out)
+    _run(MEASURE_SPEECH_EFFECT, request, request.output.out)
 
 
 def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
@@ -233,7 +233,7 @@ def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
     to the global rotations of a motion, both bodies are rendered side by side, and the displacement
     of a fingertip is reported, as measured and from the closed form. No network takes part.
     """
-    _run(COMPARE_ROTATION_NOISE, request, request.out)
+    _run(COMPARE_ROTATION_NOISE, request, request.output.out)
 
 
 def plan(request: Annotated[PlanRequest, Flat]) -> None:
@@ -267,8 +267,8 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     """Render a motion as video or stills, or export it for 3D software.
 
     The suffix of --out selects the format. A .png is a contact sheet of eight poses, or what
-    --stills and --sheet select; with a .mp4, they are written under its name. A .blender.npz is for
-    the SMPL-X add-on of Blender.
+    --stills and --contact-sheet-every select; with a .mp4, they are written under its name. A
+    .blender.npz is for the SMPL-X add-on of Blender.
     """
     from app.run.videos.export import render_motion
 
@@ -280,7 +280,7 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     if request.is_picture or request.suffix in (".obj", ".ply"):
         refuse_ignored(request, ("plan",), f"A {request.suffix} file has no place for a plan")
     with ProgressBars() as shown:
-        files, notes = render_motion(request, RunCallbacks(shown.take))
+        files, notes = render_motion(request, RunCallbacks(shown.on_event))
     _finish(files, notes)
 
 

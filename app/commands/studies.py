@@ -42,7 +42,7 @@ def export(
     read = read_plan(plan.absolute())
     try:
         with ProgressBars() as shown:
-            workspace = export_study(read, out, weights, body, RunCallbacks(shown.take))
+            workspace = export_study(read, out, weights, body, RunCallbacks(shown.on_event))
     except KeyboardInterrupt:
         raise RunError(
             "Interrupted. The key and the finished videos are kept; run the same command again to "

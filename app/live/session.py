@@ -127,7 +127,7 @@ class RecordingBuffer:
     def _first_frame(self) -> int:
         return max(0, self.frames - KEPT_FRAMES)
 
-    def kept(self) -> SessionRecording:
+    def recording(self) -> SessionRecording:
         """Return the last minute, or all of a shorter session.
 
         Raises:
@@ -229,13 +229,13 @@ class LiveSession:
             "plans": self.plans,
         }
 
-    def put(self, samples: np.ndarray) -> None:
+    def add_audio(self, samples: np.ndarray) -> None:
         """Append the next samples to the input."""
         self._samples += len(samples)
         self._inbox.append(samples)
         self.minute.add_sound(samples)
 
-    def lead(self, told: Any) -> None:
+    def set_style(self, told: Any) -> None:
         """Set the style sliders from the next window on.
 
         Args:
@@ -299,13 +299,13 @@ class LiveSession:
         """Median CPU time of a window (ms); NaN before the first."""
         return statistics.median(self._costs) if self._costs else float("nan")
 
-    def keep(self, folder: Path) -> GenerateRequest:
+    def save_recording(self, folder: Path) -> GenerateRequest:
         """Write the last minute to a folder, and return the request for a run of it.
 
         Raises:
             RunError: if there is too little.
         """
-        minute = self.minute.kept()
+        minute = self.minute.recording()
         wav, npz, plan = (folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
         write_wav(wav, minute.waveform)
         save_motion(minute.motion, npz)

@@ -74,7 +74,7 @@ class SessionScheduler:
         self.ended: deque[LiveSession] = deque(maxlen=KEPT_SESSIONS)
         self._prepared: set[str] = set()
 
-    def take(self, number: int, verb: str, told: Any) -> None:
+    def handle_message(self, number: int, verb: str, told: Any) -> None:
         """Handle a message of the page: ``open``, ``sound``, ``lead``, ``close`` or ``keep``."""
         while self.ended and time.monotonic() - self.ended[0].ended > KEEP_S:
             self.ended.popleft()
@@ -84,9 +84,9 @@ class SessionScheduler:
                 case "open":
                     self._open(number, *told)
                 case "sound" if session is not None:
-                    session.put(decode_audio(told))
+                    session.add_audio(decode_audio(told))
                 case "lead" if session is not None:
-                    session.lead(told)
+                    session.set_style(told)
                 case "close" if session is not None:
                     self._leave(number)
                 case "keep":
@@ -116,7 +116,7 @@ class SessionScheduler:
         for session in (*self.open.values(), *self.ended):
             is_it = secrets.compare_digest(session.token.encode(), token.encode())
             if is_it and session.cookie == cookie:
-                return session.keep(folder)
+                return session.save_recording(folder)
         raise RunError(NOT_THERE)
 
     def turn(self) -> bool:
@@ -167,7 +167,7 @@ def main() -> None:
     try:
         while channel.poll(0.0 if has_work else KEEP_S) or has_work or performers.open:
             while channel.poll(0.0):
-                performers.take(*channel.recv())
+                performers.handle_message(*channel.recv())
             has_work = performers.turn()
     except (EOFError, OSError):
         return  # the page has ended

@@ -135,7 +135,7 @@ class LiveSessions:
         self._microphones[number] = AudioGuard()
         return number
 
-    def put(self, number: int, content: bytes) -> None:
+    def add_audio(self, number: int, content: bytes) -> None:
         """Check sound and pass it on, so that nobody can send more than the process can handle.
 
         Raises:
@@ -144,7 +144,7 @@ class LiveSessions:
         self._microphones[number].check(content)
         self._send(number, "sound", content)
 
-    def lead(self, number: int, told: object) -> None:
+    def set_style(self, number: int, told: object) -> None:
         """Set the style sliders of a session."""
         self._send(number, "lead", told)
 
@@ -155,7 +155,7 @@ class LiveSessions:
             self._microphones.pop(number, None)
             self._send(number, "close")
 
-    def keep(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
+    def save_recording(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
         """Make the request for a run of a session's last minute, with its files in a folder.
 
         The session is open or has ended lately, and belongs to this browser.

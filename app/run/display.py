@@ -51,7 +51,7 @@ class Display:
     recorded speakers' fingertips exceeds the default in one frame of a hundred."""
 
     @property
-    def is_plain(self) -> bool:
+    def is_default(self) -> bool:
         return self.exaggeration == 1 and not self.has_trail and self.coloring == "natural"
 
 
@@ -183,7 +183,7 @@ class ViewerState(BrowserMessage):
     """URL of the sound."""
 
     @classmethod
-    def read(cls, told: object) -> ViewerState:
+    def parse(cls, told: object) -> ViewerState:
         """Parse the state of the viewer and check it.
 
         Args:

@@ -74,32 +74,32 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         durations = {name: motion.duration_s for name, motion in motions.items()}
         rates = {name: each.rate for name, each in readings.items()}
         notes += [*speech.notes, *lengths_apart(speech.duration_s, durations, rates)]
-    run.progress("speech", 1.0)
+    run.report_progress("speech", 1.0)
     staged, cut_notes = picture_motions(shown)
     plans = (
         {}
         if request.motions.source_run is None
         else row_files(request.motions.source_run, "performed")
     )
-    timeline = run.show(staged, speech, tip, request.metrics.weights, plans)
-    run.note(*cut_notes)
+    timeline = run.write_viewer_files(staged, speech, tip, request.metrics.weights, plans)
+    run.add_notes(*cut_notes)
     for row in run.record.rows:
         row.ending = safe_suffix(files[row.name])
     if len(shown) < len(motions) and not request.motions.shown:
-        run.note(
+        run.add_notes(
             f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
             " (--show)."
         )
     return RunMotions(
-        measured=motions,
-        staged=staged,
-        drawn={name: _on_the_floor(motion) for name, motion in shown.items()},
+        motions=motions,
+        viewer_motions=staged,
+        figure_motions={name: _on_the_floor(motion) for name, motion in shown.items()},
         timeline=timeline,
         body=body,
-        tip=tip,
-        sound=request.speech.path if is_first_track else run.folder.at(HEARD),
+        tracked_point=tip,
+        audio_path=request.speech.path if is_first_track else run.folder.final_path(HEARD),
         onsets_s=None if speech is None else onsets_of(speech),
-        heard=None if speech is None else heard_of(speech.waveform),
+        speech_bands=None if speech is None else heard_of(speech.waveform),
         inputs=protocol_inputs(request, speech, max(each.num_frames for each in motions.values())),
         windows=windows,
         notes=tuple(notes),
@@ -194,8 +194,8 @@ def _read_motions(
     )
     readings: dict[str, Reading] = {}
     for done, (name, path) in enumerate(files.items()):
-        run.stop_if_asked()
-        run.progress("speech", done / len(files), name)
+        run.raise_if_cancelled()
+        run.report_progress("speech", done / len(files), name)
         kind = REFERENCE_NAME if name == REFERENCE_NAME else MOTIONS
         readings[name] = read_any_motion(
             path, request.imports.import_overrides, request.video.body, kind, name

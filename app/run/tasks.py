@@ -53,7 +53,7 @@ class RunResult:
     diagnostics: Diagnostics
     notes: tuple[str, ...] = ()
     """Sentences for the user, such as what was done to the speech."""
-    said: Transcript = NOTHING_SAID
+    transcript: Transcript = NOTHING_SAID
     """Transcript of the speech, if it was provided or recognised."""
 
 
@@ -74,9 +74,9 @@ class SetResults:
     request: DiagnoseRequest
     files: tuple[Path, ...]
     notes: tuple[str, ...]
-    told: dict[str, Any]
+    summary: dict[str, Any]
     """Content of ``many.json`` as written by `app.run.batch.table.write_tables`."""
     clips: dict[str, dict[str, Path]]
     """Motion file of each clip in the tables, by system, including the reference."""
-    sounds: dict[str, Path]
+    audio_files: dict[str, Path]
     """Audio files of those clips that have one."""

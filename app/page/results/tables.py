@@ -182,13 +182,13 @@ def _finding(found: FindingRecord, label: str) -> str:
 
 def _findings(run: RunRecord) -> str:
     """Format the findings of a run: the most severe first, the others folded."""
-    if not run.gravest:
+    if not run.top_findings:
         return ""
-    ordered = [*run.gravest, *(each for each in run.findings if each not in run.gravest)]
+    ordered = [*run.top_findings, *(each for each in run.findings if each not in run.top_findings)]
     items = [_finding(each, run.label(each.name)) for each in ordered]
-    also = f"More findings ({len(items) - len(run.gravest)})"
+    also = f"More findings ({len(items) - len(run.top_findings)})"
     title = "<h3>Findings, most severe first</h3>" if run.findings[0].name else ""
-    return _listed(title, items, len(run.gravest), also)
+    return _listed(title, items, len(run.top_findings), also)
 
 
 def _listed(title: str, items: Sequence[str], most: int, more: str) -> str:

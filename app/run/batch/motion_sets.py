@@ -90,7 +90,7 @@ def measure_sets(request: DiagnoseRequest, ear: RunCallbacks = NO_CALLBACKS) -> 
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
     folders = unpack_archives(sets_of(request), request.output.out / UNPACKED, limits)
-    found = diagnose_folders(in_folders(request, folders), ear.share("numbers"))
+    found = diagnose_folders(in_folders(request, folders), ear.progress_callback("numbers"))
     return replace(found, request=request)
 
 
@@ -235,12 +235,12 @@ def _diagnose_clips(
         request,
         files=(*written, *drawn),
         notes=(*notes, *unsaid, *said),
-        told=told,
+        summary=told,
         clips={
             name: {clip: first_sample(found[clip]) for clip in numbers}
             for name, found in files.items()
         },
-        sounds={clip: sounds[clip] for clip in numbers if clip in sounds},
+        audio_files={clip: sounds[clip] for clip in numbers if clip in sounds},
     )
 
 

@@ -32,11 +32,11 @@ _MOST_FRAMES_APART = 1
 class SubmissionReport:
     """Result of the check of one set."""
 
-    told: list[str]
+    messages: list[str]
     """Sentences for the user, the most severe first, or one if there is no problem."""
     listed: list[str]
     """Missing and surplus clips."""
-    is_right: bool
+    is_valid: bool
 
 
 def check_sets(
@@ -69,7 +69,9 @@ def check_sets(
         found = {name: _checked(name, folder, recorded) for name, folder in named.items()}
         lines = ["# Held against the rules of the GENEA leaderboard", ""]
         for each in found.values():
-            lines += [f"- {line}" for line in each.told] + [f"  - {clip}" for clip in each.listed]
+            lines += [f"- {line}" for line in each.messages] + [
+                f"  - {clip}" for clip in each.listed
+            ]
         results.path("check.md").write_text("\n".join(lines) + "\n", "utf-8")
         results.publish()
     return found
@@ -125,7 +127,7 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
     return SubmissionReport(
         [f"{name}: {sentence}" for sentence in told or [right]],
         [*(f"Missing: {clip}" for clip in missing), *(f"Extra: {clip}" for clip in extra)],
-        is_right=not told,
+        is_valid=not told,
     )
 
 

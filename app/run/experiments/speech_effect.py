@@ -74,12 +74,12 @@ def measure_speech_effect(request: SpeechEffectRequest, ear: RunCallbacks = NO_C
     record = RunRecord(
         kind="given" if request.is_of_motions else "generated", point=DEFAULT_TRACKED_POINT
     )
-    with open_run_writer(request.out, record, ear) as run:
+    with open_run_writer(request.output.out, record, ear) as run:
         if request.is_of_motions:
             of_system = {
                 name: _Made(grid) for name, grid in _read_grids(request.speeches[0]).items()
             }
-            run.share("numbers")(1.0)
+            run.progress_callback("numbers")(1.0)
         else:
             speeches = {
                 file_stem(path.stem): load_beginning(path, HEARD_S, request.max_speech_s)
@@ -92,19 +92,21 @@ def measure_speech_effect(request: SpeechEffectRequest, ear: RunCallbacks = NO_C
                 for (speech, seed), motion in made.grid.items():
                     path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
                     save_motion(motion, path)
-                    run.file(path)
+                    run.add_files(path)
         told = {
             system: _heard_numbers(system, made, request.speakers)
             for system, made in of_system.items()
         }
         labels = short_names(told)
-        run.note(*(_heard_sentence(labels[system], numbers) for system, numbers in told.items()))
+        run.add_notes(
+            *(_heard_sentence(labels[system], numbers) for system, numbers in told.items())
+        )
         table = [
             (system, part, *shares.values())
             for system, numbers in told.items()
             for part, shares in numbers["parts"].items()
         ]
-        run.table("hearing", told, [("system", "part", *_COLUMNS), *table])
+        run.write_table("hearing", told, [("system", "part", *_COLUMNS), *table])
         _draw_hearing(told, of_system, run, request)
         run.finish(COMPARED.format(count=len(told), s="s" if len(told) > 1 else ""))
 
@@ -143,7 +145,7 @@ def _generated(
         )
         for system in systems
     }
-    on_share, done = run.share("numbers"), itertools.count(1)
+    on_share, done = run.progress_callback("numbers"), itertools.count(1)
     on_share(0.0)
     failed = pool_for(seconds_of_motion).do_all(
         jobs, lambda _: on_share(next(done) / len(jobs)), should_cancel=run.should_cancel
@@ -259,7 +261,7 @@ def _draw_hearing(
         )
         for system, numbers in told.items()
     ]
-    run.figure("hearing", rows, SPEECH_EFFECT_CAPTION, request.figure_forms)
+    run.write_figure("hearing", rows, SPEECH_EFFECT_CAPTION, request.output.figure_forms)
 
 
 def _percent(share: float) -> str:

@@ -63,15 +63,19 @@ def measure_step_sweep(request: StepSweepRequest, ear: RunCallbacks = NO_CALLBAC
     systems = [get_system(name, request.weights) for name in systems_of(request)]
     record = RunRecord(kind="generated", point=DEFAULT_TRACKED_POINT)
     points: list[StepPoint] = []
-    with open_run_writer(request.out, record, ear) as run:
+    with open_run_writer(request.output.out, record, ear) as run:
         part = 1 / len(systems)
         for number, system in enumerate(systems):
-            points += _points_of(system, speech, request, run.share("numbers", part, number * part))
-        run.share("numbers")(1.0)
-        run.note(*_step_sentences(points))
+            points += _points_of(
+                system, speech, request, run.progress_callback("numbers", part, number * part)
+            )
+        run.progress_callback("numbers")(1.0)
+        run.add_notes(*_step_sentences(points))
         told = list(map(asdict, points))
-        run.table("steps", told, [told[0], *(point.values() for point in told)])
-        run.figure("steps", DataFrame(points), STEP_SWEEP_CAPTION, request.figure_forms)
+        run.write_table("steps", told, [told[0], *(point.values() for point in told)])
+        run.write_figure(
+            "steps", DataFrame(points), STEP_SWEEP_CAPTION, request.output.figure_forms
+        )
         run.finish(MEASURED.format(count=len(points)))
 
 

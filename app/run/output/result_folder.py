@@ -167,7 +167,7 @@ class ResultFolder:
         path.parent.mkdir(exist_ok=True)
         return path
 
-    def whole(self, path: Path) -> str:
+    def mark_complete(self, path: Path) -> str:
         """Mark a file written at `path` as complete, and return its name."""
         below = self._staging if path.is_relative_to(self._staging) else self.out
         name = path.relative_to(below).as_posix()
@@ -175,7 +175,7 @@ class ResultFolder:
             self._move(name)
         return name
 
-    def at(self, name: str) -> Path:
+    def final_path(self, name: str) -> Path:
         """Return the current path of a written file."""
         path = self._staging / name
         return path if path.exists() else self.out / name

@@ -52,7 +52,7 @@ class Edit:
     do: str
     values: Values
 
-    def told(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """Return the edit as JSON, as it was received."""
         return {"do": self.do, **self.values}
 

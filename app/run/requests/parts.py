@@ -423,7 +423,7 @@ class OutputOptions:
     """Folder of results."""
     has_video: Annotated[bool, negative_flag("video", "Render no videos.")] = True
     """True to render a video of each motion."""
-    has_poses: Annotated[bool, negative_flag("pictures", "Draw Figure 6 without poses.")] = True
+    has_poses: Annotated[bool, negative_flag("poses", "Draw Figure 6 without poses.")] = True
     """True to show poses in Figure 6 even if no videos are rendered."""
     has_figures: Annotated[bool, negative_flag("figures", "Draw no figures.")] = True
     """True to draw Figure 6 and the jitter sheet."""
@@ -446,6 +446,18 @@ class MeasurementOutput(OutputOptions):
             "trail.",
         ),
     ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOutput:
+    """Folder and figure of an experiment."""
+
+    out: Path
+    """Folder of results."""
+    figure_forms: FigureForms = FORMS
+    """File formats of the figure."""
+    is_kept: Suppress[bool] = False
+    """True to publish each file as soon as it is complete and keep it if the task fails."""
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def render_motion(
     motion = body_motion(read)
     body = get_body(request.video.body, request.video.look)
     if request.is_picture:
-        files = _draw(request, read, body, ear.share("video"))
+        files = _draw(request, read, body, ear.progress_callback("video"))
     else:
         files = _export(request, body, motion)
     apart = () if request.speech is None else _apart(request.speech, reading)
@@ -148,7 +148,8 @@ def _chosen_frames(
     if len(sheet) > MAX_STILLS:
         raise RunError(
             f"One in {every} of {num_frames} frames are {len(sheet)} pictures; a sheet "
-            f"holds {MAX_STILLS} at most; use --sheet {-(-num_frames // MAX_STILLS)} or more."
+            f"holds {MAX_STILLS} at most; use --contact-sheet-every "
+            f"{-(-num_frames // MAX_STILLS)} or more."
         )
     return tuple(stills.tolist()), tuple(sheet)
 

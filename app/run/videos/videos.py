@@ -44,7 +44,7 @@ from renderer.video.render import (
 from renderer.video.workers import RenderJob, draw_jobs
 
 OnFile = Callable[..., None]
-"""Callback with the signature of `app.run.run_writer.RunWriter.file`."""
+"""Callback with the signature of `app.run.run_writer.RunWriter.add_files`."""
 
 
 def render_settings(
@@ -225,7 +225,7 @@ def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) ->
 
     Jerk and speed are those of the original motion, also if it is exaggerated.
     """
-    if display.is_plain:
+    if display.is_default:
         return None
     factor, cutoff = (f"{round(value, 1):g}" for value in (display.exaggeration, display.cutoff_hz))
     is_larger = display.exaggeration != 1
@@ -349,16 +349,16 @@ def comparison_video(
     Raises on leaving:
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
-    ear.progress("comparison", 0.0)
+    ear.report_progress("comparison", 0.0)
     out, is_given_up = folder.path(f"{COMPARISON}.mp4"), Event()
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,
-            [folder.at(f"{file_stem(name)}.mp4") for name in names],
+            [folder.final_path(f"{file_stem(name)}.mp4") for name in names],
             names,
             out,
             wav,
-            on_progress=partial(ear.progress, "comparison"),
+            on_progress=partial(ear.report_progress, "comparison"),
             should_cancel=lambda: is_given_up.is_set() or ear.should_cancel(),
         )
         try:
@@ -368,7 +368,7 @@ def comparison_video(
             is_given_up.set()
             raise
     on_file(out)
-    ear.progress("comparison", 1.0)
+    ear.report_progress("comparison", 1.0)
 
 
 def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> None:
@@ -383,7 +383,7 @@ def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> N
 
     def add(path: Path, row: str = "", kind: RowFileKind | None = None) -> None:
         add_file(run, path, row, kind)
-        ear.hear(FolderUpdated(run))
+        ear.on_event(FolderUpdated(run))
 
     motions = {
         row.name: load_motion(file)
@@ -398,7 +398,7 @@ def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> N
             video,
             body,
             make_tracked_point(video.body, record.point),
-            ear.share("video"),
+            ear.progress_callback("video"),
             folder,
             speech,
             add,

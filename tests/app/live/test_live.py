@@ -88,7 +88,7 @@ def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSessio
 def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) -> None:
     for block in sound(seconds, size):
         clock.now += len(block) / 32_000
-        session.put(decode_audio(block))
+        session.add_audio(decode_audio(block))
         while session.has_work:
             session.work()
 
@@ -113,7 +113,7 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
     assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
     made = sum(count for _, count, *_ in headers)
     assert 90 - 9 - 9 - 3 <= made <= 90 - 9
-    kept = session.keep(tmp_path).live_recording
+    kept = session.save_recording(tmp_path).live_recording
     assert kept is not None
     motion = load_motion(kept.motion)
     assert motion.num_frames == made and kept.metadata["first_frame_of_session"] == 0
@@ -189,7 +189,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
 ):
     for block in sound(9.5):
         clock.now += 0.25
-        session.put(decode_audio(block))
+        session.add_audio(decode_audio(block))
     with pytest.raises(RunError, match="too slow for 3 visitors at once"):
         session.work(visitors=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
@@ -201,7 +201,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
 
 def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
     speak(session, clock, 3.0)
-    minute = session.minute.kept()
+    minute = session.minute.recording()
     made_s = minute.motion.num_frames / 30
     assert why_less(minute, made_s + 1.9) == ""
     told = why_less(minute, made_s + 2.5)
@@ -271,7 +271,7 @@ def test_a_system_that_plans_tells_its_plan_and_keeps_what_was_planned_when_each
             assert all(one[1] == pytest.approx(other[0]) for one, other in pairwise(hand))
             assert {phase for _, _, phase, _ in hand} <= set(PHASES)
         assert all(at >= plan["from"] for at in plan["nods"])
-    kept = planning.minute.kept()
+    kept = planning.minute.recording()
     assert kept.plan is not None and kept.first_frame == 0
     assert kept.plan.duration_s == pytest.approx(kept.motion.num_frames / 30)
     checked = 0
@@ -292,16 +292,16 @@ def test_a_system_that_plans_tells_its_plan_and_keeps_what_was_planned_when_each
 def test_its_sliders_lead_from_the_next_window_on_and_of_other_systems_they_are_refused(
     planning, session, clock
 ):
-    planning.lead({"manner": {"large": 2.0, "smile": 0}})
+    planning.set_style({"manner": {"large": 2.0, "smile": 0}})
     speak(planning, clock, 1.0, 4800)
     assert planning._live._stream.manner == Manner(large=2.0, smile=0.0)
     wrong = (None, {"manner": {"large": 99}}, {"manner": {"more": 1}}, {"manner": None}, [])
-    leads: list[Callable[[], None]] = [lambda told=told: planning.lead(told) for told in wrong]
+    leads: list[Callable[[], None]] = [lambda told=told: planning.set_style(told) for told in wrong]
     for lead in leads:
         with pytest.raises(RunError):
             lead()
     with pytest.raises(RunError, match="does not use gesture plans, so its sliders have no effect"):
-        session.lead({"manner": {}})
+        session.set_style({"manner": {}})
 
 
 @pytest.fixture(scope="module")
@@ -328,7 +328,7 @@ def test_what_is_kept_is_the_last_minute_with_its_own_sound_and_little_more_is_h
 ):
     minute = spoken(motion, seconds)
     end = minute.frames
-    kept = minute.kept()
+    kept = minute.recording()
     first = max(0, end - KEPT_FRAMES)
     assert kept.first_frame == first and kept.motion.num_frames == end - first
     np.testing.assert_array_equal(kept.motion.poses, motion.poses[first:end])
@@ -348,9 +348,9 @@ def test_too_little_is_told(motion):
         if count:
             minute.add_motion(motion.part(slice(count)))
         with pytest.raises(RunError, match=r"no live motion to save yet\. Speak for at least 2 s"):
-            minute.kept()
+            minute.recording()
     minute.add_motion(motion.part(slice(59, 60)))
-    assert minute.kept().motion.num_frames == 60
+    assert minute.recording().motion.num_frames == 60
 
 
 def ahead(origin: int, *right: HandPhase, **lists) -> PlannedAhead:
@@ -399,7 +399,7 @@ class ByHand(LiveSessions):
         self._ears.get(number, nothing)(told)
 
     def _send(self, number: int, verb: str, told: object = None) -> None:
-        self.performers.take(number, verb, told)
+        self.performers.handle_message(number, verb, told)
 
 
 @pytest.fixture
@@ -413,7 +413,7 @@ def nothing(message: object) -> None:
 
 def put_all(sessions: LiveSessions, number: int, seconds: float) -> None:
     for block in sound(seconds):
-        sessions.put(number, block)
+        sessions.add_audio(number, block)
 
 
 def test_everyone_gets_a_window_before_anyone_gets_a_second(sessions):
@@ -462,23 +462,23 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
     number = sessions.begin("mine", told.append)
     token = told[0]["token"]
     with pytest.raises(RunError, match="Speak for at least"):
-        sessions.keep(token, "mine", tmp_path)
+        sessions.save_recording(token, "mine", tmp_path)
     put_all(sessions, number, 2.9)
     sessions.performers.turn()
     sessions.performers.turn()
-    kept = sessions.keep(token, "mine", tmp_path)
+    kept = sessions.save_recording(token, "mine", tmp_path)
     assert kept.sampling == OPTIONS
     assert (
         kept.live_recording is not None and load_motion(kept.live_recording.motion).num_frames > 60
     )
     sessions.close(number)
-    assert sessions.keep(token, "mine", tmp_path) == kept
+    assert sessions.save_recording(token, "mine", tmp_path) == kept
     for other, cookie in ((token, "yours"), (token, ""), ("x", "mine"), ("ü", "")):
         with pytest.raises(RunError, match="no live recording"):
-            sessions.keep(other, cookie, tmp_path)
+            sessions.save_recording(other, cookie, tmp_path)
     monkeypatch.setattr(module, "KEEP_S", -1.0)
     with pytest.raises(RunError, match="no live recording"):
-        sessions.keep(token, "mine", tmp_path)
+        sessions.save_recording(token, "mine", tmp_path)
     assert not sessions.performers.ended and not sessions._ears
 
 

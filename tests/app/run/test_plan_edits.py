@@ -152,8 +152,8 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
         assert (
             nearest.label == f"Nearest free time, {at} s" and instead.label == "In place of frame"
         )
-        assert at in lands(done(plan, *(each.told() for each in nearest.edits)).plan, "right")
-        made = done(plan, *(each.told() for each in instead.edits)).plan
+        assert at in lands(done(plan, *(each.as_json() for each in nearest.edits)).plan, "right")
+        made = done(plan, *(each.as_json() for each in instead.edits)).plan
         assert (lands(made, "right"), lands(made, "left")) == (left, [])
     (fits,) = parse_edits([{"do": "add", "kind": "you", "at": 9.0}])
     assert suggest_edits(plan, fits, WORDS) == ()

@@ -96,7 +96,7 @@ def test_a_plan_and_a_transcript_of_a_longer_clip_are_cut_and_told(
     given = run(replace_fields(asked, plan=plan, transcript=said))
     performed = read_plan_file(given.out / f"{STEM}.plan.json").plan
     assert performed.duration_s == 4.0 and [nod.time_s for nod in performed.nods] == [1.0]
-    assert [word.text for word in given.said.words] == ["now"]
+    assert [word.text for word in given.transcript.words] == ["now"]
     for file, what in (("plan.json lasts 9.0", "The plan "), ("said.tsv goes on to 8.5", "")):
         assert any(note.startswith(f"{what}{file}") for note in given.notes)
     told = json.loads((given.out / "diagnostics.json").read_text())

@@ -40,7 +40,7 @@ def heat_of(motion: Motion, display: Display):
 
 def test_a_plain_display_marks_nothing():
     motion = made_motion(40)
-    assert Display().is_plain
+    assert Display().is_default
     assert marks_of(motion, Display(), TIP, BODY) is None
     assert displayed(motion, Display()) is motion
 

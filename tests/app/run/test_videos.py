@@ -23,7 +23,7 @@ from app.run.callbacks import NO_CALLBACKS, Progress, RunCallbacks
 from app.run.display import MAX_SHOWN, Mode, ViewerBody, ViewerPanel, ViewerSettings, ViewerState
 from app.run.examples import CLEAN
 from app.run.output.result_folder import ResultFolder
-from app.run.pipeline import _draw_poses, _draw_videos
+from app.run.pipeline import _draw_poses, _render_videos, _small
 from app.run.requests.requests import ViewerVideoRequest
 from app.run.videos import videos, viewer_recording
 from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks, limit_compared
@@ -135,13 +135,16 @@ def test_all_bodies_of_a_run_are_in_register(
     )
     staged = {"a": motion, REFERENCE_NAME: elsewhere}
     rows: Any = SimpleNamespace(
-        staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, is_made=True
+        viewer_motions=staged,
+        body=body,
+        audio_path=tmp_path / "s.wav",
+        tracked_point=tip,
+        place=align_to_origin,
     )
-    rows.drawn = {"a": motion}
     run: Any = RunCallbacks()
     with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
-        run.folder, run.file = folder, None
-        _draw_videos(asked, rows, run)
+        run.folder, run.add_files = folder, None
+        _render_videos(asked, rows, run)
     mine, theirs = (
         body.joint_positions(jobs[name, "front"].motion) for name in ("a", REFERENCE_NAME)
     )
@@ -161,9 +164,9 @@ def test_snapshots_are_those_of_each_motion_alone_before_the_camera_of_all(tmp_p
     drawn = {"a": motion, "b": walking, "c": other}
     body = load_body()
     asked = diagnose_request(motions=(), out=tmp_path, figure_frames=(3, 30))
-    rows: Any = SimpleNamespace(drawn=drawn, body=body, is_made=False)
+    rows: Any = SimpleNamespace(figure_motions=drawn, body=body, place=lambda motion: motion)
     shares: list[Any] = []
-    snapshots = _draw_poses(asked, rows, RunCallbacks(shares.append))
+    snapshots = _draw_poses(asked, rows, _small(asked.video), RunCallbacks(shares.append))
     assert [*snapshots.pictures] == [*drawn] and shares[-1].fraction == pytest.approx(0.6)
     settings = RenderSettings(512, 512)
     stage = camera_setup_for(body, [*map(body_motion, drawn.values())], settings)
@@ -237,7 +240,7 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom is 0.4 to 10; got 99"),
     ]:
         with pytest.raises(RunError, match=words):
-            ViewerState.read(
+            ViewerState.parse(
                 changed(GRID, **changes).model_dump_json(by_alias=True, warnings=False)
             )
 

@@ -41,7 +41,7 @@ def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
     """As the page shows what the worker has measured."""
     record = RunRecord(kind="given", point="right_middle")
     with open_run_writer(tmp_path / "results", record) as run:
-        run.measured(diagnostics)
+        run.write_metrics(diagnostics)
         return measures_table(run.record)
 
 

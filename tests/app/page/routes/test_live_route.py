@@ -53,7 +53,7 @@ def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
         first, count, *_ = HEADER.unpack_from(socket.receive_bytes())
         assert first == 0 and count >= 9
     with pytest.raises(RunError, match="no live recording"):
-        sessions.keep(ready["token"], "yours", tmp_path)
+        sessions.save_recording(ready["token"], "yours", tmp_path)
     # The connection ends, and the minute outlives it.
     wait_for(lambda: not sessions.performers.open and len(sessions.performers.ended) == 1)
 

@@ -183,7 +183,7 @@ class Measured:
 
     def __call__(self, request: DiagnoseRequest, ear: RunCallbacks) -> SetResults:
         self.asked.append(request)
-        ear.hear(Progress("numbers", 0.5))
+        ear.on_event(Progress("numbers", 0.5))
         request.output.out.mkdir()
         table = request.output.out / "many.csv"
         table.write_text("0")
@@ -374,7 +374,7 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
     private, may_end = tmp_path / "private", threading.Event()
 
     def export(asked: ExportRequest, ear: RunCallbacks) -> None:
-        ear.hear(Progress("motion", 0.5))
+        ear.on_event(Progress("motion", 0.5))
         wait_for(ear.should_cancel)
         assert may_end.wait(60)
         for path in (asked.output.out, *asked.zips):

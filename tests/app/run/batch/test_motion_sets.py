@@ -54,7 +54,7 @@ def asked(folders: Path, out: Path) -> AnyRun:
 def measured(folders: Path) -> Path:
     shares: list[float] = []
     result = diagnose_folders(asked(folders, folders / "measured"), shares.append)
-    assert tuple(result.told["clips"]) == CLIPS and shares[-1] == 1.0
+    assert tuple(result.summary["clips"]) == CLIPS and shares[-1] == 1.0
     assert any("1 of 4 clips have no clip of the same name" in note for note in result.notes)
     return folders / "measured"
 
@@ -198,7 +198,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
     top, out = tmp_path / "emage", tmp_path / "out"
     result = diagnose_folders(diagnose_request(motions=(top,), out=out, reference=top))
-    assert tuple(result.told["clips"]) == CLIPS[:2]
+    assert tuple(result.summary["clips"]) == CLIPS[:2]
     told = json.loads((out / "many.json").read_text())["measures"]
     assert {row["system"] for row in told} == {"emage", "reference"}
     for clip in CLIPS[:2]:
@@ -210,7 +210,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     (theirs / "again").mkdir()
     (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
     result = diagnose_folders(diagnose_request(motions=(top,), out=tmp_path / "two", reference=top))
-    assert result.told["clips"] == ["epoch_400/a", "epoch_400/b"]
+    assert result.summary["clips"] == ["epoch_400/a", "epoch_400/b"]
 
 
 def test_an_interval_holds_the_mean():
