@@ -7,9 +7,10 @@ import os
 import platform
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -22,15 +23,21 @@ from app.run.output.provenance import versions
 CLIP_S = 10.0
 
 
-def measure(short: bool = False, out: Path = Path("bench.json")) -> None:
+Row = Literal["figures", "speech-effect", "steps", "training", "memory"]
+
+
+def measure(
+    short: bool = False, only: tuple[Row, ...] = (), out: Path = Path("bench.json")
+) -> None:
     """Measure the cost of each step on this machine; print a table and write a file.
 
     Args:
-        short: skip drawing stages, figures, speech effect, training and memory.
+        short: skip drawing stages, and the rows that can be selected by ``only``.
+        only: measure these rows alone.
     """
     figures = []
     with tempfile.TemporaryDirectory(prefix="bench-") as name:
-        for figure in _figures(short, Path(name)):
+        for figure in _selected(short, only, Path(name)):
             sys.stdout.write(figure.line() + "\n")
             sys.stdout.flush()
             figures.append(figure)
@@ -40,6 +47,21 @@ def measure(short: bool = False, out: Path = Path("bench.json")) -> None:
         "versions": versions(),
     }
     out.write_text(json.dumps(record, indent=1) + "\n")
+
+
+def _selected(short: bool, only: tuple[Row, ...], folder: Path) -> Iterator[runs.Figure]:
+    if not only:
+        yield from _figures(short, folder)
+    clip = runs.speech_of(CLIP_S, folder)
+    rows: dict[Row, Callable[[], Iterable[runs.Figure]]] = {
+        "figures": lambda: runs.time_figures(clip, folder),
+        "speech-effect": lambda: [runs.time_speech_effect(folder)],
+        "steps": lambda: [runs.time_steps(clip, folder)],
+        "training": runs.time_training,
+        "memory": lambda: runs.measure_memory(folder),
+    }
+    for row in only or (() if short else rows):
+        yield from rows[row]()
 
 
 def _figures(short: bool, folder: Path) -> Iterator[runs.Figure]:
@@ -56,10 +78,6 @@ def _figures(short: bool, folder: Path) -> Iterator[runs.Figure]:
     yield from drawing.video_rates(body_motion(motion), folder)
     if not short:
         yield from drawing.stages(body_motion(motion), folder)
-        yield from runs.time_figures(clip, folder)
-        yield runs.time_speech_effect(folder)
-        yield from runs.time_training()
-        yield from runs.measure_memory(folder)
 
 
 if __name__ == "__main__":

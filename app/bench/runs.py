@@ -21,11 +21,12 @@ import torch
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from app.run.experiments.speech_effect import measure_speech_effect
+from app.run.experiments.step_sweep import measure_step_sweep
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
 from app.run.pipeline import generate
 from app.run.requests.convert import request_from
-from app.run.requests.requests import GenerateRequest, SpeechEffectRequest
+from app.run.requests.requests import GenerateRequest, SpeechEffectRequest, StepSweepRequest
 from conventions.rates import FPS, SAMPLE_RATE
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData
@@ -194,10 +195,20 @@ def time_figures(clip: Path, folder: Path) -> list[Figure]:
 
 def time_speech_effect(folder: Path) -> Figure:
     """Measure the speech effect of two examples with two seeds, in a warm process."""
-    values = {"speeches": tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), "out": folder / "effect"}
-    request = request_from(SpeechEffectRequest, values)
+    request = SpeechEffectRequest(
+        speeches=tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), out=folder / "speech effect"
+    )
     _, wall_s, cpu = timed_with_cpu(lambda: measure_speech_effect(request))
     return Figure("speech effect of two speeches", wall_s, "s", cpu=cpu)
+
+
+def time_steps(clip: Path, folder: Path) -> Figure:
+    """Measure the comparison of sampling steps of one system, in a warm process."""
+    request = StepSweepRequest(
+        speech=clip, out=folder / "steps", systems=list_systems(BUNDLED_WEIGHTS)[-1:]
+    )
+    _, wall_s, cpu = timed_with_cpu(lambda: measure_step_sweep(request))
+    return Figure("comparison of sampling steps, one system", wall_s, "s", cpu=cpu)
 
 
 def time_measures(motion: Motion) -> Figure:

@@ -47,9 +47,8 @@ def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> 
     that is needed does not work.
 
     Args:
-        body: A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
-            the open body.
-        weights: Folder of trained systems.
+        body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
+        weights: folder of trained systems.
     """
     use_family_files(vars(files))
     findings = examine(weights, body or default_body())

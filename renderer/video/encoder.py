@@ -282,7 +282,8 @@ class VideoWriter(Encoder):
             *("-video_size", f"{width}x{height}", "-framerate", str(FPS), "-i", "pipe:0"),
         ]
         colors = ("-map", "0:v:0", "-vf", "scale=out_color_matrix=bt709:out_range=tv")
-        super().__init__(out, inputs, colors, num_frames, speech_wav, crf)
+        # One thread encodes three times as fast as pictures are drawn, with 10 % less work.
+        super().__init__(out, inputs, (*colors, "-threads", "1"), num_frames, speech_wav, crf)
 
     def write(self, frame: UInt8[np.ndarray, "H W 3"]) -> None:
         """Append one RGB frame, upper row first; waits while ffmpeg is busy.

@@ -107,8 +107,7 @@ class TidyParser(route_utils.GradioMultiPartParser):
         """
         async for chunk in stream:
             self._num_bytes += len(chunk)
-            is_due = self._num_bytes - self._checked_bytes > _CHECK_BYTES
-            if is_due or self._num_bytes > self._expected_bytes:  # of unstated length
+            if self._num_bytes - self._checked_bytes > _CHECK_BYTES:
                 self._see_room(0)
             if chunk.count(b"\r\n--") <= _PARTS_AT_ONCE:
                 yield chunk
