@@ -138,7 +138,8 @@ class AppConfig:
     port: int = field(default_factory=default_port)
     """Port to listen on; 0 takes the first free one from 7860 on."""
     body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
+    open body."""
     weights: Annotated[Path, arg(metavar="DIR")] = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     host_names: Annotated[Several, arg(name="host-name", metavar="NAME")] = ()

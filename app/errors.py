@@ -102,7 +102,7 @@ def _file_sentence(error: OSError) -> str:
     if path is not None and _is_unreadable(path):
         return f"{path} may not be read; change its permissions, or give another file."
     where = f" at {folder}" if folder else ""
-    return f"Nothing may be written{where or ' there'}; choose a folder that you may write to."
+    return f"No permission to write{where or ' there'}; choose another folder."
 
 
 def _is_unreadable(path: Path) -> bool:

@@ -116,7 +116,7 @@ def parse_count(told: str) -> int:
 
 
 File = Annotated[Path | None, text_type(Path, "FILE", "none")]
-Text = Annotated[str | None, text_type(str, "NAME", "the first that is known")]
+Text = Annotated[str | None, text_type(str, "NAME", "the first speaker")]
 Names = Annotated[tuple[str, ...], text_type(parse_names, "A,B,...", "all", ",".join)]
 Count = Annotated[int | None, text_type(parse_count, "N", "none")]
 Minutes = Annotated[
@@ -209,7 +209,7 @@ GROUPS: Mapping[str, str] = {
     "video options": "Video",
     "video.display options": "Video overlays",
     "stills options": "Stills and meshes",
-    "pool options": "Many clips",
+    "pool options": "Batch runs",
     "files options": "Checkpoints of other authors",
 }
 """Titles of the groups of flags in help, by those of tyro and in order."""

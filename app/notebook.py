@@ -212,7 +212,7 @@ def show(
     record = RunRecord(kind="given", title="Co-speech motion", point=joint)
     with TemporaryDirectory() as folder:
         with open_run_writer(Path(folder), record, is_kept=True) as run:
-            run.timeline(run.show(named, heard, tip), NOTHING_SAID)
+            run.write_timeline(run.write_viewer_files(named, heard, tip), NOTHING_SAID)
             run.finish("")
         return Player(player_alone(Path(folder)), height)
 
@@ -245,7 +245,7 @@ def diagnose(
             tip,
             onsets_s=None if sound is None else onsets_of(sound),
             heard=None if sound is None else heard_of(sound.waveform),
-            on_share=partial(bars.show, "measure"),
+            on_share=partial(bars.update, "measure"),
         )
 
 
@@ -386,13 +386,13 @@ def generate(
         },
     )
     with ProgressBars(is_shown=progress, stays=False) as bars:
-        result = _generate(request, RunCallbacks(bars.take))
+        result = _generate(request, RunCallbacks(bars.on_event))
     motions, plans = (row_files(request.output.out, kind) for kind in ("motion", "performed"))
     return Performance(
         speech=read_speech(request.speech.path),
         motions={name: load_motion(path) for name, path in motions.items()},
         plans={name: read_plan_file(path).plan for name, path in plans.items()},
-        said=result.said,
+        said=result.transcript,
         diagnostics=result.diagnostics,
         notes=result.notes,
         _folder=held,
@@ -444,5 +444,5 @@ def render(
     with TemporaryDirectory() as held, ProgressBars(is_shown=progress, stays=False) as bars:
         moved, sound = (in_file(Path(held), given) for given in (motion, speech))
         values = {"motion": moved, "out": out, "speech": sound, **_paths(asked)}
-        files, _ = render_motion(request_from(RenderRequest, values), RunCallbacks(bars.take))
+        files, _ = render_motion(request_from(RenderRequest, values), RunCallbacks(bars.on_event))
     return files

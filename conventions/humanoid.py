@@ -211,7 +211,7 @@ class JointTree:
         """Order two branches left and right, by name, or else by the direction of the feet."""
         swapped = (two[1], two[0])
         for order in (two, swapped):
-            sides = [_side(self._joint_names[each], self._labels[each]) for each in order]
+            sides = [side_of(self._joint_names[each], self._labels[each]) for each in order]
             if sides in (["left", "right"], ["left", ""], ["", "right"]):
                 return order
         return two if (self.rest[two[0]] - self.rest[two[1]]) @ left > 0 else swapped
@@ -350,19 +350,20 @@ def nearest_axis(vector: np.ndarray) -> np.ndarray:
     return np.eye(3)[largest] * np.sign(vector[largest])
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
+    """Simplify a name to lower-case letters and digits."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 def _plain_labels(names: Sequence[str]) -> list[str]:
     """Simplify names to lower case, without punctuation and their common prefix."""
-    plain = [_plain(name) for name in names]
+    plain = [plain_name(name) for name in names]
     first, last = min(plain, default=""), max(plain, default="")
     shared = next((i for i, (a, b) in enumerate(zip(first, last)) if a != b), 0)  # noqa: B905
     return [label[shared:] for label in plain] if shared >= 3 else plain
 
 
-def _side(name: str, label: str) -> str:
+def side_of(name: str, label: str = "") -> str:
     """Return the side in a joint's name, or "" if there is none."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1_\2", name).lower()
     is_left = bool(_LEFT.search(spaced) or label.startswith("left"))

@@ -47,6 +47,7 @@ from model.evaluation.clips import (
 from model.evaluation.plan_detection import finding
 from model.generation.base import System
 from model.metrics import beats
+from model.metrics.protocols.table import protocol_of
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
 from model.sampling.samplers import USUAL, Sampling, UnknownNameError
@@ -221,6 +222,7 @@ def evaluate(
         "clips": names,
         "noise_seeds": seeds,
         "guidance": _strengths(there.systems, asked),
+        "protocols": {measure: protocol_of(measure) for measure in tables.COLUMNS},
         **as_table(rows, whose),
         "left_out": [
             *frechet.left_out(there.judges, motions.values()),

@@ -60,7 +60,7 @@ def test_commands_that_documents_show_are_taken_and_the_readme_leads_to_all():
         words = line.replace("[", " ").replace("]", " ").split(" > ")[0]
         assert callable(parse(shlex.split(words, comments=True))), (document, line)
     shown = {line.split()[0] for document, line in COMMANDS if document == "README.md"}
-    assert shown >= {"generate", "diagnose", "render", "hearing", "plan", "study", "doctor"}
+    assert shown >= {"generate", "diagnose", "render", "speech-effect", "plan", "study", "doctor"}
     assert len(COMMANDS) >= 25
 
 

@@ -195,18 +195,20 @@ def time_figures(clip: Path, folder: Path) -> list[Figure]:
 
 def time_speech_effect(folder: Path) -> Figure:
     """Measure the speech effect of two examples with two seeds, in a warm process."""
-    request = SpeechEffectRequest(
-        speeches=tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), out=folder / "speech effect"
-    )
+    values = {"speeches": tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), "out": folder / "effect"}
+    request = request_from(SpeechEffectRequest, values)
     _, wall_s, cpu = timed_with_cpu(lambda: measure_speech_effect(request))
     return Figure("speech effect of two speeches", wall_s, "s", cpu=cpu)
 
 
 def time_steps(clip: Path, folder: Path) -> Figure:
     """Measure the comparison of sampling steps of one system, in a warm process."""
-    request = StepSweepRequest(
-        speech=clip, out=folder / "steps", systems=list_systems(BUNDLED_WEIGHTS)[-1:]
-    )
+    values = {
+        "speech": clip,
+        "out": folder / "steps",
+        "systems": list_systems(BUNDLED_WEIGHTS)[-1:],
+    }
+    request = request_from(StepSweepRequest, values)
     _, wall_s, cpu = timed_with_cpu(lambda: measure_step_sweep(request))
     return Figure("comparison of sampling steps, one system", wall_s, "s", cpu=cpu)
 

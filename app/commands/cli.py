@@ -31,8 +31,8 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "render": runs.render,
     "convert": convert,
     "plan": runs.plan,
-    "hearing": runs.speech_effect,
-    "mechanism": runs.rotation_noise,
+    "speech-effect": runs.speech_effect,
+    "rotation-noise": runs.rotation_noise,
     "leaderboard add": runs.leaderboard_add,
     "leaderboard merge": runs.leaderboard_merge,
     "leaderboard page": runs.leaderboard_page,
@@ -44,6 +44,13 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "study analyse": studies.analyse,
     "study simulate": studies.simulate,
 }
+RENAMED_COMMANDS = {"hearing": "speech-effect", "mechanism": "rotation-noise"}
+RENAMED_FLAGS = {
+    "--joint": "--tracked-point",
+    "--no-pictures": "--no-poses",
+    "--sheet": "--contact-sheet-every",
+}
+"""Former names, which are accepted in this version with a message."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -79,10 +86,24 @@ def parse(argv: Sequence[str]) -> Callable[[], None]:
     Raises:
         SystemExit: status 2 after an error message if there is no such command; 0 after help.
     """
+    argv = _with_current_names(argv)
     name = next((" ".join(argv[:n]) for n in (2, 1) if " ".join(argv[:n]) in COMMANDS), None)
     if name is None:
         _overview(argv)
     return read_flags(COMMANDS[name], f"{PROGRAM} {name}", argv[len(name.split()) :])
+
+
+def _with_current_names(argv: Sequence[str]) -> list[str]:
+    """Return the arguments with current names of commands and flags; report former ones."""
+    current = []
+    for number, word in enumerate(argv):
+        name, equals, value = word.partition("=")
+        known = RENAMED_FLAGS if number else RENAMED_COMMANDS
+        if name in known:
+            new = known[name]
+            print_message(f"{PROGRAM}: {name} is now {new}; the former name will be removed.")
+        current.append(f"{known.get(name, name)}{equals}{value}")
+    return current
 
 
 def _overview(argv: Sequence[str]) -> NoReturn:
@@ -102,7 +123,7 @@ def _overview(argv: Sequence[str]) -> NoReturn:
     lines = [
         f"{name:<{width}}  {(does.__doc__ or '').split('.')[0]}." for name, does in told.items()
     ]
-    head = f"{text.TAGLINE}\n\n{PROGRAM} COMMAND --help lists what a command takes.\n\n"
+    head = f"{text.TAGLINE}\n\n{PROGRAM} COMMAND --help lists the options of a command.\n\n"
     sys.stdout.write(head + "\n".join(" ".join(line.split("\n")) for line in lines) + "\n")
     raise SystemExit(0)
 

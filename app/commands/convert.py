@@ -40,28 +40,29 @@ class ConvertRequest:
     """Output file (.npz, .bvh, .glb), or a folder for all outputs."""
     to: Literal[".npz", ".bvh", ".glb"] = ".npz"
     """File format for a folder of outputs."""
-    told: ImportOverrides = field(default_factory=Assumptions)
+    import_overrides: ImportOverrides = field(default_factory=Assumptions)
     body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz: its mean hand pose is used, and its bones in .bvh and .glb."""
+    """A character (.vrm, .glb), written with the motion in it as .glb; or a licensed
+    SMPLX_NEUTRAL*.npz, whose mean hand pose is used, and its bones in .bvh and .glb."""
     is_json: Annotated[bool, arg(name="json")] = False
     """Write the assumptions made for each file as JSON."""
 
 
-def convert(asked: ConvertRequest) -> None:
+def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
     """Convert motion files to BEAT2 npz, BVH or glTF.
 
     Files are written as they were interpreted: at 30 frames per second, in metres, y up, hands
     relative to the flat hand, 55 joints. The assumptions are reported. Files that cannot be read
     are named and skipped (exit status 1).
     """
-    told = converted(asked)
+    told = converted(request)
     failed = [each for each in told if "error" in each]
-    if asked.is_json:
+    if request.is_json:
         sys.stdout.write(json.dumps(told, indent=1) + "\n")
     for each in told:
         for sentence in [each["error"]] if "error" in each else each["notes"]:
             print_message(sentence)
-        if "out" in each and not asked.is_json:
+        if "out" in each and not request.is_json:
             print_path(Path(each["out"]))
     if failed:
         raise RunError(f"{len(failed)} of {len(told)} files could not be read.")
@@ -96,7 +97,9 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
             raise RunError(f"{len(found)} motions do not fit into one file; give --out a folder.")
         if not found:
             raise RunError(f"There is no motion file ({', '.join(ENDINGS)}) in what was given.")
-        request.told.check([path for path, _ in found], *(str(name) for _, name in found))
+        request.import_overrides.check(
+            [path for path, _ in found], *(str(name) for _, name in found)
+        )
         outs = [request.out] if is_file else _outs(request, [name for _, name in found])
         return [
             _told(path, name, out, request) for (path, name), out in zip(found, outs, strict=True)
@@ -156,10 +159,10 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Readi
     from model.formats.read import read_any_motion
     from model.motion.motion import save_motion
     from model.storage.files import written_atomically
+    from renderer.files.character_glb import animated_glb
     from renderer.files.exports import write_bvh
-    from renderer.files.glb import glb_bytes
 
-    reading = read_any_motion(path, request.told, request.body, name)
+    reading = read_any_motion(path, request.import_overrides, request.body, name)
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix.lower() == ".npz":
         assumed = json.dumps([each.as_json() for each in reading.assumptions])
@@ -170,5 +173,5 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Readi
             if out.suffix.lower() == ".bvh":
                 write_bvh(body, motion, part)
             else:
-                part.write_bytes(glb_bytes(body, motion))
+                part.write_bytes(animated_glb(body, motion))
     return reading

@@ -47,8 +47,9 @@ def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> 
     that is needed does not work.
 
     Args:
-        body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
-        weights: folder of trained systems.
+        body: A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
+            the open body.
+        weights: Folder of trained systems.
     """
     use_family_files(vars(files))
     findings = examine(weights, body or default_body())

@@ -75,7 +75,7 @@ class Pool:
             RunError: if processes and scheduler are both set.
         """
         if self.processes is not None and self.scheduler is not None:
-            raise RunError("Give --processes or --scheduler; a cluster has workers of its own.")
+            raise RunError("Give either --processes or --scheduler; a cluster has its own workers.")
         return JobPool(self.processes, self.scheduler)
 
 
@@ -98,13 +98,13 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
 def _run(task: Task, request: Any, out: Path) -> None:
     """Run a task, and report its output files, verdict, findings and notes."""
     with ProgressBars() as shown:
-        task(request, RunCallbacks(shown.take))
+        task(request, RunCallbacks(shown.on_event))
     record = read_run(out)
     verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
     said = [record.says.get(key) for key in ("step", "beats")]
-    findings = record.gravest if record.kind == "generated" else record.findings
+    findings = record.top_findings if record.kind == "generated" else record.findings
     found = [f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings]
-    paths = [out / name for name in record.results]
+    paths = [out / name for name in record.result_files]
     _finish(paths, [*record.notes, *filter(None, [*verdict, *said]), *found])
 
 
@@ -119,15 +119,15 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
     with ProgressBars() as shown, _told_if_stopped():
 
         def on_done(folder: Path, share: float) -> None:
-            shown.show("generate clips", share)
+            shown.update("generate clips", share)
             print_path(folder)
 
         done = run_batch(clip_requests(request), pool, on_done)
     _finish([request.output.out / path.name for path in done.files], done.notes)
     for clip, sentence in done.failed.items():
         print_message(f"{clip}: {sentence}")
-    if done.kept:
-        print_message(f"{done.kept} clips had been made before and were kept.")
+    if done.num_reused:
+        print_message(f"{done.num_reused} clips were already complete and were reused.")
     if done.failed:
         raise RunError(
             f"{len(done.failed)} of {len(done.failed) + len(done.clips)} clips could not be made; "
@@ -146,13 +146,13 @@ def diagnose(
     how rotation errors grow along the kinematic chain.
 
     Args:
-        check: check sets against the rules of the GENEA leaderboard and compute no metrics; needs
+        check: Check sets against the rules of the GENEA leaderboard and compute no metrics; needs
             --reference, the recorded test clips (docs/many-clips.md).
     """
     from app.run.batch.archives import is_packed
 
     if check not in (None, "genea"):
-        raise RunError("--check takes genea.")
+        raise RunError("--check must be genea.")
     paths = request.motions.motions
     if not paths:
         raise RunError("There is no motion to measure; name at least one file.")
@@ -177,12 +177,14 @@ def _check_sets(request: DiagnoseRequest) -> None:
     out = request.output.out
     found = check_sets(request.motions.motions, request.imports.reference, out)
     for checked in found.values():
-        for sentence in checked.told:
+        for sentence in checked.messages:
             print_message(sentence)
     print_path(out / "check.md")
-    wrong = [name for name, checked in found.items() if not checked.is_right]
+    wrong = [name for name, checked in found.items() if not checked.is_valid]
     if wrong:
-        raise RunError(f"{', '.join(wrong)}: not as the leaderboard asks; see above.")
+        raise RunError(
+            f"{', '.join(wrong)}: do not meet the leaderboard's requirements; see above."
+        )
 
 
 def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
@@ -190,13 +192,13 @@ def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
 
     refuse_ignored(request, _OF_ONE, "Of folders only numbers over clips are made")
     with ProgressBars() as shown, _told_if_stopped():
-        result = diagnose_folders(request, partial(shown.show, "measure clips"), pool)
+        result = diagnose_folders(request, partial(shown.update, "measure clips"), pool)
     _finish(result.files, result.notes)
-    left_out, clips = result.told["left_out"], result.told["clips"]
+    left_out, clips = result.summary["left_out"], result.summary["clips"]
     if left_out:
         raise RunError(
             f"{len(left_out)} of {len(left_out) + len(clips)} clips could not be measured; the "
-            "tables are of the others."
+            "tables contain the others."
         )
 
 
@@ -207,7 +209,7 @@ def steps(request: Annotated[StepSweepRequest, Flat], files: Files) -> None:
     with the most steps, are plotted over milliseconds per frame on this machine.
     """
     use_family_files(vars(files))
-    _run(MEASURE_STEPS, request, request.out)
+    _run(MEASURE_STEPS, request, request.output.out)
 
 
 def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -> None:
@@ -221,7 +223,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
     if request.is_of_motions:
         ignored = ("weights", "speaker", "systems", "guidance", "seeds")
         refuse_ignored(request, ignored, "The motions of a folder are compared as they are")
-    _run(MEASURE_SPEECH_EFFECT, request, request.out)
+    _run(MEASURE_SPEECH_EFFECT, request, request.output.out)
 
 
 def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
@@ -231,7 +233,7 @@ def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
     to the global rotations of a motion, both bodies are rendered side by side, and the displacement
     of a fingertip is reported, as measured and from the closed form. No network takes part.
     """
-    _run(COMPARE_ROTATION_NOISE, request, request.out)
+    _run(COMPARE_ROTATION_NOISE, request, request.output.out)
 
 
 def plan(request: Annotated[PlanRequest, Flat]) -> None:
@@ -246,9 +248,9 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
 
     source = request.speech.path
     if is_motion(source):
-        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "In a motion the plan is found")
+        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "The plan of a motion is detected")
         if request.is_empty:
-            raise RunError("In a motion the plan is found; leave --empty out.")
+            raise RunError("The plan of a motion is detected; leave --empty out.")
         _finish(
             [request.out], write_plan_from_motion(source, request.out, request.import_overrides)
         )
@@ -265,8 +267,8 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     """Render a motion as video or stills, or export it for 3D software.
 
     The suffix of --out selects the format. A .png is a contact sheet of eight poses, or what
-    --stills and --sheet select; with a .mp4, they are written under its name. A .blender.npz is for
-    the SMPL-X add-on of Blender.
+    --stills and --contact-sheet-every select; with a .mp4, they are written under its name. A
+    .blender.npz is for the SMPL-X add-on of Blender.
     """
     from app.run.videos.export import render_motion
 
@@ -278,7 +280,7 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     if request.is_picture or request.suffix in (".obj", ".ply"):
         refuse_ignored(request, ("plan",), f"A {request.suffix} file has no place for a plan")
     with ProgressBars() as shown:
-        files, notes = render_motion(request, RunCallbacks(shown.take))
+        files, notes = render_motion(request, RunCallbacks(shown.on_event))
     _finish(files, notes)
 
 
@@ -297,10 +299,10 @@ def leaderboard_add(
     a table.
 
     Args:
-        board: leaderboard file; it is created if it does not exist.
-        results: output folders of `diagnose`.
-        systems: systems to add; by default all.
-        note: text shown next to the numbers.
+        board: Leaderboard file; it is created if it does not exist.
+        results: Output folders of `diagnose`.
+        systems: Systems to add; by default all.
+        note: Text shown next to the numbers.
     """
     known = read_leaderboard(board) if board.exists() else []
     new = [entries_of(folder, note, list(systems)) for folder in results]
@@ -316,7 +318,7 @@ def leaderboard_merge(
     """Merge leaderboards.
 
     Args:
-        out: leaderboard file to write.
+        out: Leaderboard file to write.
     """
     write_leaderboard(merge_entries(read_leaderboard(path) for path in boards), out)
     print_path(out)
@@ -326,7 +328,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
     """Write a leaderboard as an HTML page that can be sorted.
 
     Args:
-        out: page to write; it must end in .html.
+        out: Page to write; it must end in .html.
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
@@ -345,7 +347,9 @@ def _told_if_stopped() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise RunError("stopped; what is done is kept, and the same command goes on.") from None
+        raise RunError(
+            "Interrupted. Finished clips are kept; run the same command again to continue."
+        ) from None
 
 
 def _finish(files: Sequence[Path], notes: Sequence[str]) -> None:

@@ -28,8 +28,11 @@ def export(
     interruption; the key is reused.
 
     Args:
-        out: folder of the study.
-        body: licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body.
+        plan: Study plan (docs/user-study.md).
+        out: Folder of the study.
+        body: A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
+            the open body.
+        weights: Folder of trained systems.
     """
     from app.run.callbacks import RunCallbacks
     from app.study.design.plan import read_plan
@@ -39,10 +42,11 @@ def export(
     read = read_plan(plan.absolute())
     try:
         with ProgressBars() as shown:
-            workspace = export_study(read, out, weights, body, RunCallbacks(shown.take))
+            workspace = export_study(read, out, weights, body, RunCallbacks(shown.on_event))
     except KeyboardInterrupt:
         raise RunError(
-            "stopped; the key and the finished videos are kept, so the same command goes on."
+            "Interrupted. The key and the finished videos are kept; run the same command again to "
+            "continue."
         ) from None
     print_message(
         f"{len(read.clips)} clips, {len(read.systems)} systems, {read.participants} lists; no leak "
@@ -78,7 +82,7 @@ def links(study: Study, address: str, participants: Count = None) -> None:
 
     Args:
         address: URL at which participant_bundle is hosted.
-        participants: number of links; by default as many as the plan has participants.
+        participants: Number of links; by default as many as the plan has participants.
     """
     import secrets
     from dataclasses import replace
@@ -111,11 +115,11 @@ def analyse(
     tests, Bradley-Terry strengths and the power of the design.
 
     Args:
-        answers: files, or folders of them.
+        answers: Answer files, or folders of them.
         key: researcher_only/key.json; without it, the answers are one table of battles (CSV) in the
             format of the GENEA leaderboard's analysis.
-        out: folder of results.
-        diagnostics: folder with CLIP/diagnostics.json for each clip; their jitter is compared with
+        out: Folder of results.
+        diagnostics: Folder with CLIP/diagnostics.json for each clip; their jitter is compared with
             the reasons that participants gave.
     """
     from app.study.analyse import AnalysisRequest
@@ -150,8 +154,10 @@ def simulate(
     the strengths from --strengths (natural logarithm).
 
     Args:
-        strengths: strength of each system.
-        out: folder of answers.
+        raters: Number of simulated raters.
+        strengths: Strength of each system.
+        out: Folder for the answers.
+        seed: Seed of the answers.
     """
     from app.study.simulate import simulate as simulated
 

@@ -79,9 +79,7 @@ def _cut(events: list[Any], start_s: float, end_s: float) -> list[Any]:
 
 KEPT_FRAMES = 60 * FPS
 SHORTEST_FRAMES = 2 * FPS
-NOTHING_YET = (
-    "There is no live motion to keep yet: speak for at least {seconds} s, then press again."
-)
+NOTHING_YET = "There is no live motion to save yet. Speak for at least {seconds} s, then try again."
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,7 @@ class RecordingBuffer:
     def _first_frame(self) -> int:
         return max(0, self.frames - KEPT_FRAMES)
 
-    def kept(self) -> SessionRecording:
+    def recording(self) -> SessionRecording:
         """Return the last minute, or all of a shorter session.
 
         Raises:
@@ -167,18 +165,18 @@ Tell = Callable[[bytes | dict[str, Any]], None]
 USUAL_S = 2.0
 """Speech (s) without motion yet while a body keeps up."""
 
-EARLIER = "Only the last {kept:.0f} s are held; the {first:.1f} s before them are gone."
+EARLIER = "Only the last {kept:.0f} s are stored; the {first:.1f} s before them were discarded."
 BEHIND = (
-    "{kept:.1f} s are kept: the last {behind:.1f} s spoken had no motion yet when Keep was pressed "
-    "or the session ended, as this machine was that far behind."
+    "{kept:.1f} s were saved. The last {behind:.1f} s of speech had no motion yet when you saved "
+    "or the session ended, because this machine was behind."
 )
 TOO_SLOW = (
-    "This machine cannot keep up with {visitors}: the body is {behind:.0f} s behind. Try again "
-    "later, or choose a system that takes fewer steps."
+    "This machine is too slow for {visitors}: the motion is {behind:.0f} s late. Try again later, "
+    "or choose a system with fewer sampling steps."
 )
 SLOW_SYSTEM = (
-    "{system} takes {ms:.1f} ms for a frame on this machine, and live motion needs at most "
-    "{limit:.1f}: choose a system that takes fewer steps, such as gan/5."
+    "{system} needs {ms:.1f} ms per frame on this machine; live motion allows at most {limit:.1f} "
+    "ms. Choose a system with fewer sampling steps, such as gan/5."
 )
 
 
@@ -231,13 +229,13 @@ class LiveSession:
             "plans": self.plans,
         }
 
-    def put(self, samples: np.ndarray) -> None:
+    def add_audio(self, samples: np.ndarray) -> None:
         """Append the next samples to the input."""
         self._samples += len(samples)
         self._inbox.append(samples)
         self.minute.add_sound(samples)
 
-    def lead(self, told: Any) -> None:
+    def set_style(self, told: Any) -> None:
         """Set the style sliders from the next window on.
 
         Args:
@@ -247,7 +245,9 @@ class LiveSession:
             RunError: if the message is invalid, or the system performs no plans.
         """
         if not self.plans:
-            raise RunError(f"{self.name} performs no plans, so its sliders do nothing.")
+            raise RunError(
+                f"{self.name} does not use gesture plans, so its sliders have no effect."
+            )
         self._manner = manner_of(told)
 
     @property
@@ -299,13 +299,13 @@ class LiveSession:
         """Median CPU time of a window (ms); NaN before the first."""
         return statistics.median(self._costs) if self._costs else float("nan")
 
-    def keep(self, folder: Path) -> GenerateRequest:
+    def save_recording(self, folder: Path) -> GenerateRequest:
         """Write the last minute to a folder, and return the request for a run of it.
 
         Raises:
             RunError: if there is too little.
         """
-        minute = self.minute.kept()
+        minute = self.minute.recording()
         wav, npz, plan = (folder / f"live.{ending}" for ending in ("wav", "npz", "plan.json"))
         write_wav(wav, minute.waveform)
         save_motion(minute.motion, npz)
@@ -361,8 +361,8 @@ def check_live(system: System) -> None:
     """
     if system.encoder.name != "mel64":
         raise RunError(
-            f"{system.name} hears speech by {system.encoder.name}, which needs all of it; "
-            "choose another system."
+            f"{system.name} uses the speech encoder {system.encoder.name}, which needs the whole "
+            "recording. Choose another system."
         )
 
 

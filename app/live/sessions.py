@@ -16,7 +16,7 @@ from app.run.requests.requests import GenerateRequest
 from conventions.rates import SAMPLE_RATE
 from processes.child import Child, ChildExited
 
-NOT_THERE = "There is no live minute to keep, or it was kept no longer; start the live session."
+NOT_THERE = "There is no live recording to save, or it has expired. Start a live session."
 ENDED = "The process of live speech"
 FOR_MEMORY, AGAIN = "choose a system that takes fewer steps", "start again"
 Tell = Callable[[object], None]
@@ -53,14 +53,14 @@ AUDIBLE = 0.001
 """Amplitude of full scale (-60 dB) below which sound is silence, as of a muted microphone."""
 
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
-TOO_FAST = "Sound came faster than it can be spoken; start again."
+TOO_FAST = "Audio arrived faster than real time. Start again."
 TOO_LITTLE = (
-    "Only {came:.1f} s of sound came in the last {seconds:.0f} s, and live speech needs all of it: "
-    "look after your connection, then start again."
+    "Only {came:.1f} s of audio arrived in the last {seconds:.0f} s, but live generation needs "
+    "all of it. Check your connection, then start again."
 )
 TOO_QUIET = (
-    "Nothing could be heard for {minutes:g} minutes, and others may wait for the place: look after "
-    "your microphone, then start again."
+    "No sound for {minutes:g} minutes. The session was closed because others may be waiting. "
+    "Check your microphone, then start again."
 )
 
 
@@ -135,7 +135,7 @@ class LiveSessions:
         self._microphones[number] = AudioGuard()
         return number
 
-    def put(self, number: int, content: bytes) -> None:
+    def add_audio(self, number: int, content: bytes) -> None:
         """Check sound and pass it on, so that nobody can send more than the process can handle.
 
         Raises:
@@ -144,7 +144,7 @@ class LiveSessions:
         self._microphones[number].check(content)
         self._send(number, "sound", content)
 
-    def lead(self, number: int, told: object) -> None:
+    def set_style(self, number: int, told: object) -> None:
         """Set the style sliders of a session."""
         self._send(number, "lead", told)
 
@@ -155,7 +155,7 @@ class LiveSessions:
             self._microphones.pop(number, None)
             self._send(number, "close")
 
-    def keep(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
+    def save_recording(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
         """Make the request for a run of a session's last minute, with its files in a folder.
 
         The session is open or has ended lately, and belongs to this browser.

@@ -12,6 +12,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,11 +35,12 @@ from model.systems.registry import families, left_out
 if TYPE_CHECKING:
     from gradio import Blocks
 
+    from app.page.tabs.runner import Services
     from app.page.worker import Worker
 
 PORT_TAKEN = (
-    "Port {port} of {host} is taken, perhaps by this page, which then is open there already; "
-    "choose another with --port."
+    "Port {port} of {host} is already in use, perhaps by another instance of this page. Choose "
+    "another port with --port."
 )
 log = logging.getLogger(__name__)
 _is_ending = threading.Event()
@@ -78,6 +80,23 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         OSError: if the port is taken.
     """
     check_port(config)
+    _set_environment(config)
+    import_gradio()
+    from app.page.page import build_app
+
+    services = _make_services(config, is_warmed_up)
+    page = build_app(services)
+    change_queue(page, services.jobs, config.max_waiting)
+    _serve(page, config, _make_routes(services))
+    # Loading models earlier would delay the start of the page.
+    if is_warmed_up:
+        worker = services.worker
+        threading.Thread(target=_warm_up, args=(worker,), name="warm-up", daemon=True).start()
+    return page
+
+
+def _set_environment(config: AppConfig) -> None:
+    """Make the folder of temporary files, and set what libraries read from the environment."""
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
     if config.proxies:  # uvicorn reads it
         os.environ["FORWARDED_ALLOW_IPS"] = ",".join((*LOCAL_PROXIES, *config.proxies))
@@ -90,23 +109,19 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     os.environ["GRADIO_ANALYTICS_MAX_EVENTS"] = "1"
     os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
-    import_gradio()
+
+def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
+    """Make the services of the page, and end them with this process; raises as `launch`."""
     from app.live.sessions import LiveSessions
-    from app.page.alone import save_page
-    from app.page.page import build_app
     from app.page.parts.catalogue import read_catalogue
-    from app.page.results.kept_runs import KeptRuns, keep_own, saving_route
+    from app.page.results.kept_runs import KeptRuns, keep_own
     from app.page.results.player import first_look
-    from app.page.routes.guard import HostNames, guarded, quieten_sockets
-    from app.page.routes.live_route import live_routes
-    from app.page.routes.media import MadeFiles, Media, media_routes, researcher_route
+    from app.page.routes.guard import quieten_sockets
+    from app.page.routes.media import Media
     from app.page.tabs.runner import Services
-    from app.page.theme import CSS, head_style, make_theme
     from app.page.visitors.files import Jobs, keep_swept
     from app.page.visitors.quota import Quota
-    from app.page.visitors.visitors import leaving_route, visitor_route
     from app.page.worker import Limits, Worker
-    from app.run.output.run_folder import save_run
 
     for sentence in left_out():
         log.warning("%s", sentence)
@@ -132,7 +147,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     media, kept, opened = Media(), KeptRuns(config.keep_results_s), ()
     if config.opened is not None:
         opened = (keep_own(kept, config.opened, config.temp / "opened", media),)
-    services = Services(
+    return Services(
         config=config,
         catalogue=catalogue,
         jobs=jobs,
@@ -145,18 +160,34 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         first_look=first_look(media) if is_warmed_up and config.opened is None else None,
         opened=opened,
     )
-    page = build_app(services)
-    change_queue(page, jobs, config.max_waiting)
-    made = MadeFiles(config.temp, gate.do)
-    routes = [
-        saving_route(kept, made, ".zip", save_run),
-        saving_route(kept, made, ".html", save_page, "/page"),
-        *media_routes(media, made),
+
+
+def _make_routes(services: Services) -> list[Any]:
+    """Return the routes of the page besides those of Gradio."""
+    from app.page.alone import save_page
+    from app.page.results.kept_runs import saving_route
+    from app.page.routes.live_route import live_routes
+    from app.page.routes.media import MadeFiles, media_routes, researcher_route
+    from app.page.visitors.visitors import leaving_route, visitor_route
+    from app.run.output.run_folder import save_run
+
+    made = MadeFiles(services.config.temp, services.gate.do)
+    return [
+        saving_route(services.kept, made, ".zip", save_run),
+        saving_route(services.kept, made, ".html", save_page, "/page"),
+        *media_routes(services.media, made),
         researcher_route(services.private),
         visitor_route(),
-        leaving_route(jobs),
+        leaving_route(services.jobs),
         *live_routes(services.live),
     ]
+
+
+def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
+    """Serve the page with Gradio's and the given routes; raises OSError as `launch`."""
+    from app.page.routes.guard import HostNames, guarded
+    from app.page.theme import CSS, head_style, make_theme
+
     page.launch(
         server_name=config.host,
         server_port=config.port or None,  # 0: any free one
@@ -192,7 +223,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         _frontend=False,
         # They come before Gradio's own routes, and exist from the first request on.
         app_kwargs={
-            "routes": routes,
+            "routes": [*routes],
             "lifespan": guarded(
                 HostNames(config.host, config.host_names),
                 config.embedders,
@@ -201,10 +232,6 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
         },
         auth=list(config.accounts) or None,
     )
-    # Loading models earlier would delay the start of the page.
-    if is_warmed_up:
-        threading.Thread(target=_warm_up, args=(worker,), name="warm-up", daemon=True).start()
-    return page
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -179,7 +179,7 @@ class Worker:
                     case event:
                         if event != news:
                             news, told_at = event, now
-                        ear.hear(event)
+                        ear.on_event(event)
         except ChildExited as error:
             if stop_by is not None:
                 raise Cancelled from error

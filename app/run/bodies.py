@@ -86,7 +86,7 @@ def picture_motions(motions: Mapping[str, Motion]) -> tuple[dict[str, Motion], t
     """Align the motions and cut them to a renderable length; return them with notes on the cuts."""
     longest = max(MAX_FRAMES // max(len(motions), 1), 1)
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]
-    told = f"Stage and videos show the first {longest / FPS:.0f} s of {', '.join(cut)}."
+    told = f"The viewer and the videos show the first {longest / FPS:.0f} s of {', '.join(cut)}."
     placed = {
         name: align_to_origin(first_frames(motion, min(motion.num_frames, longest)))
         for name, motion in motions.items()
@@ -178,5 +178,9 @@ class TrackedPoint:
 
 
 def make_tracked_point(body: Path | None, point: str = DEFAULT_TRACKED_POINT) -> TrackedPoint:
-    """Make the source of a tracked point for the open body, or for the body of a file."""
-    return TrackedPoint(point, None if body is None else get_body(body))
+    """Make the source of a tracked point, on a licensed body or else on the open skeleton.
+
+    A character has its own proportions, so its metrics are those of the skeleton, too.
+    """
+    loaded = None if body is None else get_body(body)
+    return TrackedPoint(point, None if loaded is None or loaded.rig is not None else loaded)

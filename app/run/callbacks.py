@@ -41,7 +41,7 @@ class RunCallbacks:
 
     def __init__(
         self,
-        hear: Callable[[RunEvent], None] = lambda event: None,
+        on_event: Callable[[RunEvent], None] = lambda event: None,
         should_cancel: Callable[[], bool] = lambda: False,
     ) -> None:
         """Store the callbacks of the caller.
@@ -50,13 +50,13 @@ class RunCallbacks:
             hear: called with each progress event, and when the folder has new content.
             should_cancel: called many times a second.
         """
-        self.hear = hear
+        self.on_event = on_event
         self.should_cancel = should_cancel
 
-    def progress(self, stage: RunStage, fraction: float, detail: str = "") -> None:
-        self.hear(Progress(stage, fraction, detail))
+    def report_progress(self, stage: RunStage, fraction: float, detail: str = "") -> None:
+        self.on_event(Progress(stage, fraction, detail))
 
-    def share(
+    def progress_callback(
         self, stage: RunStage, part: float = 1.0, before: float = 0.0
     ) -> Callable[[float], None]:
         """Return a callback for the fraction done of a part of a stage.
@@ -65,12 +65,12 @@ class RunCallbacks:
         """
 
         def on_share(share: float) -> None:
-            self.stop_if_asked()
-            self.progress(stage, before + part * share)
+            self.raise_if_cancelled()
+            self.report_progress(stage, before + part * share)
 
         return on_share
 
-    def stop_if_asked(self) -> None:
+    def raise_if_cancelled(self) -> None:
         """Raise `Cancelled` if the caller has cancelled; for steps that cannot be interrupted."""
         if self.should_cancel():
             raise Cancelled

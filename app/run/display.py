@@ -51,15 +51,15 @@ class Display:
     recorded speakers' fingertips exceeds the default in one frame of a hundred."""
 
     @property
-    def is_plain(self) -> bool:
+    def is_default(self) -> bool:
         return self.exaggeration == 1 and not self.has_trail and self.coloring == "natural"
 
 
 LIMITS: Mapping[str, tuple[float, float, str]] = {
-    "exaggeration": (1.0, 20.0, "Tremble can be shown {} times as large"),
-    "cutoff_hz": (3.0, 8.0, "Tremble can be what is faster than {} Hz"),
+    "exaggeration": (1.0, 20.0, "Jitter can be exaggerated by a factor of {}"),
+    "cutoff_hz": (3.0, 8.0, "The jitter cutoff frequency can be {} Hz"),
     "trail_frames": (5, 90, "A trail can be {} frames long"),
-    "jerk_m_s3": (50.0, 2000.0, "The scale of jerk can end at {} m/s³"),
+    "jerk_m_s3": (50.0, 2000.0, "The jerk colour scale can end at {} m/s³"),
 }
 """Minimum, maximum and error message of the fields of `Display`; the limits replace its braces. The
 viewer has the same limits."""
@@ -183,7 +183,7 @@ class ViewerState(BrowserMessage):
     """URL of the sound."""
 
     @classmethod
-    def read(cls, told: object) -> ViewerState:
+    def parse(cls, told: object) -> ViewerState:
         """Parse the state of the viewer and check it.
 
         Args:
@@ -202,7 +202,7 @@ class ViewerState(BrowserMessage):
     def check(self) -> None:
         """Check that the viewer can have this state; raises RunError."""
         if not self.bodies:
-            raise RunError("There is no body on the stage yet; wait until one moves.")
+            raise RunError("There is no body in the viewer yet. Wait until one is shown.")
         if not 1 <= len(self.shown) <= MAX_SHOWN:
             raise RunError(
                 f"A video shows 1 to {MAX_SHOWN} bodies; the stage shows {len(self.shown)}: "

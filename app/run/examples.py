@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 CLEAN = EXAMPLES / "procedural_speaker" / "a_procedural_speaker.npz"
 """Motion of 14 s."""
 TWO_MINUTES = EXAMPLES / "two_minutes" / "two_minutes.npz"
-FAULTY = "a system with faults"
+FAULTY = "system with injected faults"
 NOISE_RAD = 0.012
 SLIDE_M, SLIDE_S = 0.35, 2.5
 """Distance (m) by which feet slide to the side and back, and duration (s) of one way."""
@@ -117,7 +117,7 @@ class InjectedFault:
 PLANTS = (
     InjectedFault("sliding feet", slide, 4, 114),
     InjectedFault("trembling right arm", tremble, 20, 100),
-    InjectedFault("joins every 52 frames", join, 50, 86),
+    InjectedFault("window seams every 52 frames", join, 50, 86),
     InjectedFault("nothing moves", freeze, 90.25, 92.75),
     InjectedFault("floating", lift, 100, 108),
 )

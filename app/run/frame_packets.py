@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import struct
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,6 +66,15 @@ def body_glb() -> bytes:
 
     body = get_body(None)
     return glb_bytes(body, reaches(body), coarser=open_body_faces()[NUM_DRAWN - 1 :])
+
+
+def write_stage_body(paths: tuple[Path, Path], *_: object) -> None:
+    """Write a visitor's character, the first file, as the viewer's mesh, the second."""
+    from renderer.body.body import load_body
+    from renderer.files.glb import glb_bytes
+
+    body = load_body(paths[0])
+    paths[1].write_bytes(glb_bytes(body, reaches(body)))
 
 
 @functools.cache

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.run.bodies import make_tracked_point
+from app.run.bodies import align_to_origin, make_tracked_point
 from app.run.diagnostics import check_figure, onsets_of
 from app.run.models import get_body, get_system
 from app.run.output.provenance import make_provenance, run_title
@@ -45,8 +45,8 @@ from model.systems.registry import list_systems, usual_planner
 from renderer.draw.probe import choose_backend
 
 LIVE_NOTE = (
-    "This motion was made while the speech was spoken, in windows that start 0.3 s or more "
-    "after each other: measures of window joins, which look every 52 frames, do not see its own."
+    "This motion was generated live, in windows that start at least 0.3 s apart. The seam metrics "
+    "assume windows every 52 frames and do not apply to it."
 )
 
 
@@ -59,7 +59,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
     """
     limits = SpeechLimits(max_s=request.speech.max_speech_s, channel=request.speech.channel)
     speech = load_speech(request.speech.path, limits)
-    run.note(*speech.notes)
+    run.add_notes(*speech.notes)
     body = get_body(request.video.body, request.video.look)
     systems = _load_systems(request)
     speaker = request.sampling.speaker or _first_speaker(systems)
@@ -68,7 +68,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
     recorded = _read_reference(request, speech, run)
     backend = choose_backend() if request.output.has_video else None
     require_free_space(request.output.out, _needed_bytes(request, speech.num_frames, len(systems)))
-    sound = run.sound(speech.waveform)
+    sound = run.write_audio(speech.waveform)
     seed = request.sampling.seed
     if request.live_recording is None:
         seed = clip_seed(seed, speech.sha256)
@@ -76,24 +76,24 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
     options = _options(request, sampling, systems, speech, run)
     run.record.noise_seed = seed
     wish = None if request.planning.style is None else read_wish(request.planning.style)
-    run.progress("speech", 1.0)
+    run.report_progress("speech", 1.0)
     run.record.title = truncate(run_title(request, list(options)))
     run.record.speech_sha256 = speech.sha256
-    run.rows(names := row_names(request, list(options)))
+    run.declare_rows(names := row_names(request, list(options)))
     post_filter = request.sampling.post_filter
     shown = {name: filtered(raw, post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
-        run.motion(name, motion)
+        run.write_motion(name, motion)
     tip = make_tracked_point(request.video.body, request.joint)
     shortest = min(each.num_frames for each in (speech, *recorded.values()))
     check_figure(request, shortest, min(MAX_COMPARED, len(names)))
     if any(map(_performs, systems)) and (request.planning.plan is None or request.planning.style):
         words.begin(speech.waveform)  # plans are sampled from words, which are needed first
-        words.found(run.stop_if_asked)
+        words.wait(run.raise_if_cancelled)
 
     def told(name: str, raw: Motion) -> tuple[Motion, Motion]:
         shown = filtered(raw, post_filter)
-        run.motion(name, shown, f"{file_stem(name)}.npz")
+        run.write_motion(name, shown, f"{file_stem(name)}.npz")
         return raw, shown
 
     recording = request.live_recording
@@ -106,27 +106,29 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
     else:
         name = systems[0].name
         if recording.plan is not None:  # before the motion, or a plan would be detected in it
-            run.performed(name, read_plan_file(recording.plan).plan)
-        run.note(LIVE_NOTE)
-        run.progress("motion", 1.0)
+            run.write_plan(name, read_plan_file(recording.plan).plan)
+        run.add_notes(LIVE_NOTE)
+        run.report_progress("motion", 1.0)
         made = {name: told(name, load_motion(recording.motion))}
     words.begin(speech.waveform)  # in parallel with metrics and pictures, after the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version: FilterVersion = "savgol" if post_filter == "savgol" else "raw"
     is_pictured = request.output.has_video or request.output.has_figures
     fitting, notes = limit_compared(list(staged) if is_pictured else [])
-    run.note(*notes)
+    run.add_notes(*notes)
     return RunMotions(
-        measured={name: raw for name, (raw, _) in made.items()} | recorded,
-        staged=staged,
-        drawn={name: staged[name] for name in fitting},
+        motions={name: raw for name, (raw, _) in made.items()} | recorded,
+        viewer_motions=staged,
+        figure_motions={name: staged[name] for name in fitting},
         timeline=make_timeline(speech, staged | recorded, version, tip, request.sampling.weights),
         body=body,
-        tip=tip,
-        sound=sound,
+        tracked_point=tip,
+        audio_path=sound,
         onsets_s=onsets_of(speech),
         windows=_windows(request, systems),
-        origin=make_provenance(request, speech, systems, options, body, backend),
+        provenance=make_provenance(request, speech, systems, options, body, backend),
+        place=align_to_origin,
+        clip=printable(request.speech.path.stem),
     )
 
 
@@ -165,9 +167,9 @@ def _made_in_turns(
                     row = str(SampleName(name, sample))
                     parts[name].setdefault(row, []).append(motion)
                     if is_seen:
-                        run.grow(row, motion, num_frames)
+                        run.append_motion(row, motion, num_frames)
                 shares[name] = piece.share
-                run.progress("motion", sum(shares.values()) / len(shares), name)
+                run.report_progress("motion", sum(shares.values()) / len(shares), name)
                 if piece.share == 1.0:
                     del making[name]
                     for row, of in parts.pop(name).items():
@@ -194,7 +196,7 @@ def _pieces_of(
         wish: style that is applied to every plan.
     """
     if _performs(system):
-        said, _ = words.found(run.stop_if_asked)
+        said, _ = words.wait(run.raise_if_cancelled)
         plans = options.conditions
         if not plans:
             plans = draw_conditions(system, speech, replace(options, words=said.words))
@@ -203,9 +205,9 @@ def _pieces_of(
             name = str(SampleName(system.name, sample))
             if wish is not None:
                 styled = wish.done(plan, said.words)
-                run.note(*(f"{name}: {note}" for note in styled.notes))
+                run.add_notes(*(f"{name}: {note}" for note in styled.notes))
                 plan = styled.plan
-            written.append(run.performed(name, plan))
+            written.append(run.write_plan(name, plan))
         options = replace(options, conditions=tuple(written))
     yield from motion_pieces(system, speech, options, run.should_cancel)
 
@@ -241,8 +243,8 @@ def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
     unused = [name for name in by_name if name not in names]
     if unused:
         raise RunError(
-            f"Steps are given for {unused[0]!r}, which is none of the systems of this run; these "
-            f"are {', '.join(names)}."
+            f"Steps were given for {unused[0]}, which is not part of this run. Systems of this "
+            f"run: {', '.join(names)}."
         )
     return tuple(get_system(name, sampling.weights) for name in dict.fromkeys(names))
 
@@ -297,24 +299,24 @@ def _options(
     plans = () if read is None else (read.plan,)
     for what, given in (("plan", plan), ("style", style)):
         if given is not None and not any(map(_performs, systems)):
-            raise RunError(f"None of these systems performs plans; leave the {what} out.")
-    run.note(*(() if read is None else read.notes))
+            raise RunError(f"None of these systems uses gesture plans; remove the {what}.")
+    run.add_notes(*(() if read is None else read.notes))
     sampler, guidance = sampling.sampler, sampling.guidance
     samplers = dict.fromkeys(sampler.name for each in systems for sampler in each.samplers)
     if sampler not in (None, *samplers):
         raise RunError(f"There is no sampler {sampler!r}; choose one of {', '.join(samplers)}.")
     if guidance not in (None, 1) and all(each.guidance is None for each in systems):
-        raise RunError("None of these systems takes guidance; leave it out.")
+        raise RunError("None of these systems supports guidance; remove it.")
     options: dict[str, GenerateOptions] = {}
     for system in systems:
         performs = _performs(system)
         own = generation_options(sampling, system, conditions=plans if performs else ())
         if sampler not in (None, own.sampler):
-            run.note(f"{system.name} has no sampler {sampler}; it took {own.sampler}.")
+            run.add_notes(f"{system.name} has no sampler {sampler}; it took {own.sampler}.")
         if guidance not in (None, own.guidance):
-            run.note(f"{system.name} takes no guidance.")
+            run.add_notes(f"{system.name} takes no guidance.")
         if (plans or style) and not performs:
-            run.note(f"{system.name} performs no plans.")
+            run.add_notes(f"{system.name} performs no plans.")
         options[system.name] = own
     return options
 
@@ -326,16 +328,16 @@ def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) ->
         return {}
     overrides.check([path])
     read = read_any_motion(path, overrides, request.video.body, REFERENCE_NAME)
-    run.note(*read.notes)
+    run.add_notes(*read.notes)
     motion = read.motion
     if motion.num_frames != speech.num_frames:
         is_longer = motion.num_frames > speech.num_frames
-        run.note(
+        run.add_notes(
             f"The reference has {motion.num_frames} frames and the speech {speech.num_frames}; "
             + (
                 f"the reference was cut to {speech.num_frames}."
                 if is_longer
-                else "where it has ended, the comparison holds its last frame."
+                else "after its end, the comparison video repeats its last frame."
             )
         )
     return {REFERENCE_NAME: first_frames(motion, speech.num_frames)}
@@ -396,7 +398,7 @@ def make_plan(request: PlanRequest) -> Noted:
     system = get_system(usual_planner(), request.weights)
     with WordSearch(request.speech.transcript, request.speech.words) as words:
         words.begin(speech.waveform)
-        said, notes = words.found(lambda: None)
+        said, notes = words.wait(lambda: None)
     sampling = replace(request.sampling, seed=clip_seed(request.seed, speech.sha256))
     (plan,) = draw_conditions(
         system, speech, generation_options(sampling, system, words=said.words)

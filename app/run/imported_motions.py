@@ -45,8 +45,7 @@ from model.speech.audio import Speech, SpeechLimits, load_speech
 from renderer.body.body import Body
 
 NO_SPEECH = (
-    "Words are looked for in the speech, and none was given: add it (--speech), or give words with "
-    "their times as a TextGrid."
+    "Aligning words needs the speech: add it (--speech), or give a TextGrid with word times."
 )
 
 
@@ -57,7 +56,7 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         RunError, SpeechError, MotionError, BodyError, WriteError: each with one sentence.
     """
     if request.metrics.mean_speeds is not None and request.speech.path is None:
-        raise RunError("Mean speeds are of use with a speech only; give both (--speech).")
+        raise RunError("Mean joint speeds are only used together with speech; also give --speech.")
     body = get_body(request.video.body)
     tip = make_tracked_point(request.video.body, request.joint)
     files = _files_of(request)
@@ -75,32 +74,32 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         durations = {name: motion.duration_s for name, motion in motions.items()}
         rates = {name: each.rate for name, each in readings.items()}
         notes += [*speech.notes, *lengths_apart(speech.duration_s, durations, rates)]
-    run.progress("speech", 1.0)
+    run.report_progress("speech", 1.0)
     staged, cut_notes = picture_motions(shown)
     plans = (
         {}
         if request.motions.source_run is None
         else row_files(request.motions.source_run, "performed")
     )
-    timeline = run.show(staged, speech, tip, request.metrics.weights, plans)
-    run.note(*cut_notes)
+    timeline = run.write_viewer_files(staged, speech, tip, request.metrics.weights, plans)
+    run.add_notes(*cut_notes)
     for row in run.record.rows:
         row.ending = safe_suffix(files[row.name])
     if len(shown) < len(motions) and not request.motions.shown:
-        run.note(
+        run.add_notes(
             f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
             " (--show)."
         )
     return RunMotions(
-        measured=motions,
-        staged=staged,
-        drawn={name: _on_the_floor(motion) for name, motion in shown.items()},
+        motions=motions,
+        viewer_motions=staged,
+        figure_motions={name: _on_the_floor(motion) for name, motion in shown.items()},
         timeline=timeline,
         body=body,
-        tip=tip,
-        sound=request.speech.path if is_first_track else run.folder.at(HEARD),
+        tracked_point=tip,
+        audio_path=request.speech.path if is_first_track else run.folder.final_path(HEARD),
         onsets_s=None if speech is None else onsets_of(speech),
-        heard=None if speech is None else heard_of(speech.waveform),
+        speech_bands=None if speech is None else heard_of(speech.waveform),
         inputs=protocol_inputs(request, speech, max(each.num_frames for each in motions.values())),
         windows=windows,
         notes=tuple(notes),
@@ -153,7 +152,7 @@ def _shown(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str,
     names = [name for name in asked if name != REFERENCE_NAME]
     unknown = [name for name in names if name not in others]
     if unknown:
-        raise RunError(f"There is no motion {unknown[0]!r} to show; there are {', '.join(others)}.")
+        raise RunError(f"Unknown motion {unknown[0]}; choose from {', '.join(others)}.")
     if len(names) > limit:
         raise RunError(f"Figures show at most {limit} motions of these; {len(names)} were named.")
     chosen = [*(names or others[:limit]), *(name for name in motions if name == REFERENCE_NAME)]
@@ -195,8 +194,8 @@ def _read_motions(
     )
     readings: dict[str, Reading] = {}
     for done, (name, path) in enumerate(files.items()):
-        run.stop_if_asked()
-        run.progress("speech", done / len(files), name)
+        run.raise_if_cancelled()
+        run.report_progress("speech", done / len(files), name)
         kind = REFERENCE_NAME if name == REFERENCE_NAME else MOTIONS
         readings[name] = read_any_motion(
             path, request.imports.import_overrides, request.video.body, kind, name
@@ -254,7 +253,7 @@ def _windows(request: DiagnoseRequest, motions: Iterable[str]) -> dict[str, Wind
     """
     if request.motions.window is None:
         if request.motions.overlap:
-            raise RunError("An overlap says nothing without a window; give both (--window).")
+            raise RunError("An overlap needs a window length; also give --window.")
         return {}
     try:
         windows = Windowing(request.motions.window, request.motions.overlap)

@@ -10,8 +10,8 @@ import ctypes
 import json
 import sys
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
@@ -19,29 +19,24 @@ from typing import TypeVar
 from app import text
 from app.errors import RunError
 from app.findings.sentences import sentences_of
-from app.run.bodies import align_to_origin, body_motion
+from app.run.bodies import body_motion
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
-from app.run.diagnostics import (
-    figure6_of,
-    make_jitter_sheet,
-    measure_motions,
-    write_diagnostics,
-)
+from app.run.diagnostics import figure6_of, make_jitter_sheet, measure_motions, write_diagnostics
 from app.run.generated_motions import generate_motions
 from app.run.imported_motions import NO_SPEECH, import_motions, with_import_notes
 from app.run.models import rendering_unavailable_reason
 from app.run.output.provenance import PROVENANCE, run_title, settings_summary
 from app.run.output.run_folder import RunRecord, read_run, truncate
 from app.run.requests.convert import request_json
-from app.run.requests.parts import OutputOptions
+from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import AnyRun, DiagnoseRequest, GenerateRequest, RunRequest
 from app.run.run_writer import RunMotions, RunWriter, open_run_writer
 from app.run.tasks import RunResult
 from app.run.timeline import WordSearch, read_transcript_of_run, with_snaps
 from app.run.videos.videos import Snapshots, comparison_video, draw_poses, draw_rows
-from conventions.names import REFERENCE_NAME, printable
+from conventions.names import REFERENCE_NAME
 from model.diagnostics import Diagnostics
-from model.motion.motion import Motion
+from model.speech.transcript import Transcript
 from model.storage.files import file_sha256
 from renderer.figures.figure6 import choose_snapshot_frames
 from renderer.figures.jitter import sheet_caption
@@ -57,7 +52,7 @@ MEASURED = "Measured {motions}."
 OPENED = "Opened from its file; its {motions} were measured anew."
 
 
-def generate(request: GenerateRequest, ear: RunCallbacks = NO_CALLBACKS) -> RunResult:
+def generate(request: GenerateRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:
     """Generate motion for a speech with several systems, and write motions, metrics and figures.
 
     The results are published in the request's folder all together or not at all.
@@ -68,81 +63,68 @@ def generate(request: GenerateRequest, ear: RunCallbacks = NO_CALLBACKS) -> RunR
             CheckpointError, GLError, VideoError, FigureError, WriteError: each with one sentence
             for the user.
     """
-    return _run(request, ear, generate_motions)
-
-
-def diagnose(request: DiagnoseRequest, ear: RunCallbacks = NO_CALLBACKS) -> RunResult:
-    """Measure imported motions, and write metrics, videos and figures; raises as `generate`."""
-    return _run(request, ear, import_motions)
-
-
-def run(request: AnyRun, ear: RunCallbacks = NO_CALLBACKS) -> RunResult:
-    """Run a request to generate or to measure; raises as `generate`."""
-    return (
-        generate(request, ear) if isinstance(request, GenerateRequest) else diagnose(request, ear)
-    )
-
-
-def _run(
-    request: Request,
-    ear: RunCallbacks,
-    rows_of: Callable[[Request, WordSearch, RunWriter], RunMotions],
-) -> RunResult:
-    request.check()
-    _return_large_blocks()
     started = time.monotonic()
-    source = _source_run(request)
+    request.check()
+    with _open_run(request, request.speech.transcript, callbacks) as (run, words):
+        request = _without_unavailable_pictures(request, run)
+        motions = generate_motions(request, words, run)
+        _show(motions, words, run)
+        diagnostics = _measure(motions, run)
+        _publish_metrics(diagnostics, run)
+        motions = _mark_snaps(motions, diagnostics, words, run)
+        run.detect_plans(motions.viewer_motions)
+        _render_videos(request, motions, run)
+        with _comparison(request, motions, run):
+            poses = request.video if request.output.has_video else _small(request.video)
+            _draw_figures(request, motions, diagnostics, poses, run)
+        transcript = _wait_for_words(motions, words, run)
+        run.add_files(*write_diagnostics(diagnostics, run.folder, transcript))
+        _write_provenance(motions, transcript, run)
+        run.finish(_generated_sentence(request, motions, time.monotonic() - started))
+        return RunResult(request.output.out, diagnostics, tuple(run.notes), transcript)
+
+
+def diagnose(request: DiagnoseRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:
+    """Measure imported motions, and write metrics, videos and figures; raises as `generate`."""
+    request.check()
+    source = request.motions.source_run
     transcript = read_transcript_of_run(source) if source else request.speech.transcript
+    with _open_run(request, transcript, callbacks) as (run, words):
+        if words.needs_speech and request.speech.path is None:
+            raise RunError(NO_SPEECH)
+        request = _without_unavailable_pictures(request, run)
+        motions = import_motions(request, words, run)
+        _show(motions, words, run)
+        diagnostics = with_import_notes(_measure(motions, run), motions)
+        _publish_metrics(diagnostics, run)
+        motions = _mark_snaps(motions, diagnostics, words, run)
+        run.detect_plans(motions.viewer_motions)
+        _render_videos(request, motions, run)
+        _draw_figures(request, motions, diagnostics, _small(request.video), run)
+        transcript = _wait_for_words(motions, words, run)
+        run.add_files(*write_diagnostics(diagnostics, run.folder, transcript))
+        run.finish(_measured_sentence(request, motions))
+        return RunResult(request.output.out, diagnostics, tuple(run.notes), transcript)
+
+
+def run(request: AnyRun, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:
+    """Run a request to generate or to measure; raises as `generate`."""
+    if isinstance(request, GenerateRequest):
+        return generate(request, callbacks)
+    return diagnose(request, callbacks)
+
+
+@contextmanager
+def _open_run(
+    request: RunRequest, transcript: Path | Transcript | None, callbacks: RunCallbacks
+) -> Iterator[tuple[RunWriter, WordSearch]]:
+    _return_large_blocks()
+    output = request.output
     with (
         WordSearch(transcript, request.speech.words) as words,
-        open_run_writer(
-            request.output.out, record_of(request), ear, is_kept=request.output.is_kept
-        ) as run,
+        open_run_writer(output.out, record_of(request), callbacks, is_kept=output.is_kept) as run,
     ):
-        if words.need_speech and request.speech.path is None:
-            raise RunError(NO_SPEECH)
-        output = _as_far_as_anything_draws(request.output, run)
-        request = replace(request, output=output)
-        run.progress("speech", 0.0)
-        rows = rows_of(request, words, run)
-        run.timeline(rows.timeline, words.given)
-        for name, motion in rows.staged.items():
-            run.note(
-                *(f"{name}: {note}" for note in rows.body.unsupported_notes(body_motion(motion)))
-            )
-        diagnostics = _measure(rows, run)
-        timeline = with_snaps(rows.timeline, diagnostics.findings)
-        if timeline != rows.timeline:
-            run.timeline(timeline, words.given)
-        run.find_plans(rows.staged)
-        if output.has_video:
-            _draw_videos(request, rows, run)
-        beside = nullcontext()
-        if output.has_video and rows.is_made:
-            beside = comparison_video(list(rows.drawn), rows.sound, run.folder, run, run.file)
-        with beside:
-            if output.has_figures:
-                _draw_figures(request, rows, diagnostics, run)
-        said, notes = words.found(run.stop_if_asked)
-        run.note(*notes)
-        if said.origin != words.given.origin:
-            run.timeline(timeline, said)
-        run.file(*write_diagnostics(diagnostics, run.folder, said))
-        if rows.is_made:
-            path = run.folder.path(PROVENANCE)
-            words_of = {"origin": said.origin, "count": len(said.words)} if said.words else None
-            speech = {**rows.origin["speech"], "words": words_of}
-            record = {**rows.origin, "speech": speech, "notes": run.notes}
-            path.write_text(json.dumps(record, indent=1) + "\n")
-            run.file(path)
-        num_frames = max(motion.num_frames for motion in rows.staged.values())
-        run.finish(_line(request, len(rows.measured), num_frames, time.monotonic() - started))
-        return RunResult(output.out, diagnostics, tuple(run.notes), said)
-
-
-def _source_run(request: RunRequest) -> Path | None:
-    """Return the folder of the run that imported motions come from, or None."""
-    return request.motions.source_run if isinstance(request, DiagnoseRequest) else None
+        yield run, words
 
 
 def record_of(request: RunRequest) -> RunRecord:
@@ -155,9 +137,8 @@ def record_of(request: RunRequest) -> RunRecord:
         settings={key: truncate(value) for key, value in settings_summary(request).items()},
         point=request.joint,
     )
-    source = _source_run(request)
-    if source is not None:
-        before = read_run(source)
+    if isinstance(request, DiagnoseRequest) and request.motions.source_run is not None:
+        before = read_run(request.motions.source_run)
         known = ("title", "settings", "speech_sha256")
         return run.model_copy(update={key: getattr(before, key) for key in known})
     speech = request.speech.path
@@ -166,91 +147,163 @@ def record_of(request: RunRequest) -> RunRecord:
     return run
 
 
-def _as_far_as_anything_draws(output: OutputOptions, run: RunWriter) -> OutputOptions:
+def _without_unavailable_pictures(request: Request, run: RunWriter) -> Request:
     """Disable videos and poses if OpenGL does not work; nothing else needs it."""
-    if not (output.has_video or (output.has_poses and output.has_figures)):
-        return output
-    missing = rendering_unavailable_reason()
-    run.note(*filter(None, [missing]))
-    return replace(output, has_video=False, has_poses=False) if missing else output
+    output = request.output
+    if output.has_video or (output.has_poses and output.has_figures):
+        reason = rendering_unavailable_reason()
+        if reason:
+            run.add_notes(reason)
+            output = replace(output, has_video=False, has_poses=False)
+    run.report_progress("speech", 0.0)
+    return replace(request, output=output)
 
 
-def _measure(rows: RunMotions, run: RunWriter) -> Diagnostics:
-    """Compute and publish the metrics."""
-    on_share = run.share("numbers")
+def _show(motions: RunMotions, words: WordSearch, run: RunWriter) -> None:
+    """Write the timeline for the viewer, and notes on what the body cannot show."""
+    run.write_timeline(motions.timeline, words.provided)
+    run.add_notes(*motions.body.remarks)
+    for name, motion in motions.viewer_motions.items():
+        run.add_notes(
+            *(f"{name}: {note}" for note in motions.body.unsupported_notes(body_motion(motion)))
+        )
+
+
+def _measure(motions: RunMotions, run: RunWriter) -> Diagnostics:
+    on_share = run.progress_callback("numbers")
     on_share(0.0)
-    diagnostics = measure_motions(
-        rows.measured,
-        rows.tip,
-        rows.onsets_s,
+    return measure_motions(
+        motions.motions,
+        motions.tracked_point,
+        motions.onsets_s,
         on_share,
-        rows.windows,
-        heard=rows.heard,
-        inputs=rows.inputs,
+        motions.windows,
+        heard=motions.speech_bands,
+        inputs=motions.inputs,
     )
-    if rows.readings:
-        diagnostics = with_import_notes(diagnostics, rows)
-    run.note(*diagnostics.notes)
-    run.progress("numbers", 1.0)
-    run.measured(diagnostics)
-    return diagnostics
 
 
-def _draw_videos(request: RunRequest, rows: RunMotions, run: RunWriter) -> None:
-    on_share = run.share("video")
+def _publish_metrics(diagnostics: Diagnostics, run: RunWriter) -> None:
+    run.add_notes(*diagnostics.notes)
+    run.report_progress("numbers", 1.0)
+    run.write_metrics(diagnostics)
+
+
+def _mark_snaps(
+    motions: RunMotions, diagnostics: Diagnostics, words: WordSearch, run: RunWriter
+) -> RunMotions:
+    """Mark in the timeline where motions snap."""
+    timeline = with_snaps(motions.timeline, diagnostics.findings)
+    if timeline != motions.timeline:
+        run.write_timeline(timeline, words.provided)
+    return replace(motions, timeline=timeline)
+
+
+def _render_videos(request: RunRequest, motions: RunMotions, run: RunWriter) -> None:
+    if not request.output.has_video:
+        return
+    on_share = run.progress_callback("video")
     on_share(0.0)
-    placed = {name: _placed(motion, rows) for name, motion in rows.staged.items()}
     draw_rows(
-        placed, request.video, rows.body, rows.tip, on_share, run.folder, rows.sound, run.file
+        {name: motions.place(motion) for name, motion in motions.viewer_motions.items()},
+        request.video,
+        motions.body,
+        motions.tracked_point,
+        on_share,
+        run.folder,
+        motions.audio_path,
+        run.add_files,
     )
 
 
-def _placed(motion: Motion, rows: RunMotions) -> Motion:
-    """Align generated motion for pictures."""
-    return align_to_origin(motion) if rows.is_made else motion
+def _comparison(
+    request: RunRequest, motions: RunMotions, run: RunWriter
+) -> AbstractContextManager[None]:
+    """Join the videos side by side while the block runs, if there are videos."""
+    if not request.output.has_video:
+        return nullcontext()
+    names = list(motions.figure_motions)
+    return comparison_video(names, motions.audio_path, run.folder, run, run.add_files)
+
+
+def _small(video: VideoOptions) -> VideoOptions:
+    """Return the options of poses in figures without videos."""
+    return replace(video, size=POSES_PX, views=("front",))
 
 
 def _draw_figures(
-    request: RunRequest, rows: RunMotions, diagnostics: Diagnostics, run: RunWriter
+    request: RunRequest,
+    motions: RunMotions,
+    diagnostics: Diagnostics,
+    poses: VideoOptions,
+    run: RunWriter,
 ) -> None:
     """Draw Figure 6, with poses if they are rendered, and the jitter sheet."""
-    snapshots, on_share = _draw_poses(request, rows, run), run.share("figure")
+    if not request.output.has_figures:
+        return
+    snapshots = _draw_poses(request, motions, poses, run)
+    on_share = run.progress_callback("figure")
     on_share(_POSES)
-    clip = printable(request.speech.path.stem) if rows.is_made and request.speech.path else ""
-    contents = figure6_of(rows.drawn, snapshots, rows.tip, request, clip, run.stop_if_asked)
-    run.figure("figure6", contents, contents.caption, request.figures.figure_forms)
+    drawn, tip, clip = motions.figure_motions, motions.tracked_point, motions.clip
+    contents = figure6_of(drawn, snapshots, tip, request, clip, run.raise_if_cancelled)
+    forms = request.figures.figure_forms
+    run.write_figure("figure6", contents, contents.caption, forms)
     on_share((_POSES + 1) / 2)
-    systems = [name for name in rows.drawn if name != REFERENCE_NAME]
-    sheet, said = make_jitter_sheet(diagnostics, rows.tip, systems), sentences_of(diagnostics)
-    told = f"{said['trajectory']} {said['depth']}"
-    run.figure("jitter", sheet, sheet_caption(sheet, clip, told), request.figures.figure_forms)
-    run.progress("figure", 1.0)
+    systems = [name for name in drawn if name != REFERENCE_NAME]
+    sheet, sentences = make_jitter_sheet(diagnostics, tip, systems), sentences_of(diagnostics)
+    caption = sheet_caption(sheet, clip, f"{sentences['trajectory']} {sentences['depth']}")
+    run.write_figure("jitter", sheet, caption, forms)
+    run.report_progress("figure", 1.0)
 
 
-def _draw_poses(request: RunRequest, rows: RunMotions, run: RunWriter) -> Snapshots:
+def _draw_poses(
+    request: RunRequest, motions: RunMotions, video: VideoOptions, run: RunCallbacks
+) -> Snapshots:
     """Render the poses of Figure 6; without poses, only the frames are chosen."""
-    figures, video = request.figures, request.video
-    shortest = min(motion.num_frames for motion in rows.drawn.values())
+    figures = request.figures
+    shortest = min(motion.num_frames for motion in motions.figure_motions.values())
     frames = figures.figure_frames or choose_snapshot_frames(shortest, figures.start_frame)
     if not request.output.has_poses or "b" not in figures.figure_panels:
         return Snapshots(frames)
-    if not (request.output.has_video and rows.is_made):  # otherwise the same as in videos
-        video = replace(video, size=POSES_PX, views=("front",))
-    placed = {name: _placed(motion, rows) for name, motion in rows.drawn.items()}
-    on_share = run.share("figure", _POSES)
-    return draw_poses(placed, video, rows.body, on_share, frames)
+    placed = {name: motions.place(motion) for name, motion in motions.figure_motions.items()}
+    on_share = run.progress_callback("figure", _POSES)
+    return draw_poses(placed, video, motions.body, on_share, frames)
 
 
-def _line(request: RunRequest, num_rows: int, num_frames: int, seconds: float) -> str:
-    """Return the final status message of a run."""
-    if not isinstance(request, GenerateRequest):
-        count = num_rows - (request.imports.reference is not None)
-        motions = f"{count} motion{'s' if count > 1 else ''}"
-        return (OPENED if _source_run(request) else MEASURED).format(motions=motions)
-    rows = f"{num_rows} {'motion' if num_rows == 1 else 'motions'}"
-    line = text.DONE.format(seconds=seconds, rows=rows, frames=num_frames)
+def _wait_for_words(motions: RunMotions, words: WordSearch, run: RunWriter) -> Transcript:
+    """Return the transcript, with the recognised words added to the timeline."""
+    transcript, notes = words.wait(run.raise_if_cancelled)
+    run.add_notes(*notes)
+    if transcript.origin != words.provided.origin:
+        run.write_timeline(motions.timeline, transcript)
+    return transcript
+
+
+def _write_provenance(motions: RunMotions, transcript: Transcript, run: RunWriter) -> None:
+    path = run.folder.path(PROVENANCE)
+    count = len(transcript.words)
+    words = {"origin": transcript.origin, "count": count} if count else None
+    speech = {**motions.provenance["speech"], "words": words}
+    record = {**motions.provenance, "speech": speech, "notes": run.notes}
+    path.write_text(json.dumps(record, indent=1) + "\n")
+    run.add_files(path)
+
+
+def _generated_sentence(request: GenerateRequest, motions: RunMotions, seconds: float) -> str:
+    """Return the final status message of a run that generated motion."""
+    count = len(motions.motions)
+    rows = f"{count} {'motion' if count == 1 else 'motions'}"
+    frames = max(motion.num_frames for motion in motions.viewer_motions.values())
+    line = text.DONE.format(seconds=seconds, rows=rows, frames=frames)
     recording = request.live_recording
     return f"{line} {recording.truncation_note}".rstrip() if recording else line
+
+
+def _measured_sentence(request: DiagnoseRequest, motions: RunMotions) -> str:
+    """Return the final status message of a run that measured motions."""
+    count = len(motions.motions) - (request.imports.reference is not None)
+    line = OPENED if request.motions.source_run else MEASURED
+    return line.format(motions=f"{count} motion{'s' if count > 1 else ''}")
 
 
 def _return_large_blocks() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -61,7 +61,7 @@ from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, save_figure
 
 _GROWN = 1.2
 """Growth factor of a motion after which its alignment is computed again."""
-FAULT = "The program failed in the middle of this run."
+FAULT = "The run stopped because of an internal error."
 
 
 @dataclass
@@ -88,21 +88,21 @@ class _Growing:
 class RunMotions:
     """Motions of one run with all data needed to measure them, by name, the reference last."""
 
-    measured: Mapping[str, Motion]
-    staged: Mapping[str, Motion]
+    motions: Mapping[str, Motion]
+    viewer_motions: Mapping[str, Motion]
     """Motions as the viewer plays them: imported ones aligned and as many as fit, generated ones
     filtered."""
-    drawn: Mapping[str, Motion]
+    figure_motions: Mapping[str, Motion]
     """Motions in figures, as many as fit."""
     timeline: dict[str, Any]
     body: Body
-    tip: TrackedPoint
-    sound: Path | None
+    tracked_point: TrackedPoint
+    audio_path: Path | None
     """Audio of videos; None without speech."""
     onsets_s: np.ndarray | None
     windows: Mapping[str, Windowing]
     """Generation windows by motion, if known."""
-    heard: np.ndarray | None = None
+    speech_bands: np.ndarray | None = None
     """Log-mel bands of the speech per motion frame (T, bands), for estimating the lag of imported
     motions; None without speech."""
     inputs: ProtocolInputs | None = None
@@ -111,12 +111,13 @@ class RunMotions:
     """Notes on reading imported motions, added to the metrics."""
     readings: Mapping[str, Reading] = field(default_factory=dict)
     """Imported files as they were read."""
-    origin: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
     """Provenance of generated motions."""
 
-    @property
-    def is_made(self) -> bool:
-        return bool(self.origin)
+    place: Callable[[Motion], Motion] = lambda motion: motion
+    """Function that aligns a motion for pictures; imported ones are aligned when they are read."""
+    clip: str = ""
+    """Name of the speech in captions of figures."""
 
 
 @contextmanager
@@ -137,7 +138,7 @@ def open_run_writer(
             record.state = "cancelled" if is_cancelled else "failed"
             record.sentence = "" if is_cancelled else truncate(sentence_of(error) or FAULT)
             with suppress(Exception):
-                run.tell()
+                run.write_record()
             raise
 
 
@@ -147,31 +148,31 @@ class RunWriter(RunCallbacks):
     def __init__(
         self, folder: ResultFolder, record: RunRecord, ear: RunCallbacks = NO_CALLBACKS
     ) -> None:
-        super().__init__(ear.hear, ear.should_cancel)
+        super().__init__(ear.on_event, ear.should_cancel)
         self.notes: list[str] = []
         self.folder = folder
         self.record = record
         self._path = folder.path(RUN, grows=True)
         self._growing: dict[str, _Growing] = {}
-        self.tell()
+        self.write_record()
 
-    def note(self, *sentences: str) -> None:
+    def add_notes(self, *sentences: str) -> None:
         """Add notes for the user, each sentence once."""
         self.notes.extend(note for note in sentences if note not in self.notes)
 
-    def tell(self) -> None:
+    def write_record(self) -> None:
         """Write the record, and notify the caller."""
         self.record.notes = [truncate(note) for note in self.notes[:MAX_FINDINGS]]
         self.record.write(self._path)
-        self.hear(FolderUpdated(self._path.parent))
+        self.on_event(FolderUpdated(self._path.parent))
 
     def finish(self, sentence: str) -> None:
         """Mark the run as done, and publish its files."""
         self.record.state, self.record.sentence = "done", truncate(sentence)
-        self.tell()
+        self.write_record()
         self.folder.publish()
 
-    def rows(self, names: Iterable[str]) -> None:
+    def declare_rows(self, names: Iterable[str]) -> None:
         """Set the names of all rows, in order."""
         self.record.rows = rows_of(list(names)[:MAX_ROWS])
 
@@ -180,7 +181,7 @@ class RunWriter(RunCallbacks):
         assert row is not None
         return row
 
-    def file(self, *paths: Path, row: str = "", kind: RowFileKind | None = None) -> None:
+    def add_files(self, *paths: Path, row: str = "", kind: RowFileKind | None = None) -> None:
         """Add complete files to the record.
 
         Args:
@@ -189,21 +190,23 @@ class RunWriter(RunCallbacks):
         """
         of = self.record.row(row)
         for path in paths:
-            whole = self.folder.whole(path)
+            whole = self.folder.mark_complete(path)
             if whole not in self.record.files:
                 self.record.files.append(whole)
             if of is not None and kind is not None:
                 of.files[kind] = whole
-        self.tell()
+        self.write_record()
 
-    def table(self, name: str, told: object, rows: Iterable[Iterable[object]]) -> None:
+    def write_table(self, name: str, told: object, rows: Iterable[Iterable[object]]) -> None:
         """Write metrics as JSON and as CSV."""
         numbers, table = (self.folder.path(f"{name}.{ending}") for ending in ("json", "csv"))
         numbers.write_text(json.dumps(told, indent=1) + "\n")
         table.write_text(csv_text(rows), "utf-8", newline="")
-        self.file(numbers, table)
+        self.add_files(numbers, table)
 
-    def figure(self, name: str, contents: Any, caption: str, forms: Sequence[str] = FORMS) -> None:
+    def write_figure(
+        self, name: str, contents: Any, caption: str, forms: Sequence[str] = FORMS
+    ) -> None:
         """Draw a figure of `renderer.figures.kept.DRAW` in the requested file formats.
 
         If some formats are omitted, the content is saved so that they can be drawn later.
@@ -214,10 +217,12 @@ class RunWriter(RunCallbacks):
         if set(forms) != set(FORMS):
             path = self.folder.path(viewer_file_name(name, CONTENTS_ENDING))
             kept.save_contents(path, name, contents, caption, places)
-            self.file(path)
-        self.file(*(self.folder.path(path.name) for path in files))
+            self.add_files(path)
+        self.add_files(*(self.folder.path(path.name) for path in files))
 
-    def grow(self, name: str, motion: Motion, num_frames: int, like: Motion | None = None) -> None:
+    def append_motion(
+        self, name: str, motion: Motion, num_frames: int, like: Motion | None = None
+    ) -> None:
         """Append frames to the motion of a row, which will have ``num_frames``.
 
         Args:
@@ -238,16 +243,16 @@ class RunWriter(RunCallbacks):
         growing.parts.append(motion)
         growing.end += motion.num_frames
         place = growing.placed(num_frames)
-        row.files["frames"] = self.folder.whole(growing.path)
+        row.files["frames"] = self.folder.mark_complete(growing.path)
         row.there = FramesAvailable(
             end=growing.end,
             num_frames=num_frames,
             bytes=size,
             place=(place.turn_rad, *place.shift_m),
         )
-        self.tell()
+        self.write_record()
 
-    def motion(self, name: str, motion: Motion, file_name: str = "") -> None:
+    def write_motion(self, name: str, motion: Motion, file_name: str = "") -> None:
         """Write the whole motion of a row as it is shown.
 
         Args:
@@ -256,18 +261,18 @@ class RunWriter(RunCallbacks):
         path = self.folder.path(file_name or viewer_file_name(name, ".npz"))
         save_motion(motion, path)
         if name not in self._growing:
-            self.grow(name, motion, motion.num_frames)
-        self.file(path, row=name, kind="motion")
+            self.append_motion(name, motion, motion.num_frames)
+        self.add_files(path, row=name, kind="motion")
 
-    def sound(self, waveform: np.ndarray) -> Path:
+    def write_audio(self, waveform: np.ndarray) -> Path:
         """Write the sound of the run as 16 kHz WAV."""
         path = self.folder.path(SPEECH)
         write_wav(path, waveform)
         self.record.sound = SPEECH
-        self.file(path)
-        return self.folder.at(SPEECH)
+        self.add_files(path)
+        return self.folder.final_path(SPEECH)
 
-    def show(
+    def write_viewer_files(
         self,
         motions: Mapping[str, Motion],
         speech: Speech | None,
@@ -281,40 +286,40 @@ class RunWriter(RunCallbacks):
             weights: folder of the accent network for the timeline; None omits accents.
             plans: files of gesture plans that the motions follow, by name.
         """
-        self.rows(motions)
-        self.sound(padded_waveform(speech, motions))
+        self.declare_rows(motions)
+        self.write_audio(padded_waveform(speech, motions))
         for name in sorted(motions.keys() & (plans or {}).keys()):
-            self.performed(name, read_plan_file((plans or {})[name]).plan)
+            self.write_plan(name, read_plan_file((plans or {})[name]).plan)
         for name, motion in motions.items():
-            self.motion(name, motion)
+            self.write_motion(name, motion)
         return make_timeline(speech, motions, "raw", tip, weights)
 
-    def timeline(self, timeline: Mapping[str, Any], said: Transcript) -> None:
+    def write_timeline(self, timeline: Mapping[str, Any], said: Transcript) -> None:
         """Write the timeline; it is written again when words have been recognised."""
         path = self.folder.path(TIMELINE)
         whole = {**timeline, **transcript_tiers(said)}
         path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
         self.record.timeline = TIMELINE
-        self.file(path)
+        self.add_files(path)
 
-    def performed(self, name: str, plan: GesturePlan) -> GesturePlan:
+    def write_plan(self, name: str, plan: GesturePlan) -> GesturePlan:
         """Write the gesture plan of a row; return it as rounded in the file."""
         path = self.folder.path(f"{file_stem(name)}.plan.json")
         write_plan_file(plan, path)
         written = read_plan_file(path).plan
         self._row(name).files["plan"] = path.name
-        self.file(path, row=name, kind="performed")
+        self.add_files(path, row=name, kind="performed")
         return written
 
-    def find_plans(self, motions: Mapping[str, Motion]) -> None:
+    def detect_plans(self, motions: Mapping[str, Motion]) -> None:
         """Detect and write the gesture plans of rows that have none."""
         for name, motion in motions.items():
             if "plan" not in self._row(name).files:
                 path = self.folder.path(viewer_file_name(name, ".plan.json"))
                 write_plan_file(found_plan(motion, open_body_skeleton()), path)
-                self.file(path, row=name, kind="plan")
+                self.add_files(path, row=name, kind="plan")
 
-    def measured(self, diagnostics: Diagnostics) -> None:
+    def write_metrics(self, diagnostics: Diagnostics) -> None:
         """Record the final metrics, findings and verdict."""
         record, is_made = self.record, self.record.kind == "generated"
         record.point = diagnostics.point
@@ -335,7 +340,7 @@ class RunWriter(RunCallbacks):
         record.says = {key: truncate(said) for key, said in sentences_of(diagnostics).items()}
         for row in record.rows:
             row.assumed = cast(list[AssumedTold], diagnostics.assumed.get(row.name, []))
-        self.tell()
+        self.write_record()
 
 
 def draw_figure(asked: tuple[Path, Path], *_: object) -> None:

@@ -41,6 +41,7 @@ MEASURE_SETS = Task("app.run.batch.motion_sets", "measure_sets")
 MEASURE_STEPS = Task("app.run.experiments.step_sweep", "measure_step_sweep")
 RENDER = Task("app.run.videos.export", "render_motion")
 COMPARE_ROTATION_NOISE = Task("app.run.experiments.rotation_noise", "compare_rotation_noise")
+WRITE_STAGE_BODY = Task("app.run.frame_packets", "write_stage_body")
 WRITE_PLAN = Task("app.run.videos.export", "write_plan")
 
 
@@ -52,7 +53,7 @@ class RunResult:
     diagnostics: Diagnostics
     notes: tuple[str, ...] = ()
     """Sentences for the user, such as what was done to the speech."""
-    said: Transcript = NOTHING_SAID
+    transcript: Transcript = NOTHING_SAID
     """Transcript of the speech, if it was provided or recognised."""
 
 
@@ -73,9 +74,9 @@ class SetResults:
     request: DiagnoseRequest
     files: tuple[Path, ...]
     notes: tuple[str, ...]
-    told: dict[str, Any]
+    summary: dict[str, Any]
     """Content of ``many.json`` as written by `app.run.batch.table.write_tables`."""
     clips: dict[str, dict[str, Path]]
     """Motion file of each clip in the tables, by system, including the reference."""
-    sounds: dict[str, Path]
+    audio_files: dict[str, Path]
     """Audio files of those clips that have one."""

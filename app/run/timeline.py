@@ -224,7 +224,7 @@ class _Line(BaseModel):
     gestures: Annotated[dict[Text, Parts], Field(max_length=20)] = {}
 
     @property
-    def said(self) -> Transcript:
+    def transcript(self) -> Transcript:
         return Transcript(
             tuple(Word(*part) for part in self.words),
             {name: tuple(Interval(*each) for each in of) for name, of in self.gestures.items()},
@@ -238,7 +238,9 @@ def read_transcript_of_run(folder: Path) -> Transcript:
     """Return the transcript in a run's timeline; empty if it is damaged."""
     path = file_of(folder, read_run(folder).timeline)
     try:
-        return NOTHING_SAID if path is None else read_checked(path, _Line, _MAX_LINE_BYTES).said
+        return (
+            NOTHING_SAID if path is None else read_checked(path, _Line, _MAX_LINE_BYTES).transcript
+        )
     except ValueError:
         return NOTHING_SAID
 
@@ -266,12 +268,12 @@ class WordSearch:
             self._hearing.__exit__()
 
     @property
-    def given(self) -> Transcript:
+    def provided(self) -> Transcript:
         """Words that are known at once; empty for a plain text, which has yet to be aligned."""
         return NOTHING_SAID if self._given is None else self._given.transcript
 
     @property
-    def need_speech(self) -> bool:
+    def needs_speech(self) -> bool:
         """True if words are to be recognised in, or aligned with, the speech."""
         if self._given is None:
             return self._asked == "recognise"
@@ -281,10 +283,10 @@ class WordSearch:
         """Start to recognise or align words in the background, if needed and not yet started."""
         if self._given is not None:
             self._given = self._given.within(len(waveform) / SAMPLE_RATE)
-        if self.need_speech and self._hearing is None:
+        if self.needs_speech and self._hearing is None:
             self._hearing = Hearing(waveform, self._given and self._given.text)
 
-    def found(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
+    def wait(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
         """Wait for the words, and return them with notes for the user.
 
         Args:
@@ -292,7 +294,7 @@ class WordSearch:
         """
         notes = () if self._given is None else self._given.notes
         if self._hearing is None:
-            return self.given, notes
+            return self.provided, notes
         while not self._hearing.is_over(_LOOK_EVERY_S):
             on_wait()
         heard = self._hearing.heard()

@@ -135,7 +135,7 @@ class _Maker:
             asked = source, self.weights, self.body, self.ear.should_cancel
             motions = shown_motions(self.plan, *asked) if views else {}
             for view in views:
-                tell = self.ear.share("video", source.num_frames / whole, done / whole)
+                tell = self.ear.progress_callback("video", source.num_frames / whole, done / whole)
                 here = clip, view
                 scene = {each: b for each, b in names.items() if (each.clip, each.view) == here}
                 self._make_scene(view, scene, motions, tracks, tell)
@@ -145,7 +145,7 @@ class _Maker:
                 key = replace(key, videos={**key.videos, **made})
                 write_key(key, self.workspace.key)
                 done += source.num_frames
-        self.ear.progress("video", 1.0)
+        self.ear.report_progress("video", 1.0)
         return key
 
     def _tracks(self, sources: tuple[Source, ...], heard: set[str | None]) -> dict[str, Path]:

@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
+from model.metrics.protocols.table import protocol_of
 from model.storage import escaping
 
 DRAWS = 2000
@@ -151,14 +152,19 @@ def as_markdown(table: dict) -> str:
 
 
 def as_csv(table: dict) -> str:
-    """Format the table as CSV with one line for each value: row, measure, mean, low, high."""
+    """Format the table as CSV with one line for each value.
+
+    Columns are row, measure, mean, low, high and the id of the protocol.
+    """
     floors = {f"{m}_floor": table[f"{m}_floor"] for m in COLUMNS if f"{m}_floor" in table}
     lines = [
-        [row, measure, value["mean"], value["low"], value["high"]]
+        [row, measure, *(value[key] for key in ("mean", "low", "high")), protocol_of(measure)]
         for row, columns in [*table["motion"].items(), ("recorded", floors)]
         for measure, value in columns.items()
     ]
-    return escaping.csv_text([["row", "measure", "mean", "low", "high"], *lines], line_end="\n")
+    return escaping.csv_text(
+        [["row", "measure", "mean", "low", "high", "protocol"], *lines], line_end="\n"
+    )
 
 
 def as_latex(table: dict) -> str:

@@ -75,7 +75,7 @@ def _kind(path: Path) -> str:
     ending = path.suffix.lower()
     if ending in PICKLES:
         raise MotionError(
-            f"{path.name} is a pickle file, which could run code when loaded, so it is not read. "
+            f"{path.name} is a pickle file, which could run code when read, so it is never loaded. "
             f"If you trust it, convert it with: {CONVERT}."
         )
     if ending in ENDINGS or not path.is_file():

@@ -16,15 +16,18 @@ import numpy as np
 from jaxtyping import Float32, Float64, Integer
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import NUM_JOINTS
+from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from conventions.views import BODY_LOOKS
 from renderer.body import skinning
 from renderer.body.body_file import OPEN_BODY_PATH, BodyArrays, BodyError, read_body_file
+from renderer.body.character import SUFFIXES, read_character
 from renderer.body.look import CLAY, vertex_colors
 
 NUM_EXPRESSIONS = 100
 MAX_DISTANCE_M = 100.0
 MAX_BETA = 10.0
+JAW_OPEN_RAD = 0.4
+"""Rotation of the jaw (rad) that opens a mouth as ARKit's jawOpen does at 1."""
 CHUNK_FRAMES = 16
 """Frames skinned at once: enough for matrix products, few enough for the cache."""
 
@@ -105,6 +108,8 @@ class Body(BodyArrays):
     @cached_property
     def vertex_colors(self) -> Float32[np.ndarray, "V 3"]:
         """Linear RGB in 0 to 1; clay if the body file has no painted regions."""
+        if self.texture is not None:
+            return self.texture.colors
         if self.regions is None:
             return np.tile(np.array(CLAY, np.float32), (self.num_vertices, 1))
         return vertex_colors(self.look_name, self.regions)
@@ -129,6 +134,7 @@ class Body(BodyArrays):
             pose_vertices=corrected[corrected >= 0],
             pose_dirs=self.pose_dirs[rows],
             regions=None if self.regions is None else self.regions[vertices],
+            texture=self.texture and self.texture.part(vertices),
         )
 
     def unsupported_notes(self, motion: BodyMotion) -> tuple[str, ...]:
@@ -158,10 +164,16 @@ class Body(BodyArrays):
 
     def joint_positions(self, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
         """Return the position of each joint, metres."""
+        _, positions = self.global_transforms(motion)
+        return (positions + motion.trans[:, None]).astype(np.float32)
+
+    def global_transforms(
+        self, motion: BodyMotion
+    ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
+        """Return global rotations and positions of the joints, without the translation."""
         _, shaped_joints = self.shaped(motion)
         local_rot, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
-        _, positions = skinning.global_transforms(local_rot, joints)
-        return (positions + motion.trans[:, None]).astype(np.float32)
+        return skinning.global_transforms(local_rot, joints)
 
     def shaped(
         self, motion: BodyMotion
@@ -173,11 +185,16 @@ class Body(BodyArrays):
         joints = self.rest_joints + self.shape_joints[:, :, :count] @ betas
         return vertices, joints.astype(np.float64)
 
-    def _expressions(self, motion: BodyMotion, frames: slice) -> Float32[np.ndarray, "T E"]:
+    def expression_weights(self, motion: BodyMotion, frames: slice) -> Float32[np.ndarray, "T E"]:
+        """Return the weight of each expression component in some frames."""
         num_components = len(self.expression_dirs)
-        if motion.expression_basis != self.expression_basis:
-            return np.zeros((frames.stop - frames.start, num_components), np.float32)
-        return motion.expressions[frames, :num_components]
+        weights = np.zeros((frames.stop - frames.start, num_components), np.float32)
+        if motion.expression_basis == self.expression_basis:
+            weights[:] = motion.expressions[frames, :num_components]
+        if self.jaw_component is not None:
+            opened = motion.poses[frames, 3 * JOINT_INDEX["jaw"]] / JAW_OPEN_RAD
+            weights[:, self.jaw_component] += np.clip(opened, 0, 1)
+        return weights
 
     def _joints(
         self, motion: BodyMotion, frames: slice, shaped_joints: Float64[np.ndarray, "J 3"]
@@ -185,7 +202,7 @@ class Body(BodyArrays):
         """Return local rotations, and rest joints with the expression of each frame."""
         turns = motion.poses[frames].astype(np.float64).reshape(-1, 3)
         local_rot = Rotation.from_rotvec(turns).as_matrix().reshape(-1, NUM_JOINTS, 3, 3)
-        expressions = self._expressions(motion, frames)
+        expressions = self.expression_weights(motion, frames)
         shift = np.tensordot(expressions, self.expression_joints, 1)
         return local_rot, shaped_joints + shift
 
@@ -198,7 +215,7 @@ class Body(BodyArrays):
     ) -> Float32[np.ndarray, "T V 3"]:
         local_rot, joints = self._joints(motion, frames, shaped_joints)
         rest_vertices = np.repeat(shaped_vertices[None], len(local_rot), axis=0)
-        expressions = self._expressions(motion, frames)
+        expressions = self.expression_weights(motion, frames)
         if expressions.any():
             rest_vertices[:, self.expression_vertices] += np.tensordot(
                 expressions, self.expression_dirs, 1
@@ -225,7 +242,9 @@ def load_body(path: Path | None = None, look: str = BODY_LOOKS[0]) -> Body:
         return Body(**vars(arrays), look_name=look)
     if look != BODY_LOOKS[0]:
         raise BodyError(
-            f"The look '{look}' belongs to the open body; {Path(path).name} is always shown as "
-            "plain clay, so leave one of the two out."
+            f"The look '{look}' belongs to the open body; {Path(path).name} has one look only, so "
+            "leave one of the two out."
         )
+    if Path(path).suffix.lower() in SUFFIXES:
+        return Body(**vars(read_character(Path(path))))
     return Body(**vars(read_body_file(Path(path))))

@@ -4,19 +4,25 @@ Both become one :class:`BodyArrays`. Nothing in a file is ever unpickled (licens
 pickled arrays, which are not needed to pose the body).
 """
 
+from __future__ import annotations
+
 import hashlib
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float32, Int32, Int64
+from jaxtyping import Float32, Float64, Int32, Int64
 
 from conventions.joints import NUM_JOINTS, PARENTS
 from conventions.views import BUILDS
+
+if TYPE_CHECKING:
+    from renderer.body.texture import Texture
 
 MAX_VERTICES = 100_000
 MAX_FACES = 200_000
@@ -31,6 +37,24 @@ OPEN_BODY_FORMAT = 2
 
 NUM_POSE_FEATURES = 9 * (NUM_JOINTS - 1)
 MAX_EXPRESSIONS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Bones and blendshapes of a character in its file, by which an animation is written into it.
+
+    A position of the file becomes one of ours by ``scale * axes @ position``, and a translation.
+    """
+
+    path: Path
+    nodes: tuple[int, ...]
+    """Node of each SMPL-X joint, -1 where the character has none."""
+    turns: Float64[np.ndarray, "J 3 3"]
+    """World rotation of each joint, in our axes, from the file's rest pose to the zero pose."""
+    axes: Float64[np.ndarray, "3 3"]
+    scale: float
+    shapes: dict[int, dict[int, dict[int, float]]]
+    """Weight of each expression component, by mesh and by target of the mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +86,14 @@ class BodyArrays:
     """Corrective offsets (3 P, 486) per entry of (R - I) of joints 1 to 54; sparse or dense."""
     regions: Int32[np.ndarray, " V"] | None
     """Index of the painted region of each vertex (``renderer.body.look``); None without regions."""
+    texture: Texture | None = None
+    """Colours and texture of a character; None for other bodies."""
+    jaw_component: int | None = None
+    """Expression component that opens the mouth of a character without a jaw bone."""
+    rig: Rig | None = None
+    """Bones of a character in its file; None for other bodies."""
+    remarks: tuple[str, ...] = ()
+    """Sentences on how a character was read."""
 
     @cached_property
     def main_joints(self) -> Int64[np.ndarray, " V"]:

@@ -38,7 +38,7 @@ def open_body_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
 def body_at(body: Body, height_px: float) -> Body:
     """Return the coarsest mesh that looks like the whole body at a height in pixels."""
     needed = FACES_PER_SQUARE_PX * height_px**2
-    if needed > len(body.faces):
+    if needed > len(body.faces) or body.texture is not None:  # textures have seams
         return body
     fine_enough = [
         faces for faces in _coarser_faces(body) if needed <= len(faces) < len(body.faces)

@@ -67,9 +67,21 @@ class VertexNormals:
     once. trimesh's normals (weighted by angle), computed for each frame, take eight times as long.
     """
 
-    def __init__(self, faces: Int[np.ndarray, "F 3"], num_vertices: int) -> None:
+    def __init__(
+        self,
+        faces: Int[np.ndarray, "F 3"],
+        num_vertices: int,
+        welds: Int[np.ndarray, " V"] | None = None,
+    ) -> None:
+        """Prepare the sum over faces.
+
+        Args:
+            welds: vertex whose normal each vertex shares, such as across a seam of a texture.
+        """
         num_faces = len(faces)
         self._corners = np.ascontiguousarray(faces.T.astype(np.intp))
+        self._welds = welds
+        faces = faces if welds is None else welds[faces]
         self._sum_over_faces = sparse.csr_matrix(
             (
                 np.ones(3 * num_faces, np.float32),
@@ -90,4 +102,4 @@ class VertexNormals:
         normals = self._sum_over_faces @ cross
         length = np.sqrt(np.einsum("vi,vi->v", normals, normals))
         normals /= np.maximum(length, np.finfo(np.float32).tiny)[:, None]
-        return normals
+        return normals if self._welds is None else normals[self._welds]

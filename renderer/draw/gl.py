@@ -15,6 +15,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 from trimesh.visual import TextureVisuals
 
+from renderer.body.texture import Texture
 from renderer.draw.lighting import SHADERS
 from renderer.scene.camera import Z_NEAR_M, Camera
 from renderer.scene.studio import ROUGHNESS, STUDIO, Light, PosedFrame, Subject
@@ -316,13 +317,18 @@ class DynamicMesh:
     """Lit mesh of some faces of a moving body: pyrender's buffer, rewritten in place."""
 
     def __init__(
-        self, frame: PosedFrame, colors: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
+        self,
+        frame: PosedFrame,
+        colors: Float[np.ndarray, "V 3"],
+        faces: Int[np.ndarray, "F 3"],
+        texture: Texture | None = None,
     ) -> None:
         """Make the mesh.
 
         Args:
             frame: frame with all vertices of the body, as for ``move``.
             faces: faces among its vertices; other vertices are left out.
+            texture: texture, which the colours are multiplied by.
         """
         self._used, faces = _in_order(faces)
         held = trimesh.Trimesh(
@@ -336,11 +342,18 @@ class DynamicMesh:
         white = pyrender.MetallicRoughnessMaterial(
             baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=ROUGHNESS
         )
+        if texture is not None:
+            # pyrender puts row 0 of a texture at v = 1, glTF at v = 0.
+            pixels = np.ascontiguousarray(texture.pixels[::-1])
+            white.baseColorTexture = pyrender.Texture(source=pixels, source_channels="RGBA")
         self.mesh = pyrender.Mesh.from_trimesh(held, material=white)
         (self._primitive,) = self.mesh.primitives
         self._primitive.color_0 = rgba.astype(np.float32)
-        # The layout of pyrender's vertex buffer: position, normal, colour.
+        # The layout of pyrender's vertex buffer: position, normal, texture coordinates, colour.
         parts = [held.vertices, held.vertex_normals, rgba]
+        if texture is not None:
+            self._primitive.texcoord_0 = texture.uv[self._used]
+            parts.insert(2, texture.uv[self._used])
         self._interleaved = np.concatenate(parts, axis=1).astype(np.float32)
 
     def show_insides(self) -> None:
@@ -352,7 +365,7 @@ class DynamicMesh:
         self._interleaved[:, 0:3] = frame.vertices[self._used]
         self._interleaved[:, 3:6] = frame.normals[self._used]
         if frame.colors is not None:
-            self._interleaved[:, 6:9] = frame.colors[self._used]
+            self._interleaved[:, -4:-1] = frame.colors[self._used]
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self._primitive._buffers[0])
         GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, self._interleaved.nbytes, self._interleaved)
         GL.glBindBuffer(GL.GL_ARRAY_BUFFER, 0)
@@ -452,9 +465,15 @@ class BodyScene:
 
     def __init__(self, subject: Subject, first: PosedFrame, camera: Camera, aspect: float) -> None:
         colors = subject.colors if first.colors is None else first.colors
-        is_open = near_openings(subject.faces, first.vertices)
+        texture = subject.texture
+        if texture is None:
+            is_open = near_openings(subject.faces, first.vertices)
+        else:
+            is_open = texture.is_double_sided[subject.faces[:, 0]]
+        if texture is not None and first.colors is not None:
+            texture = texture.blank()  # only the colours of the overlay are seen
         self._body = [
-            DynamicMesh(first, colors, subject.faces[each])
+            DynamicMesh(first, colors, subject.faces[each], texture)
             for each in (~is_open, is_open)
             if each.any()
         ]

@@ -25,6 +25,9 @@ def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
 
     (vertices,) = np.concatenate(list(body.vertices(select_frames(motion, [frame]))))
     shown = np.sqrt(body.vertex_colors)  # linear
+    if (texture := body.texture) is not None:
+        rows, columns = (np.array(texture.pixels.shape[:2]) * texture.uv[:, ::-1]).astype(int).T
+        shown = shown * texture.pixels[rows, columns, :3] / np.float32(255)
     mesh = trimesh.Trimesh(vertices, body.faces, vertex_colors=shown, process=False)
     with out.open("wb") as file:
         mesh.export(file, file_type=out.suffix.lower()[1:])
@@ -54,7 +57,7 @@ def write_bvh(body: Body, motion: BodyMotion, out: Path) -> None:
         ends |= {
             f"{finger}3": vertices[vertex] - joints[JOINT_NAMES.index(f"{finger}3")]
             for finger, vertex in TIP_VERTICES.items()
-            if vertex < len(vertices)
+            if vertex < len(vertices) and body.rig is None
         }
         lines = ["HIERARCHY", *_hierarchy(0, 0, joints, ends)]
         lines += ["MOTION", f"Frames: {motion.num_frames}", f"Frame Time: {1 / FPS:.8f}", ""]

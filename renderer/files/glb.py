@@ -12,12 +12,14 @@ steps of 1 / 32767. All builds share skeleton, topology, weights and face, so no
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt16
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
@@ -37,7 +39,7 @@ _BODY_NODE, _CAMERA_NODE = NUM_JOINTS, NUM_JOINTS + 1  # after the joints
 _CAMERA_VIEW = "front"
 _ARRAY_BUFFER, _ELEMENT_BUFFER = 34962, 34963
 _COMPONENTS = {"float32": 5126, "uint32": 5125, "uint16": 5123, "int16": 5122, "uint8": 5121}
-_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 def glb_bytes(
@@ -54,7 +56,7 @@ def glb_bytes(
             ``extras``, with their frame.
     """
     vertices, joints = body.shaped(motion)
-    buffer = _Buffer()
+    buffer = Buffer()
     offsets = joints - np.where(np.array(PARENTS)[:, None] >= 0, joints[list(PARENTS)], 0)
     nodes: list[dict] = [
         {"name": name, "translation": offsets[joint].tolist()}
@@ -74,11 +76,7 @@ def glb_bytes(
     stage = make_camera_setup(body, [motion], _CAMERA_VIEW)
     animation = _animation(buffer, body, motion, stage, offsets[0], nodes, used)
     if markers:
-        told = [
-            {"time": round(seconds, 4), "frame": round(seconds * FPS), "name": name}
-            for seconds, name in markers
-        ]
-        animation["extras"] = {"markers": told}
+        animation["extras"] = {"markers": markers_of(markers)}
     camera = stage.camera
     lens = {"yfov": camera.yfov_rad, "aspectRatio": 1.0, "znear": Z_NEAR_M}
     nodes.append({"name": "body", "mesh": 0, "skin": 0})
@@ -90,11 +88,24 @@ def glb_bytes(
             "rotation": Rotation.from_matrix(camera.axes().T).as_quat().tolist(),
         }
     )
-    material = {
+    material: dict = {
         "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 0.75},
         "doubleSided": True,
     }
+    pictured: dict = {}
+    if body.texture is not None:
+        picture = io.BytesIO()
+        Image.fromarray(body.texture.pixels).save(picture, "WEBP", quality=88, method=1)
+        view = buffer.view(np.frombuffer(picture.getvalue(), np.uint8))
+        material["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
+        material |= {"alphaMode": "MASK", "alphaCutoff": 0.5}
+        pictured = {
+            "images": [{"bufferView": view, "mimeType": "image/webp"}],
+            "textures": [{"extensions": {"EXT_texture_webp": {"source": 0}}}],
+            "extensionsUsed": ["EXT_texture_webp"],
+        }
     document = {
+        **pictured,
         "asset": {"version": "2.0", "generator": "co-speech motion app"},
         "scene": 0,
         "scenes": [{"nodes": [0, _BODY_NODE, _CAMERA_NODE]}],
@@ -108,21 +119,34 @@ def glb_bytes(
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.content)}],
     }
+    return joined(document, bytes(buffer.content))
+
+
+def markers_of(markers: Sequence[tuple[float, str]]) -> list[dict]:
+    """Return times (s) with names as an animation's ``extras`` state them, with their frames."""
+    return [
+        {"time": round(seconds, 4), "frame": round(seconds * FPS), "name": name}
+        for seconds, name in markers
+    ]
+
+
+def joined(document: dict, binary: bytes) -> bytes:
+    """Join the two chunks of a binary glTF file."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + 8 + len(buffer.content)
+    total = 12 + 8 + len(text) + 8 + len(binary)
     return b"".join(
         [
             struct.pack("<4sII", b"glTF", 2, total),
             struct.pack("<I4s", len(text), b"JSON"),
             text,
-            struct.pack("<I4s", len(buffer.content), b"BIN\0"),
-            bytes(buffer.content),
+            struct.pack("<I4s", len(binary), b"BIN\0"),
+            binary,
         ]
     )
 
 
-class _Buffer:
+class Buffer:
     """Binary part of a GLB, with its buffer views and accessors."""
 
     def __init__(self) -> None:
@@ -139,7 +163,7 @@ class _Buffer:
         bounds: bool = False,
     ) -> int:
         """Add an array of scalars (N,) or vectors (N, C); return the index of its accessor."""
-        entry = {"bufferView": self._view(array, target), **_description(array)}
+        entry = {"bufferView": self.view(array, target), **_description(array)}
         if normalized:
             entry["normalized"] = True
         if bounds:
@@ -162,16 +186,17 @@ class _Buffer:
                 "sparse": {
                     "count": len(indices),
                     "indices": {
-                        "bufferView": self._view(indices, None),
+                        "bufferView": self.view(indices, None),
                         "componentType": _COMPONENTS[indices.dtype.name],
                     },
-                    "values": {"bufferView": self._view(values, None)},
+                    "values": {"bufferView": self.view(values, None)},
                 },
             }
         )
         return len(self.accessors) - 1
 
-    def _view(self, array: np.ndarray, target: int | None) -> int:
+    def view(self, array: np.ndarray, target: int | None = None) -> int:
+        """Add the bytes of an array; return the index of their buffer view."""
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
         if target is not None:
             view["target"] = target
@@ -201,10 +226,12 @@ def _used_expressions(body: Body, motion: BodyMotion) -> list[int]:
 
 
 def _mesh(
-    buffer: _Buffer, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
+    buffer: Buffer, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
 ) -> dict:
     num_vertices = body.num_vertices
-    normals = VertexNormals(body.faces, num_vertices)(vertices).astype(np.float32)
+    texture = body.texture
+    normals_of = VertexNormals(body.faces, num_vertices, texture and texture.welds)
+    normals = normals_of(vertices).astype(np.float32)
     joints, shares = _four_strongest(body)
     colors = np.full((num_vertices, 4), 65535, np.uint16)
     colors[:, :3] = np.round(body.vertex_colors * 65535)
@@ -222,6 +249,8 @@ def _mesh(
         "material": 0,
     }
     mesh: dict = {"name": "body", "primitives": [primitive]}
+    if texture is not None:
+        primitive["attributes"]["TEXCOORD_0"] = buffer.accessor(texture.uv, target=_ARRAY_BUFFER)
     if used:
         primitive["targets"] = [
             {"POSITION": buffer.sparse_accessor(moved, body.expression_dirs[k], num_vertices)}
@@ -230,10 +259,12 @@ def _mesh(
         mesh["weights"] = [0.0] * len(used)
         names = body.expression_names
         mesh["extras"] = {"targetNames": [names[k] if names else f"expression{k}" for k in used]}
+        if body.jaw_component in used:
+            mesh["extras"]["jawTarget"] = used.index(body.jaw_component)
     return mesh
 
 
-def _coarser_mesh(buffer: _Buffer, mesh: dict, faces: UInt16[np.ndarray, "F 3"]) -> dict:
+def _coarser_mesh(buffer: Buffer, mesh: dict, faces: UInt16[np.ndarray, "F 3"]) -> dict:
     """Return a mesh of other faces with the vertices of ``mesh``."""
     indices = buffer.accessor(faces.ravel(), target=_ELEMENT_BUFFER)
     attributes = mesh["primitives"][0]["attributes"]
@@ -255,7 +286,7 @@ def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _animation(
-    buffer: _Buffer,
+    buffer: Buffer,
     body: Body,
     motion: BodyMotion,
     stage: CameraSetup,
@@ -268,10 +299,7 @@ def _animation(
     times = buffer.accessor(frames, bounds=True)
     rotvec = motion.poses.reshape(-1, 3).astype(np.float64)
     quaternions = Rotation.from_rotvec(rotvec).as_quat().reshape(-1, NUM_JOINTS, 4)
-    # Neighbouring frames get the same sign, so that players interpolate the short way.
-    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
-    flips[flips == 0] = 1
-    quaternions[1:] *= np.cumprod(flips, axis=0)[..., None]
+    quaternions = same_sign(quaternions)
     moved: list[tuple[int, str, int]] = []
     for joint in range(NUM_JOINTS):
         of_joint = quaternions[:, joint]
@@ -298,6 +326,14 @@ def _animation(
             for number, (node, path, _) in enumerate(moved)
         ],
     }
+
+
+def same_sign(quaternions: Float[np.ndarray, "T *J 4"]) -> Float[np.ndarray, "T *J 4"]:
+    """Give neighbouring frames the same sign, so that players interpolate the short way."""
+    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
+    flips[flips == 0] = 1
+    signs = np.concatenate([np.ones_like(flips[:1]), np.cumprod(flips, axis=0)])
+    return quaternions * signs[: len(quaternions), ..., None]
 
 
 STEP_M = 4e-6

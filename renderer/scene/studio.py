@@ -8,6 +8,7 @@ from jaxtyping import Float, Float32, Int, UInt8
 from scipy import ndimage
 
 from renderer.body.skinning import VertexNormals
+from renderer.body.texture import Texture
 from renderer.scene.camera_setup import CameraSetup
 
 RESOLUTION = 160
@@ -145,15 +146,21 @@ class Subject:
     """Corners from ``ShadowGround.corners``."""
     is_transparent: bool = False
     """True to draw the body alone, with its coverage of each pixel as a fourth channel."""
+    texture: Texture | None = None
+    """Texture of a character, which its colours are multiplied by."""
 
 
 class FramePreparer:
     """Converter of vertices to ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
 
     def __init__(
-        self, faces: Int[np.ndarray, "F 3"], num_vertices: int, stage: CameraSetup
+        self,
+        faces: Int[np.ndarray, "F 3"],
+        num_vertices: int,
+        stage: CameraSetup,
+        texture: Texture | None = None,
     ) -> None:
-        self.normals = VertexNormals(faces, num_vertices)
+        self.normals = VertexNormals(faces, num_vertices, texture and texture.welds)
         self.ground = ShadowGround(stage)
         self._faces = faces
         self._large: tuple[Int[np.ndarray, " F"], ...] | None = None

@@ -151,10 +151,10 @@ def tell_windows(
     """Motion of all rows in windows of 52 frames, the rows in turn."""
     for window, start in enumerate(range(0, num_frames, 52)):
         while not before_window(window).wait(0.05):
-            run.stop_if_asked()
+            run.raise_if_cancelled()
         for i, name in enumerate(names):
             whole = made_motion(num_frames, 0.02 / (i + 1))
-            run.grow(name, whole.part(slice(start, start + 52)), num_frames)
+            run.append_motion(name, whole.part(slice(start, start + 52)), num_frames)
 
 
 def make_generate(
@@ -177,51 +177,51 @@ def make_generate(
         systems = [name for name in names if name != REFERENCE_NAME]
         how = request.output.out, record_of(request), ear
         with open_run_writer(*how, is_kept=request.output.is_kept) as run:
-            run.progress("speech", 1.0)
-            run.progress("motion", 0.4, names[0])
+            run.report_progress("speech", 1.0)
+            run.report_progress("motion", 0.4, names[0])
             if error is not None:
                 raise error
             speech = load_speech(request.speech.path or "")
             run.record.speech_sha256 = speech.sha256
-            run.rows(names)
-            run.sound(speech.waveform)
+            run.declare_rows(names)
+            run.write_audio(speech.waveform)
             recorded = {}
             if request.imports.reference is not None:
                 recorded[REFERENCE_NAME] = first_frames(
                     load_motion(request.imports.reference), num_frames
                 )
-                run.motion(REFERENCE_NAME, recorded[REFERENCE_NAME])
+                run.write_motion(REFERENCE_NAME, recorded[REFERENCE_NAME])
             if before_window is not None:
                 tell_windows(run, systems, num_frames, before_window)
             if plan is not None:
-                run.performed(names[0], plan)
+                run.write_plan(names[0], plan)
             motions = {
                 name: made_motion(num_frames, 0.02 / (i + 1)) for i, name in enumerate(systems)
             }
             for name, motion in motions.items():
-                run.motion(name, motion, f"{file_stem(name)}.npz")
-            run.progress("motion", 1.0)
+                run.write_motion(name, motion, f"{file_stem(name)}.npz")
+            run.report_progress("motion", 1.0)
             if late_error is not None:
                 raise late_error
             tip = TrackedPoint()
             said = (
                 RECOGNISED
                 if request.speech.words == "recognise"
-                else WordSearch(request.speech.transcript, "none").given
+                else WordSearch(request.speech.transcript, "none").provided
             )
-            run.timeline(make_timeline(speech, motions | recorded, "raw", tip), said)
-            run.find_plans(motions | recorded)
+            run.write_timeline(make_timeline(speech, motions | recorded, "raw", tip), said)
+            run.detect_plans(motions | recorded)
             reference = measures(104.0) if request.imports.reference else None
             jerk = {name: measures(110.0 + 10 * i) for i, name in enumerate(systems)}
-            run.progress("numbers", 1.0)
-            run.measured(diagnostics_of(reference, **jerk))
+            run.report_progress("numbers", 1.0)
+            run.write_metrics(diagnostics_of(reference, **jerk))
             while before_figures is not None and not before_figures.wait(0.05):
-                run.stop_if_asked()
+                run.raise_if_cancelled()
             figure = run.folder.path("figure6.png")
             Image.fromarray(np.full((90, 160, 3), 200, np.uint8)).save(figure)
-            run.progress("figure", 1.0)
-            run.file(figure)
-            run.note("A note.")
+            run.report_progress("figure", 1.0)
+            run.add_files(figure)
+            run.add_notes("A note.")
             why = "" if request.live_recording is None else request.live_recording.truncation_note
             done = text.DONE.format(seconds=0, rows=f"{len(names)} motions", frames=num_frames)
             run.finish(f"{done} {why}".strip())
@@ -231,24 +231,24 @@ def make_generate(
 
 def diagnose(request: AnyRun, ear: RunCallbacks) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
-    ear.hear(Progress("numbers", 0.5))
+    ear.on_event(Progress("numbers", 0.5))
     with open_run_writer(
         request.output.out, record_of(request), ear, is_kept=request.output.is_kept
     ) as run:
         motions = {name: made_motion(30) for name in request.motions.names}
-        run.rows(motions)
+        run.declare_rows(motions)
         for name, motion in motions.items():
-            run.motion(name, motion)
-        run.note("A <note>.")
+            run.write_motion(name, motion)
+        run.add_notes("A <note>.")
         found = diagnostics_of(**{name: measures(120.0) for name in request.motions.names})
         assumed = {name: [dict(ASSUMED)] for name in request.motions.names}
         for row, path in zip(run.record.rows, request.motions.motions, strict=True):
             row.ending = path.suffix
-        run.measured(replace(found, assumed=assumed))
+        run.write_metrics(replace(found, assumed=assumed))
         for name in ("diagnostics.json", "jitter.png"):
             path = run.folder.path(name)
             path.write_bytes(b"0")
-            run.file(path)
+            run.add_files(path)
         run.finish(MEASURED.format(motions=f"{len(motions)} motion"))
 
 
@@ -267,12 +267,12 @@ def make_draw(
                         raise Cancelled
                 video = folder.path(f"{file_stem(name)}.mp4")
                 write_video(video, seconds)
-                ear.hear(Progress("video", (i + 1) / len(names)))
+                ear.on_event(Progress("video", (i + 1) / len(names)))
                 add_file(run, video, name, "video")
-                ear.hear(FolderUpdated(run))
+                ear.on_event(FolderUpdated(run))
             comparison = folder.path("comparison.mp4")
             write_video(comparison, seconds)
             add_file(run, comparison)
-            ear.hear(FolderUpdated(run))
+            ear.on_event(FolderUpdated(run))
 
     return draw

@@ -11,6 +11,8 @@ from app.run.requests.requests import (
     PlanRequest,
     RenderRequest,
     RotationNoiseRequest,
+    SpeechEffectRequest,
+    StepSweepRequest,
 )
 
 
@@ -33,3 +35,11 @@ def render_request(**fields: Any) -> RenderRequest:
 
 def rotation_noise_request(**fields: Any) -> RotationNoiseRequest:
     return request_from(RotationNoiseRequest, {"has_video": False, **fields})
+
+
+def speech_effect_request(**fields: Any) -> SpeechEffectRequest:
+    return request_from(SpeechEffectRequest, fields)
+
+
+def step_sweep_request(**fields: Any) -> StepSweepRequest:
+    return request_from(StepSweepRequest, fields)

@@ -46,7 +46,7 @@ def test_of_the_systems_errors_those_are_told_that_a_person_can_do_something_abo
     )
     assert visitor_sentence(full) == text.DISK_FULL
     assert sentence_of(OSError(13, "Permission denied")) == (
-        "Nothing may be written there; choose a folder that you may write to."
+        "No permission to write there; choose another folder."
     )
     assert "ran out of memory" in str(sentence_of(MemoryError()))
     assert sentence_of(OSError(2, "No such file")) is None
@@ -80,6 +80,6 @@ def check_refusals(tmp_path):
         for path, words in (
             (hidden, f"{hidden} may not be read"),
             (closed / "b.wav", "b.wav may not be read"),
-            (missing, f"Nothing may be written at {tmp_path}"),
+            (missing, f"No permission to write at {tmp_path}"),
         ):
             assert words in str(sentence_of(PermissionError(13, "Permission denied", str(path))))

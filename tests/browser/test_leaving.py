@@ -11,7 +11,7 @@ from playwright.sync_api import BrowserContext, expect
 
 from app.config import AppConfig
 from app.page.visitors.turns import Turns
-from app.run.callbacks import Ear
+from app.run.callbacks import RunCallbacks
 from app.run.requests.requests import AnyRun
 from processes.job import Cancelled
 from tests.browser.conftest import Fake, opened, ready, served_blocks, staged, start
@@ -32,7 +32,7 @@ class Runs:
         self.ends: list[str] = []
         self.lost: list[str] = []
 
-    def do(self, request: AnyRun, ear: Ear) -> Any:
+    def do(self, request: AnyRun, ear: RunCallbacks) -> Any:
         self.num_begun += 1
         try:
             done = self._fake.generate(request, ear)

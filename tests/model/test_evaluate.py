@@ -142,7 +142,13 @@ def test_the_command_writes_rows_with_intervals_in_four_ways(
     assert "FED is left out" not in text and "| FED | - |" in text
     assert "wrist speed, calm / lively speaker" in text
     with (tmp_path / "evaluation.csv").open() as file:
-        values = {(r["row"], r["measure"]): float(r["mean"]) for r in csv.DictReader(file)}
+        rows = list(csv.DictReader(file))
+    values = {(r["row"], r["measure"]): float(r["mean"]) for r in rows}
+    protocols = {r["measure"]: r["protocol"] for r in rows}
+    assert (
+        protocols["tip_jerk_m_s3"] == "workbench/1" and protocols["l1_to_mean_m"] == "l1div/emage"
+    )
+    assert protocols["beat_align_motion_to_audio_chance"] == "beats/asynfusion"
     assert values["recorded", "tip_jerk_m_s3"] == jerk["mean"]
     own, foreign, less = (
         values[NAME, f"wrists_loudness{wrong}"] for wrong in ("", "_foreign", "_less_foreign")

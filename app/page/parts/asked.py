@@ -14,7 +14,7 @@ import gradio as gr
 from pydantic import ConfigDict, ValidationError, create_model
 
 from app.errors import RunError
-from app.run.requests.convert import all_names, default_of, field_type, parse_field
+from app.run.requests.convert import all_names, parse_field, request_field
 from model.storage.json_validation import why
 
 LONGEST_TEXT = 5000
@@ -69,8 +69,10 @@ def _read(part: Any, value: Any, request: type, name: str) -> Any:
     if isinstance(value, str):
         value = value.strip()
     if value in (None, ""):
-        return default_of(request, name)
-    if isinstance(part, gr.Number | gr.Slider) and not _has(field_type(request, name), float):
+        return request_field(request, name).default
+    if isinstance(part, gr.Number | gr.Slider) and not _has(
+        request_field(request, name).type, float
+    ):
         value = _whole(part, value)
     return parse_field(request, name, tuple(value) if isinstance(value, list) else value)
 

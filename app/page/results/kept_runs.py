@@ -81,7 +81,7 @@ class KeptRun:
         if self.clips:
             done = [run for run in self.clips.values() if run.record.state == "done"]
             line = text.CLIPS_DONE.format(done=len(done), count=len(self.clips))
-        moving = [(clip, run) for clip, run in self.clips.items() if run.record.is_moving]
+        moving = [(clip, run) for clip, run in self.clips.items() if run.record.has_motion]
         choices = [(clip, run.token) for clip, run in moving]
         return {
             **told_so_far(showing, parts),
@@ -144,7 +144,7 @@ class KeptRuns(Kept[KeptRun]):
                 run.showing.say()
             run.token = self.keep(run, job.folder, None)
         runs = list(kept.values())
-        return next((run for run in runs if run.record.is_moving), runs[0])
+        return next((run for run in runs if run.record.has_motion), runs[0])
 
     def edited(self, name: str, cookie: str) -> KeptRun | None:
         """Return the run of a name if this browser may edit its plans, or None."""

@@ -92,7 +92,7 @@ class Showing:
         offers: Sequence[EditSuggestion] = (),
     ) -> None:
         """Set the message, state (``working`` during a take) and offers of the plan editor."""
-        told = [{"label": one.label, "edits": [e.told() for e in one.edits]} for one in offers]
+        told = [{"label": one.label, "edits": [e.as_json() for e in one.edits]} for one in offers]
         self.editing = {"said": sentence, "refused": is_refused, "state": state, "offers": told}
 
     def for_browser(self, address: Address) -> Showing:
@@ -113,7 +113,7 @@ class Showing:
             "begins": is_running,
             "findings": [
                 {"name": each.name, "sentence": each.sentence, "at": each.at}
-                for each in record.gravest
+                for each in record.top_findings
             ],
             **({"editing": self._edited(self.editing)} if self.editing else {}),
             **self._addresses(beside),

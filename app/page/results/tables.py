@@ -28,6 +28,7 @@ from app.page.parts import markup
 from app.run.batch.table import cells_of, interval, star_legend
 from app.run.output.run_folder import FindingRecord, RunRecord
 from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, pluralise, short_names
+from model.metrics.protocols.table import protocol_of
 from model.storage.escaping import csv_text
 
 
@@ -71,11 +72,22 @@ def measures_table(run: RunRecord) -> str:
     told = "".join(f'<p class="says">{escape(sentence)}</p>' for sentence in said)
     above = _findings(run) + told
     legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
-    return table_of(columns, point_title(run.point), legend, above)
+    has_published_speeds = bool(run.request.get("mean_speeds"))
+    return table_of(columns, point_title(run.point), legend, above, has_published_speeds)
 
 
-def table_of(columns: Sequence[Column], point: str, legend: str, above: str = "") -> str:
-    """Format a table of metrics with its heading, legend and switches."""
+def table_of(
+    columns: Sequence[Column],
+    point: str,
+    legend: str,
+    above: str = "",
+    has_published_speeds: bool = False,
+) -> str:
+    """Format a table of metrics with its heading, legend and switches.
+
+    Args:
+        has_published_speeds: true if BeatAlign used published mean speeds.
+    """
     numbers = [
         (measure, column, version, value)
         for measure in MEASURES
@@ -96,14 +108,19 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
         + "".join(_row(each, columns) for each in measures)
         for group, measures in groupby(shown, key=lambda measure: measure.group)
     )
+    has_reference = any(column.kind == "reference" for column in columns)
+    speeds = "reference" if has_reference else "own"
+    speeds = "emage" if has_published_speeds else speeds
     # All numbers of the table, raw and filtered, one per line.
-    lines = [(of.key, of.unit, each.name, version, value) for of, each, version, value in numbers]
-    csv = csv_text([("measure", "unit", "name", "filter", "value"), *lines])
+    lines = [
+        (of.key, of.unit, each.name, version, value, protocol_of(of.key, speeds))
+        for of, each, version, value in numbers
+    ]
+    csv = csv_text([("measure", "unit", "name", "filter", "value", "protocol"), *lines])
     more = (
         f'<button type="button" class="more" aria-expanded="false" '
         f'data-fewer="Show fewer">{text.ALL_MEASURES.format(count=len(shown))}</button>'
     )
-    has_reference = any(column.kind == "reference" for column in columns)
     mark = '<i class="near" aria-hidden="true"></i>' if has_reference else ""
     about = text.NUMBERS_HELP.format(point=point.lower())
     return (
@@ -165,13 +182,13 @@ def _finding(found: FindingRecord, label: str) -> str:
 
 def _findings(run: RunRecord) -> str:
     """Format the findings of a run: the most severe first, the others folded."""
-    if not run.gravest:
+    if not run.top_findings:
         return ""
-    ordered = [*run.gravest, *(each for each in run.findings if each not in run.gravest)]
+    ordered = [*run.top_findings, *(each for each in run.findings if each not in run.top_findings)]
     items = [_finding(each, run.label(each.name)) for each in ordered]
-    also = f"More findings ({len(items) - len(run.gravest)})"
+    also = f"More findings ({len(items) - len(run.top_findings)})"
     title = "<h3>Findings, most severe first</h3>" if run.findings[0].name else ""
-    return _listed(title, items, len(run.gravest), also)
+    return _listed(title, items, len(run.top_findings), also)
 
 
 def _listed(title: str, items: Sequence[str], most: int, more: str) -> str:

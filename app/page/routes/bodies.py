@@ -15,6 +15,8 @@ from starlette.datastructures import Headers
 from starlette.types import Message, Receive, Scope
 
 UPLOAD_ROUTE = "/gradio_api/upload"
+CHARACTER_ROUTE = "/stage/character"
+"""Route that takes a visitor's character and checks its size itself."""
 MAX_BODY_BYTES = 10**6
 MAX_ITEMS = 250
 """Maximum number of items in any list, and of files in a call."""
@@ -45,7 +47,7 @@ async def read_body(scope: Scope, receive: Receive) -> Receive:
     Raises:
         BodyError: for a body beyond the limits.
     """
-    if scope["path"].rstrip("/").endswith(UPLOAD_ROUTE):
+    if scope["path"].rstrip("/").endswith((UPLOAD_ROUTE, CHARACTER_ROUTE)):
         return receive
     body, num_bytes, has_ended = bytearray(), 0, False
     stated = Headers(scope=scope).get("content-length", "0")

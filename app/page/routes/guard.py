@@ -28,7 +28,7 @@ from app.page.visitors.visitors import CONNECTION, user_of
 from conventions.names import printable
 
 log = logging.getLogger(__name__)
-OWN_ROUTES = ("/media/", "/live/", "/study/", "/visitor", "/leave")
+OWN_ROUTES = ("/media/", "/live/", "/stage/", "/study/", "/visitor", "/leave")
 """Routes in addition to Gradio's own, for which Gradio checks no login."""
 UNUSED_ROUTES = ("/gradio_api/component_server", "/gradio_api/process_recording")
 """Routes of Gradio components that this page does not have; they accept files without limits."""

@@ -104,9 +104,9 @@ async def _hear(socket: WebSocket, sessions: LiveSessions, number: int) -> None:
             raise WebSocketDisconnect(message.get("code", 1000))
         told = _object(message.get("text") or "")
         if isinstance(told, dict) and "manner" in told:
-            sessions.lead(number, told)
+            sessions.set_style(number, told)
         else:
-            sessions.put(number, message.get("bytes") or b"")
+            sessions.add_audio(number, message.get("bytes") or b"")
 
 
 def _object(told: str) -> object:

@@ -32,14 +32,17 @@ from starlette.staticfiles import StaticFiles
 
 from app.errors import visitor_sentence
 from app.page.parts.catalogue import point_choices
+from app.page.routes.bodies import CHARACTER_ROUTE
 from app.page.visitors.visitors import Kept, cookie_of
 from app.run.frame_packets import body_glb, body_shapes_bytes, encode_camera_bound_poses, face_names
+from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import MARKERS_SUFFIX, RenderRequest
-from app.run.tasks import DRAW_FIGURE, RENDER, WRITE_PLAN
+from app.run.tasks import DRAW_FIGURE, RENDER, WRITE_PLAN, WRITE_STAGE_BODY
 from renderer.figures.style import CONTENTS_ENDING
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
+MAX_CHARACTER_BYTES = 50_000_000
 WEB_FOLDER = Path(__file__).parents[1] / "web"
 GONE = "File not found, or expired."
 SHOWN_TYPES: Mapping[str, str] = {
@@ -117,7 +120,7 @@ class MadeFiles:
             temp: folder of a file until it is sent.
             do: runs a task in a worker process.
         """
-        self._temp, self._do = temp, do
+        self.temp, self._do = temp, do
         self._turns: anyio.CapacityLimiter | None = None  # made within its event loop
 
     async def answer(
@@ -130,7 +133,7 @@ class MadeFiles:
             name: name of the download.
         """
         self._turns = self._turns or anyio.CapacityLimiter(1)
-        folder = Path(tempfile.mkdtemp(dir=self._temp))
+        folder = Path(tempfile.mkdtemp(dir=self.temp))
         out = folder / name
         try:
             await anyio.to_thread.run_sync(self._do, task, request(out), limiter=self._turns)
@@ -209,8 +212,53 @@ def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
     return [
         APIRoute(MEDIA_ROUTE + "/{token}/{name:path}", file, methods=["GET", "HEAD"]),
         Mount(WEB_ROUTE, _Modules(directory=WEB_FOLDER)),
+        character_route(media, made),
         *(_route(f"/{name}", make, kind) for name, (make, kind) in OF_STAGES.items()),
     ]
+
+
+CHARACTER_TOO_LARGE = "A character may have {limit:.0f} MB; export it with smaller textures."
+TOO_MANY_CHARACTERS = "Several characters are being read; try again in a moment."
+_MAX_CHARACTERS_AT_ONCE = 4
+
+
+def character_route(media: Media, made: MadeFiles) -> APIRoute:
+    """Make the route that answers a visitor's character with the viewer's mesh of it.
+
+    With ``motion``, the address of a run's motion, it answers with the character's own file, which
+    then has the motion in it. The file is a request's body and is deleted after the answer; its
+    name is not sent.
+    """
+    reading: set[Path] = set()
+
+    async def character(request: Request, motion: str = "") -> Response:
+        path = media.at(motion, cookie_of(request)) if motion else None
+        if motion and (path is None or path.suffix != ".npz"):
+            return PlainTextResponse(GONE, status_code=404)
+        if len(reading) >= _MAX_CHARACTERS_AT_ONCE:
+            return PlainTextResponse(TOO_MANY_CHARACTERS, status_code=429)
+        folder = Path(tempfile.mkdtemp(dir=made.temp))
+        reading.add(folder)
+        try:
+            source, size = folder / "Your character.glb", 0
+            with source.open("wb") as file:
+                async for piece in request.stream():
+                    size += len(piece)
+                    if size > MAX_CHARACTER_BYTES:
+                        told = CHARACTER_TOO_LARGE.format(limit=MAX_CHARACTER_BYTES / 1e6)
+                        return PlainTextResponse(told, status_code=413)
+                    file.write(piece)
+            if path is None:
+                return await made.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
+            video = VideoOptions(body=source)
+            return await made.answer(
+                RENDER, lambda out: RenderRequest(motion=path, out=out, video=video), "moves.glb"
+            )
+        finally:
+            reading.discard(folder)
+            shutil.rmtree(folder, ignore_errors=True)
+
+    return APIRoute(CHARACTER_ROUTE, character, methods=["POST"])
 
 
 RESEARCHER_ROUTE = "/study/researcher"

@@ -150,7 +150,7 @@ class RunRunner(TabRunner):
             updates: Updates = {parts.status: line.html(events)}
             if any(isinstance(event, FolderUpdated) for event in events):
                 begun = showings()
-                moving = [each for each in begun.values() if each.record.is_moving]
+                moving = [each for each in begun.values() if each.record.has_motion]
                 updates |= told_so_far(moving[0], parts) if moving else {}
                 records = {clip: each.record for clip, each in begun.items()}
                 updates[parts.clips] = shown(clips_html(records))

@@ -314,7 +314,7 @@ class OwnMotionRunner(RunRunner):
         address = self._services.media.share(job.folder, job.cookie)
         token = self.sets.keep(found, job.folder, job.cookie or None)
         figures, files = figures_html(found.files, address), files_listed(found.files, address)
-        choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.told)]
+        choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.summary)]
         line = "Measured {clips} of {sets}. Choose one to show it in the viewer.".format(
             clips=pluralise(len(choices), "clip"),
             sets=pluralise(len(found.clips), "set"),
@@ -323,7 +323,7 @@ class OwnMotionRunner(RunRunner):
         yield {
             self._status: markup.sentence_status(line),
             self._parts.message: shown(markup.notes_folded(list(found.notes))),
-            told: shown(sets_html(found.told, list(found.clips), figures, files)),
+            told: shown(sets_html(found.summary, list(found.clips), figures, files)),
             clip: gr.update(choices=choices, value=None, visible=True),
             **self._buttons(is_running=False),
         }
@@ -349,10 +349,10 @@ class ClipRunner(RunRunner):
         sets, config = self._sets.find(token, job.cookie), self._services.config
         if sets is None:
             raise RunError("These clips have expired. Please upload the zips again.")
-        if clip not in sets.told["clips"]:
+        if clip not in sets.summary["clips"]:
             raise RunError("This clip is not in the uploaded sets. Please reload the page.")
         motions = {name: files[clip] for name, files in sets.clips.items()}
-        asked = asked_of(motions, sets.sounds.get(clip), job.folder, config)
+        asked = asked_of(motions, sets.audio_files.get(clip), job.folder, config)
         names, overrides = asked.motions.names, sets.request.imports.import_overrides
         return replace_fields(
             asked,

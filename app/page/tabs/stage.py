@@ -140,7 +140,7 @@ class SeenRunner(TabRunner):
         self.ends_on(parts.seen_cancel, run, outputs)
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        seen = ViewerState.read(values[0])
+        seen = ViewerState.parse(values[0])
         request = ViewerVideoRequest(
             seen=seen,
             motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),

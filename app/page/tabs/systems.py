@@ -154,12 +154,12 @@ class FigureRunner(TabRunner):
         asked.check()
         yield self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), "")
         address = self._services.media.share(job.folder, job.cookie)
-        showing = Showing(asked.out, address, job.folder.name)
+        showing = Showing(asked.output.out, address, job.folder.name)
 
         def told(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
             has_grown = any(isinstance(event, FolderUpdated) for event in events)
-            if has_grown and showing.has_begun and showing.record.is_moving:
+            if has_grown and showing.has_begun and showing.record.has_motion:
                 updates[self.player] = self.played(showing, wanted)
             share = last_share(events)
             if share is not None:
@@ -169,7 +169,7 @@ class FigureRunner(TabRunner):
         yield from self.done(job, self.measure, asked, told)
         record = showing.record
         lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
-        files = (asked.out / name for name in record.results)
+        files = (asked.output.out / name for name in record.result_files)
         yield {
             self._status: markup.sentence_status(record.sentence),
             self.player: self.played(showing, wanted),

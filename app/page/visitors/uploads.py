@@ -107,7 +107,8 @@ class TidyParser(route_utils.GradioMultiPartParser):
         """
         async for chunk in stream:
             self._num_bytes += len(chunk)
-            if self._num_bytes - self._checked_bytes > _CHECK_BYTES:
+            is_due = self._num_bytes - self._checked_bytes > _CHECK_BYTES
+            if is_due or self._num_bytes > self._expected_bytes:  # of unstated length
                 self._see_room(0)
             if chunk.count(b"\r\n--") <= _PARTS_AT_ONCE:
                 yield chunk

@@ -122,8 +122,7 @@ def unpack_archive(
     count = _Archive(archive, endings, limits or UnpackLimits(), is_named).unpack(folder)
     if not count and is_named is None:
         raise RunError(
-            f"{printable(archive.name)} holds none of the files that are looked for: "
-            f"{', '.join(endings)}."
+            f"{printable(archive.name)} contains no supported files: {', '.join(endings)}."
         )
     return count
 
@@ -170,7 +169,9 @@ class _Archive:
         except RunError:
             raise
         except FileExistsError as error:
-            raise RunError(f"{name} holds two files of one name; it is not unpacked.") from error
+            raise RunError(
+                f"{name} contains two files with the same name and was not extracted."
+            ) from error
         except OSError as error:
             if is_disk_full(error):
                 raise DiskFullError(disk_full_sentence(folder)) from error
@@ -195,7 +196,9 @@ class _Archive:
             )
         into = path.with_name(stem_of(path) or "set")
         if into.is_file():
-            raise RunError(f"{self._name} holds two files of one name; it is not unpacked.")
+            raise RunError(
+                f"{self._name} contains two files with the same name and was not extracted."
+            )
         into.mkdir(exist_ok=True)
         count = _Archive(path, self._endings, self._limits, None, depth).unpack(into)
         path.unlink()
@@ -266,7 +269,7 @@ class _Archive:
         total = sum(entry.size for entry in wanted.values())
         if total > left.total_bytes:
             raise RunError(
-                f"{name} would unpack to {_mib(total)}; at most {_mib(left.total_bytes)} are read."
+                f"{name} would extract to {_mib(total)}; the limit is {_mib(left.total_bytes)}."
             )
         left.files -= len(entries)
         left.total_bytes -= total
@@ -288,8 +291,8 @@ class _Archive:
         )
         if not is_plain and path != ".":
             raise RunError(
-                f"{self._name} holds {shown!r}, a name that leads out of its folder or is no plain "
-                "one; it is not unpacked. Rename it and pack again."
+                f"{self._name} holds {shown!r}, an unsafe path. The archive was not extracted; "
+                "rename the file and pack it again."
             )
         return PurePosixPath(*parts)
 
@@ -317,7 +320,7 @@ class _Capped:
     def _check(self, place: int) -> None:
         if place > self._most + tarfile.RECORDSIZE:
             raise RunError(
-                f"{self._name} would unpack to over {_mib(self._most)}, the most that is read."
+                f"{self._name} would extract to over {_mib(self._most)}, the most that is read."
             )
 
 

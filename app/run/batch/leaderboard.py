@@ -85,7 +85,7 @@ class Entry:
         return self.test, self.system, self.files
 
     @property
-    def found(self) -> list[str]:
+    def finding_counts(self) -> list[str]:
         """Kinds of findings with their numbers of clips, the most frequent first."""
         kinds = sorted(self.findings.items(), key=lambda item: -item[1])
         return [f"{kinds_told([kind])} {count}" for kind, count in kinds]

@@ -90,7 +90,7 @@ def measure_sets(request: DiagnoseRequest, ear: RunCallbacks = NO_CALLBACKS) -> 
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
     folders = unpack_archives(sets_of(request), request.output.out / UNPACKED, limits)
-    found = diagnose_folders(in_folders(request, folders), ear.share("numbers"))
+    found = diagnose_folders(in_folders(request, folders), ear.progress_callback("numbers"))
     return replace(found, request=request)
 
 
@@ -157,8 +157,8 @@ def _diagnose_sets(
     if not clips:
         raise no_common_clips(files)
     notes = [
-        f"{name}: {len(found) - len(clips)} of {len(found)} clips have no partner of that name:"
-        f" {shorten_list(set(found) - set(clips))}."
+        f"{name}: {len(found) - len(clips)} of {len(found)} clips have no clip of the same name in "
+        f"the other sets: {shorten_list(set(found) - set(clips))}."
         for name, found in files.items()
         if len(found) > len(clips)
     ]
@@ -201,7 +201,7 @@ def _diagnose_clips(
     jobs = [Job(clip, each.is_measured, each.measure) for clip, each in measured.items()]
     known, left_out = run_jobs(jobs, pool, lambda clip, share: on_progress(share))
     if known:
-        notes.append(f"{known} clips had been measured before and were kept.")
+        notes.append(f"{known} clips had already been measured and were reused.")
     if len(left_out) == len(jobs):
         raise RunError(next(iter(left_out.values())))
     left_out = dict(sorted(left_out.items()))
@@ -235,12 +235,12 @@ def _diagnose_clips(
         request,
         files=(*written, *drawn),
         notes=(*notes, *unsaid, *said),
-        told=told,
+        summary=told,
         clips={
             name: {clip: first_sample(found[clip]) for clip in numbers}
             for name, found in files.items()
         },
-        sounds={clip: sounds[clip] for clip in numbers if clip in sounds},
+        audio_files={clip: sounds[clip] for clip in numbers if clip in sounds},
     )
 
 
@@ -464,7 +464,7 @@ class _Clip:
                 )
             except MotionError as error:
                 why = error
-                unread.append(f"Of the samples of one clip this is left out: {error}")
+                unread.append(f"This sample was skipped: {error}")
         if why is not None and not found:
             raise why
         return found
@@ -561,5 +561,5 @@ def _apart(counts: Mapping[str, Counter[tuple[str, str]]]) -> Iterator[str]:
             for name, many in counts.items()
         }
         if len(set(values.values())) > 1:
-            said = "; ".join(f"{name} {told or 'as ours are'}" for name, told in values.items())
+            said = "; ".join(f"{name} {told or 'the default'}" for name, told in values.items())
             yield f"The sets differ in {kind}: {said}."

@@ -38,7 +38,7 @@ class BatchResult:
 
     clips: tuple[str, ...]
     """Names of finished clips."""
-    kept: int
+    num_reused: int
     """Number of clips that had been finished before."""
     failed: dict[str, str]
     """Sentence by failed clip."""
@@ -133,7 +133,7 @@ def _mean_progress(ear: RunCallbacks, num_clips: int) -> Callable[[str, RunEvent
             fractions[event.stage, clip] = event.fraction
             done = sum(each for (stage, _), each in fractions.items() if stage == event.stage)
             event = Progress(event.stage, done / num_clips, clip=f"{num_clips} clips")
-        ear.hear(event)
+        ear.on_event(event)
 
     return on_event
 

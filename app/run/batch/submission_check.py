@@ -32,11 +32,11 @@ _MOST_FRAMES_APART = 1
 class SubmissionReport:
     """Result of the check of one set."""
 
-    told: list[str]
+    messages: list[str]
     """Sentences for the user, the most severe first, or one if there is no problem."""
     listed: list[str]
     """Missing and surplus clips."""
-    is_right: bool
+    is_valid: bool
 
 
 def check_sets(
@@ -69,7 +69,9 @@ def check_sets(
         found = {name: _checked(name, folder, recorded) for name, folder in named.items()}
         lines = ["# Held against the rules of the GENEA leaderboard", ""]
         for each in found.values():
-            lines += [f"- {line}" for line in each.told] + [f"  - {clip}" for clip in each.listed]
+            lines += [f"- {line}" for line in each.messages] + [
+                f"  - {clip}" for clip in each.listed
+            ]
         results.path("check.md").write_text("\n".join(lines) + "\n", "utf-8")
         results.publish()
     return found
@@ -116,7 +118,7 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
         told.append(f"clips that are missing: {len(missing)}: {shorten_list(missing)}.")
     if extra:
         told.append(
-            f"clips that are none of the test set, to be left out: {len(extra)}: "
+            f"clips that are not in the test set (remove them): {len(extra)}: "
             f"{shorten_list(extra)}."
         )
     told += [f"{shorten_list(named)}: {why}" for why, named in files.items()]
@@ -125,7 +127,7 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
     return SubmissionReport(
         [f"{name}: {sentence}" for sentence in told or [right]],
         [*(f"Missing: {clip}" for clip in missing), *(f"Extra: {clip}" for clip in extra)],
-        is_right=not told,
+        is_valid=not told,
     )
 
 
@@ -147,5 +149,5 @@ def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, st
             )
         other = seen.setdefault(file_sha256(path), name)
         if other != name:
-            wrong[name] = f"it is the same file as {other}, so they are no samples."
+            wrong[name] = f"it is identical to {other}; samples must differ."
     return wrong

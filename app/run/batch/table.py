@@ -174,7 +174,9 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
         map(markdown, (of["system"], of["clip"], kinds_told(of["kinds"]), written(of["jerk"])))
         for of in worst
     )
-    title = f"Clips with most findings, at most {NUM_WORST} of each; of equal ones, the jerkiest"
+    title = (
+        f"Clips with the most findings, at most {NUM_WORST} per system; ties are ordered by jerk"
+    )
     (unit,) = (row.unit for row in MEASURES if row.key == JERK)
     table = _grid(("system", "clip", "findings", f"jerk ({unit})"), rows)
     return ["", f"{title} first. All are in `clips.csv`.", "", *table]
@@ -200,7 +202,7 @@ def _spread_lines(of_systems: OfSystems) -> list[str]:
         if any(known):
             cells = (written(float(np.mean(each)) if each else None) for each in known)
             rows.append((title_with_unit(row), *cells))
-    title = "How far samples of one clip lie apart: their standard deviation, mean over clips."
+    title = "Variation between samples of one clip: standard deviation, averaged over clips."
     return ["", title, "", *_grid(("measure", *spreads), rows)] if spreads else []
 
 

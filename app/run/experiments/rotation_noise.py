@@ -32,7 +32,7 @@ from renderer.video.workers import draw_jobs
 
 NAMES: tuple[str, str] = ("local noise", "global noise")
 """Names of the two bodies, by the rotations with noise."""
-DRAWN = "Noise of {noise:g} rad: left on local rotations, right on global ones."
+DRAWN = "Noise of {noise:g} rad on local rotations (left) and on global rotations (right)."
 _DRAWN = 0.85
 """Fraction of the work that is done when both bodies are rendered."""
 
@@ -47,7 +47,9 @@ def compare_rotation_noise(request: RotationNoiseRequest, ear: RunCallbacks = NO
     request.check()
     motion = request.motion
     if not moving_chain(request.joint):
-        raise RunError(f"No rotation moves the {request.joint}; follow a joint further from it.")
+        raise RunError(
+            f"No rotation moves the {request.joint}; track a joint further from the pelvis."
+        )
     request.import_overrides.check([motion])
     found = read_any_motion(motion, request.import_overrides, request.body)
     growth = measure_error_growth(
@@ -57,11 +59,11 @@ def compare_rotation_noise(request: RotationNoiseRequest, ear: RunCallbacks = NO
         zip(NAMES, noisy_motions(found.motion, request.noise_rad, request.seed), strict=True)
     )
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
-    with open_run_writer(request.out, record, ear, is_kept=request.is_kept) as run:
+    with open_run_writer(request.output.out, record, ear, is_kept=request.output.is_kept) as run:
         tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
-        run.note(*found.notes, *_growth_told(growth, request.noise_rad))
-        shown = run.show({**noisy, WITHOUT_NOISE: found.motion}, None, tip)
-        run.timeline(shown, NOTHING_SAID)
+        run.add_notes(*found.notes, *_growth_told(growth, request.noise_rad))
+        shown = run.write_viewer_files({**noisy, WITHOUT_NOISE: found.motion}, None, tip)
+        run.write_timeline(shown, NOTHING_SAID)
         _draw_growth(request, growth, run)
         if request.has_video:
             _draw_bodies(request, found.motion, noisy, run)
@@ -80,7 +82,7 @@ def _draw_growth(request: RotationNoiseRequest, growth: ErrorGrowth, run: RunWri
         }
     )
     said = growth_sentence(growth, request.noise_rad)
-    run.figure("error_growth", spreads, said, request.figure_forms)
+    run.write_figure("error_growth", spreads, said, request.output.figure_forms)
 
 
 def _draw_bodies(
@@ -97,16 +99,16 @@ def _draw_bodies(
 
     # The camera frames the clean motion.
     jobs = jobs_of(noisy, request.video, body, tip, out, staged=[clean])
-    draw_jobs(jobs, run.share("video", _DRAWN))
+    draw_jobs(jobs, run.progress_callback("video", _DRAWN))
     video = run.folder.path(ROTATION_NOISE_VIDEO)
     compose_videos(
         list(paths.values()),
         [f"{request.noise_rad:g} rad of noise on {name}" for name in noisy],
         video,
         request.speech,
-        on_progress=run.share("video", 1.0 - _DRAWN, _DRAWN),
+        on_progress=run.progress_callback("video", 1.0 - _DRAWN, _DRAWN),
     )
-    run.file(video)
+    run.add_files(video)
 
 
 def _growth_told(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:

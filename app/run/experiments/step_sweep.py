@@ -63,15 +63,19 @@ def measure_step_sweep(request: StepSweepRequest, ear: RunCallbacks = NO_CALLBAC
     systems = [get_system(name, request.weights) for name in systems_of(request)]
     record = RunRecord(kind="generated", point=DEFAULT_TRACKED_POINT)
     points: list[StepPoint] = []
-    with open_run_writer(request.out, record, ear) as run:
+    with open_run_writer(request.output.out, record, ear) as run:
         part = 1 / len(systems)
         for number, system in enumerate(systems):
-            points += _points_of(system, speech, request, run.share("numbers", part, number * part))
-        run.share("numbers")(1.0)
-        run.note(*_step_sentences(points))
+            points += _points_of(
+                system, speech, request, run.progress_callback("numbers", part, number * part)
+            )
+        run.progress_callback("numbers")(1.0)
+        run.add_notes(*_step_sentences(points))
         told = list(map(asdict, points))
-        run.table("steps", told, [told[0], *(point.values() for point in told)])
-        run.figure("steps", DataFrame(points), STEP_SWEEP_CAPTION, request.figure_forms)
+        run.write_table("steps", told, [told[0], *(point.values() for point in told)])
+        run.write_figure(
+            "steps", DataFrame(points), STEP_SWEEP_CAPTION, request.output.figure_forms
+        )
         run.finish(MEASURED.format(count=len(points)))
 
 
@@ -116,9 +120,9 @@ def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
         calm = AS_CALM * most.tip_jerk_m_s3
         least = next(each for each in of_it if each.tip_jerk_m_s3 <= calm)
         yield (
-            f"{label}: with fewer than {most.steps} steps the fingertip jerks over 5 % more."
+            f"{label}: with fewer than {most.steps} steps, fingertip jerk is over 5 % higher."
             if least is most
-            else f"{label}: {least.steps} of {most.steps} steps leave the fingertip as calm within"
-            f" 5 %, {least.distance_cm:.1f} cm from where {most.steps} lead, at"
-            f" {least.ms_per_frame:.1f} in place of {most.ms_per_frame:.1f} ms a frame."
+            else f"{label}: {least.steps} of {most.steps} steps reach the same fingertip jerk "
+            f"within 5 %, {least.distance_cm:.1f} cm from the result with {most.steps}, in "
+            f"{least.ms_per_frame:.1f} instead of {most.ms_per_frame:.1f} ms per frame."
         )

@@ -33,7 +33,7 @@ class ProgressBars:
         for bar in self._bars.values():
             bar.close()
 
-    def show(self, title: str, share: float) -> None:
+    def update(self, title: str, share: float) -> None:
         """Set a progress bar to a fraction from 0 to 1."""
         from tqdm.auto import tqdm
 
@@ -50,9 +50,9 @@ class ProgressBars:
         bar.n = round(100 * min(1.0, share))
         bar.refresh()
 
-    def take(self, event: RunEvent) -> None:
+    def on_event(self, event: RunEvent) -> None:
         if isinstance(event, Progress):
-            self.show(text.STAGE_NAMES[event.stage], event.fraction)
+            self.update(text.STAGE_NAMES[event.stage], event.fraction)
 
 
 def print_message(sentence: str) -> None:

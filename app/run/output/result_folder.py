@@ -103,8 +103,8 @@ def _who(folder: Path, file: IO[str]) -> str:
         file.seek(0)
         facts = json.loads(file.read(10_000))
         return (
-            f"Another command is at work in {folder}: process {facts['pid']} on {facts['host']}, "
-            f"since {facts['since']}, `{facts['command']}`; {end}"
+            f"Another command is already writing to {folder}: process {facts['pid']} on "
+            f"{facts['host']}, since {facts['since']}, `{facts['command']}`; {end}"
         )
     except (OSError, ValueError, KeyError, TypeError):  # the other command has just started
         return f"Another command is at work in {folder}; {end}"
@@ -167,7 +167,7 @@ class ResultFolder:
         path.parent.mkdir(exist_ok=True)
         return path
 
-    def whole(self, path: Path) -> str:
+    def mark_complete(self, path: Path) -> str:
         """Mark a file written at `path` as complete, and return its name."""
         below = self._staging if path.is_relative_to(self._staging) else self.out
         name = path.relative_to(below).as_posix()
@@ -175,7 +175,7 @@ class ResultFolder:
             self._move(name)
         return name
 
-    def at(self, name: str) -> Path:
+    def final_path(self, name: str) -> Path:
         """Return the current path of a written file."""
         path = self._staging / name
         return path if path.exists() else self.out / name

@@ -39,8 +39,8 @@ TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
 SHOWN = "shown"
 """Folder of files that only a player uses."""
 NO_RUN = (
-    "{name} holds no run that can be shown ({why}); give a folder that `generate` or `diagnose` of "
-    "this version has written, or its zip."
+    "{name} is not a run folder that can be opened ({why}). Give a folder written by `generate` "
+    "or `diagnose` of this version, or its zip."
 )
 DAMAGED = "{name} of this run is damaged: {why}; take the run's folder or zip as it was written."
 MAX_RUN_BYTES = 20_000_000
@@ -215,14 +215,14 @@ class RunRecord(_Strict):
     def row(self, name: str) -> Row | None:
         return next((row for row in self.rows if row.name == name), None)
 
-    def put(self, row: Row) -> None:
+    def set_row(self, row: Row) -> None:
         """Replace the row of the same name, or append the row."""
         names = [each.name for each in self.rows]
         at = names.index(row.name) if row.name in names else len(names)
         self.rows[at : at + 1] = [row]
 
     @property
-    def gravest(self) -> list[FindingRecord]:
+    def top_findings(self) -> list[FindingRecord]:
         """The most severe findings, and the statement on motions that have none."""
         return [
             *self.findings[:GRAVEST],
@@ -240,12 +240,12 @@ class RunRecord(_Strict):
         return list(dict.fromkeys([*self.files, *frames]))
 
     @property
-    def results(self) -> list[str]:
+    def result_files(self) -> list[str]:
         """All files except those that only a player uses, and the record itself."""
         return [RUN, *(name for name in self.files if not name.startswith(f"{SHOWN}/"))]
 
     @property
-    def is_moving(self) -> bool:
+    def has_motion(self) -> bool:
         """True if there is anything to play."""
         return any(row.files for row in self.rows)
 
@@ -354,7 +354,7 @@ def edit_record(folder: Path) -> Iterator[RunRecord]:
 
 
 def add_file(folder: Path, path: Path, row: str = "", kind: RowFileKind | None = None) -> None:
-    """Add a file made after the end of a run to its folder; see `RunWriter.file`."""
+    """Add a file made after the end of a run to its folder; see `RunWriter.add_files`."""
     own = path.name
     with edit_record(folder) as record:
         (folder / own).unlink(missing_ok=True)

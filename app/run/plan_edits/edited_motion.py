@@ -63,12 +63,12 @@ _BYTES_A_SECOND = 500_000
 class _TakeWriter(RunWriter):
     """Writer of one more row into the folder of a finished run."""
 
-    def tell(self) -> None:
+    def write_record(self) -> None:
         with edit_record(self.folder.out) as record:
             for row in self.record.rows:
-                record.put(row)
+                record.set_row(row)
             record.files += [name for name in self.record.files if name not in record.files]
-        self.hear(FolderUpdated(self.folder.out))
+        self.on_event(FolderUpdated(self.folder.out))
 
 
 def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
@@ -118,12 +118,12 @@ def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult
         alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
         (row,) = alone.rows
         run = _TakeWriter(folder, alone, ear)
-        written = run.performed(name, done.plan)
+        written = run.write_plan(name, done.plan)
         beside = load_motion(_there(request.run, record, of))
 
         def on_piece(motion: Motion) -> None:
             if sampling.post_filter != "savgol":
-                run.grow(name, motion, speech.num_frames, like=beside)
+                run.append_motion(name, motion, speech.num_frames, like=beside)
 
         options = replace(options, conditions=(written,))
         made = perform(system, speech, options, before, ear.should_cancel, on_piece)
@@ -131,9 +131,9 @@ def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult
         row.files["windows"] = viewer_file_name(name, ENDING)
         save_performance(made, request.run / row.files["windows"])
         shown = filtered(made.motion, sampling.post_filter)
-        run.motion(name, shown, f"{file_stem(name)}.npz")
+        run.write_motion(name, shown, f"{file_stem(name)}.npz")
         _tell(request.run, row, written, words)
-        run.file(request.run / row.files["told"])
+        run.add_files(request.run / row.files["told"])
         run.finish("")
     return EditResult(number, done.notes)
 
@@ -159,7 +159,7 @@ def _ready(
     save_performance(made, folder / row.files["windows"])
     _tell(folder, row, plan, words)
     with edit_record(folder) as record:
-        record.put(row)
+        record.set_row(row)
     return made
 
 

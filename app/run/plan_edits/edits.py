@@ -52,7 +52,7 @@ class Edit:
     do: str
     values: Values
 
-    def told(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, Any]:
         """Return the edit as JSON, as it was received."""
         return {"do": self.do, **self.values}
 
@@ -157,7 +157,7 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Said) -> tuple[EditSugge
             found = next((each for each in moved if can_be(each)), None)
             if found is not None:
                 offers.append(
-                    EditSuggestion(f"Nearest free place, {found.values['at']:.1f} s", (found,))
+                    EditSuggestion(f"Nearest free time, {found.values['at']:.1f} s", (found,))
                 )
         if error.gesture is not None:
             one = {"side": error.gesture.side, "lands": error.gesture.lands_s}
@@ -193,7 +193,7 @@ def _edit(told: object) -> Edit:
     except ValidationError as error:
         raise RunError(f"The edit {do!r} cannot be read: {why(error)}.") from error
     if do in ("move", "add") and ("at" in values) == ("word" in values):
-        raise RunError(f"The edit {do!r} goes to a time or a word; tell one of them.")
+        raise RunError(f"The edit {do!r} needs a time or a word.")
     return Edit(do, values)
 
 
@@ -206,7 +206,7 @@ def _place(told: Values, words: Said) -> tuple[float, str | None]:
     if "word" not in told:
         return told["at"], None
     if told["word"] >= len(words):
-        raise RunError(f"The speech has {len(words)} words that are known; choose one of them.")
+        raise RunError(f"The transcript has {len(words)} words; choose one of them.")
     word = words[told["word"]]
     return editing.on_word(word), word.text.lower()[:80]
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, Field, fields, is_dataclass, replace
-from functools import cache
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
+from functools import cache, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -37,26 +38,54 @@ def _is_part(kind: object) -> bool:
     )
 
 
-def all_names(kind: type) -> frozenset[str]:
-    """Return the accepted names of a request's fields, including former ones."""
-    paths = field_paths(kind)
-    return frozenset((*paths, *(old for old, name in OLD_NAMES.items() if name in paths)))
+@dataclass(frozen=True)
+class RequestField:
+    """Field of a request or of one of its parts."""
+
+    path: tuple[str, ...]
+    """Names of the parts that contain the field, from the outermost, and its own name."""
+    type: Any
+    """Type with its annotations."""
+    default: Any
+    """Default value; None if there is none."""
+
+    def value(self, request: object) -> Any:
+        return reduce(getattr, self.path, request)
 
 
 @cache
-def field_paths(kind: type) -> Mapping[str, tuple[str, ...]]:
-    """Return the path of each field of a request through its parts, by the field's name.
+def request_fields(kind: type) -> Mapping[str, RequestField]:
+    """Return the fields of a request and of its parts by name.
 
     The field ``path`` of a part has the part's name.
     """
-    paths: dict[str, tuple[str, ...]] = {}
-    for name, hint in get_type_hints(kind).items():
+    return _fields(kind, None)
+
+
+def _fields(kind: type, default: object) -> dict[str, RequestField]:
+    """Return the fields of a class, with the values of ``default`` unless it is None."""
+    found: dict[str, RequestField] = {}
+    own = {of.name: _own_default(of) for of in fields(kind)}
+    for name, hint in get_type_hints(kind, include_extras=True).items():
+        value = own[name] if default is None else getattr(default, name)
+        value = None if value is MISSING else value
         if not _is_part(hint):
-            paths[name] = (name,)
+            found[name] = RequestField((name,), hint, value)
             continue
-        for inner, path in field_paths(hint).items():
-            paths[name if inner == "path" else inner] = (name, *path)
-    return paths
+        for inner, of in _fields(hint, value).items():
+            found[name if inner == "path" else inner] = replace(of, path=(name, *of.path))
+    return found
+
+
+def request_field(kind: type, name: str) -> RequestField:
+    """Return a field of a request by its name or a former one."""
+    return request_fields(kind)[OLD_NAMES.get(name, name)]
+
+
+def all_names(kind: type) -> frozenset[str]:
+    """Return the accepted names of a request's fields, including former ones."""
+    names = request_fields(kind)
+    return frozenset((*names, *(old for old, name in OLD_NAMES.items() if name in names)))
 
 
 def request_from(kind: type[Request], values: Mapping[str, Any]) -> Request:
@@ -73,21 +102,17 @@ def _check_names(kind: type, names: Iterable[str]) -> None:
     known = all_names(kind)
     for name in names:
         if name not in known:
-            there = ", ".join(sorted(field_paths(kind)))
+            there = ", ".join(sorted(request_fields(kind)))
             raise RunError(f"There is no {name!r} to ask for; there are {there}.")
 
 
 def nested_fields(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by field name as nested dictionaries by part; unknown names are dropped."""
-    paths = field_paths(kind)
     nested: dict[str, Any] = {}
     for name, value in values.items():
-        *parts, last = paths.get(OLD_NAMES.get(name, name), ("",))
-        place = nested
-        for part in parts:
-            place = place.setdefault(part, {})
-        if last:
-            place[last] = value
+        if name in all_names(kind):
+            *parts, last = request_field(kind, name).path
+            reduce(lambda place, part: place.setdefault(part, {}), parts, nested)[last] = value
     return nested
 
 
@@ -114,15 +139,11 @@ def _replaced(request: Any, values: Mapping[str, Any]) -> Any:
 def flat_json(request: object) -> dict[str, Any]:
     """Return `request_json` with field names as keys, without the nesting by part."""
     nested = request_json(request)
-    flat: dict[str, Any] = {}
-    for name, path in field_paths(type(request)).items():
-        if path[-1] in PRIVATE_FIELDS:
-            continue
-        value: Any = nested
-        for part in path:
-            value = value[part]
-        flat[name] = value
-    return flat
+    return {
+        name: reduce(getitem, field.path, nested)
+        for name, field in request_fields(type(request)).items()
+        if field.path[-1] not in PRIVATE_FIELDS
+    }
 
 
 def _made(kind: Any, values: Mapping[str, Any]) -> Any:
@@ -143,36 +164,6 @@ def _own_default(of: Field[Any]) -> Any:
     return of.default if of.default_factory is MISSING else of.default_factory()
 
 
-def default_of(kind: type, name: str) -> Any:
-    """Return the default of a field of a request, None if it has none."""
-    *parts, last = field_paths(kind)[OLD_NAMES.get(name, name)]
-    default: Any = kind
-    for part in (*parts, last):
-        default = _default(default, part)
-    return default
-
-
-def _default(of: Any, name: str) -> Any:
-    """Return the default of a class's field, or the field's value if ``of`` is an instance."""
-    if not isinstance(of, type):
-        return getattr(of, name)
-    field = next(each for each in fields(of) if each.name == name)
-    default = _own_default(field)
-    if default is not MISSING:
-        return default
-    hint = get_type_hints(of)[name]
-    return hint if _is_part(hint) else None
-
-
-@cache
-def field_type(kind: type, name: str) -> Any:
-    """Return the type of a field of a request, with its annotations."""
-    *parts, last = field_paths(kind)[OLD_NAMES.get(name, name)]
-    for part in parts:
-        kind = get_type_hints(kind)[part]
-    return get_type_hints(kind, include_extras=True)[last]
-
-
 def parse_field(kind: type, name: str, value: object) -> Any:
     """Parse the form value of a request's field; text and check boxes are converted.
 
@@ -182,8 +173,7 @@ def parse_field(kind: type, name: str, value: object) -> Any:
     Raises:
         RunError: if the field does not accept the value.
     """
-    hint = field_type(kind, name)
-    for mark in getattr(hint, "__metadata__", ()):
+    for mark in getattr(request_field(kind, name).type, "__metadata__", ()):
         if isinstance(value, str) and isinstance(mark, PrimitiveConstructorSpec):
             return mark.instance_from_str([value.strip()])
         if isinstance(value, bool) and isinstance(mark, Switch):
@@ -204,12 +194,9 @@ def refuse_ignored(request: object, names: Sequence[str], why: str, **usual: Any
     """
     given = []
     for name in names:
-        value: Any = request
-        for part in field_paths(type(request))[name]:
-            value = getattr(value, part)
-        default = default_of(type(request), name)
-        if value not in (default, usual.get(name, default)):
-            marks = getattr(field_type(type(request), name), "__metadata__", ())
+        field = request_field(type(request), name)
+        if field.value(request) not in (field.default, usual.get(name, field.default)):
+            marks = getattr(field.type, "__metadata__", ())
             flag = next((mark.name for mark in marks if getattr(mark, "name", None)), name)
             given.append(f"--{flag.replace('_', '-')}")
     if given:

@@ -167,7 +167,7 @@ ImportOverrides = Annotated[
     text_type(parse_overrides, "WHAT=VALUE,...", show=lambda overrides: "nothing"),
     arg(
         name="assume",
-        help="How motion files are to be read where they say too little: up=z,units=cm,rate=25,"
+        help="How to interpret motion files that lack metadata: up=z,units=cm,rate=25,"
         "hands=mean,rotations=6d-columns,facing=x,motion=2,frames=bridge,lag=.4; NAME:up=z for one "
         "of them.",
     ),
@@ -196,13 +196,13 @@ FigurePanels = Annotated[
 FigureWidth = Literal["85mm", "174mm"]
 Height = Annotated[int, text_type(parse_size, "PX")]
 BodyLook = Annotated[str, choice_type(BODY_LOOKS)]
-PerSystem = Annotated[Steps, text_type(parse_steps, "N|A=N,...", "as each usually takes")]
-Sampler = Annotated[str | None, text_type(str, "NAME", "each its usual one")]
-GuidanceScale = Annotated[float | None, text_type(float, "N", "as suits each system")]
+PerSystem = Annotated[Steps, text_type(parse_steps, "N|A=N,...", "default of each system")]
+Sampler = Annotated[str | None, text_type(str, "NAME", "default of each system")]
+GuidanceScale = Annotated[float | None, text_type(float, "N", "default of each system")]
 Views = Annotated[
     tuple[View, ...], subset_type(VIEWS, "no view {name!r}; views are {names}", "V,...")
 ]
-Window = Annotated[int | None, text_type(parse_count, "N", "every period from 2 to 240 is tried")]
+Window = Annotated[int | None, text_type(parse_count, "N", "every period from 2 to 240 is tested")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,7 +233,7 @@ class SpeechToMove(SpeechInput):
         Positional[Path],
         arg(
             metavar="SPEECH",
-            help="Any sound file; or many: a folder of them, or a .txt with one path a line.",
+            help="Audio file, a folder of audio files, or a .txt with one path per line.",
         ),
     ] = field()
     max_speech_s: Minutes = 600.0
@@ -246,7 +246,7 @@ class PlanSource(SpeechInput):
 
     path: Annotated[
         Positional[Path],
-        arg(metavar="SPEECH", help="Any sound file; or a motion, whose plan is found."),
+        arg(metavar="SPEECH", help="Audio file, or a motion file whose plan is detected."),
     ] = field()
 
 
@@ -387,7 +387,8 @@ class VideoOptions:
     """Body, and appearance of videos."""
 
     body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
+    open body."""
     look: BodyLook = BODY_LOOKS[0]
     """Body shape and skin tone of the open body; a licensed body has only the first."""
     views: Views = ("front",)
@@ -420,11 +421,11 @@ class OutputOptions:
 
     out: Path
     """Folder of results."""
-    has_video: Annotated[bool, negative_flag("video", "No videos.")] = True
+    has_video: Annotated[bool, negative_flag("video", "Render no videos.")] = True
     """True to render a video of each motion."""
-    has_poses: Annotated[bool, negative_flag("pictures", "No poses in Figure 6.")] = True
+    has_poses: Annotated[bool, negative_flag("poses", "Draw Figure 6 without poses.")] = True
     """True to show poses in Figure 6 even if no videos are rendered."""
-    has_figures: Annotated[bool, negative_flag("figures", "Neither Figure 6 nor jitter.")] = True
+    has_figures: Annotated[bool, negative_flag("figures", "Draw no figures.")] = True
     """True to draw Figure 6 and the jitter sheet."""
     title: Suppress[str] = ""
     """Title of the run; by default composed from its inputs."""
@@ -441,9 +442,22 @@ class MeasurementOutput(OutputOptions):
         bool,
         arg(
             name="videos",
-            help="A video of each motion that figures show, with close-ups and trail, in register.",
+            help="Render a video of each motion shown in the figures, aligned, with close-ups and "
+            "trail.",
         ),
     ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExperimentOutput:
+    """Folder and figure of an experiment."""
+
+    out: Path
+    """Folder of results."""
+    figure_forms: FigureForms = FORMS
+    """File formats of the figure."""
+    is_kept: Suppress[bool] = False
+    """True to publish each file as soon as it is complete and keep it if the task fails."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from app.run.display import Display, ViewerState
 from app.run.requests.parts import (
     DEFAULT_TRACKED_POINT,
     MAX_STEPS,
-    FigureForms,
+    ExperimentOutput,
     FigureOptions,
     GuidanceScale,
     Height,
@@ -39,9 +39,15 @@ from conventions.views import CLOSE_UPS
 from model.formats.reading import Assumptions
 from model.storage.cards import two_speakers
 from model.systems.registry import list_systems, usual_systems
-from renderer.figures.style import FORMS, MAX_SYSTEMS
+from renderer.figures.style import MAX_SYSTEMS
 
-Joint = Annotated[str, arg(help="Fingertip or joint to follow, such as left_index or right_wrist.")]
+Joint = Annotated[
+    str,
+    arg(
+        name="tracked-point",
+        help="Fingertip or joint to track, such as left_index or right_wrist.",
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +154,9 @@ class StillOptions:
 
     num_stills: Annotated[int | None, text_type(int, "N", "none"), arg(name="stills")] = None
     """Number of stills (.png), evenly spread over the motion."""
-    sheet_every: Annotated[int | None, text_type(int, "N", "none"), arg(name="sheet")] = None
+    sheet_every: Annotated[
+        int | None, text_type(int, "N", "none"), arg(name="contact-sheet-every")
+    ] = None
     """Write a contact sheet (.png) with every N-th frame above its time."""
     frame: int = 0
     """Frame of a .obj or .ply file, counted from 0."""
@@ -172,7 +180,7 @@ class RenderRequest:
 
     motion: Annotated[
         Positional[Path],
-        arg(metavar="MOTION", help="One, in BEAT2's form, or any that is read."),
+        arg(metavar="MOTION", help="Motion file: BEAT2 npz, or any other supported format."),
     ]
     out: Path
     """Output file; its suffix selects the format: .mp4, .png, .glb, .bvh, .blender.npz, .obj, .ply.
@@ -207,7 +215,7 @@ class RenderRequest:
         self.video.check()
         display = self.video.display
         is_transparent = self.stills.background == "transparent"
-        if not self.is_picture and not display.is_plain:
+        if not self.is_picture and not display.is_default:
             raise RunError(
                 f"A {self.suffix} file holds the motion as it is; trails, colours and exaggeration "
                 "are for a .png or .mp4."
@@ -223,7 +231,7 @@ class RenderRequest:
             raise RunError(
                 f"A {self.suffix} file cannot have a transparent background; write a .png."
             )
-        if is_transparent and not display.is_plain:
+        if is_transparent and not display.is_default:
             raise RunError("Trails, colours and exaggeration are shown in the studio only.")
         if is_transparent and self.video.close_ups:
             raise RunError("Close-ups are shown in the studio only; leave the background out.")
@@ -244,8 +252,7 @@ class SpeechEffectRequest:
     speeches: Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")]
     """Two or more audio files; or one folder of motions from any source, with file names of the
     form ``[SYSTEM__]SPEECH__SEED.npz``."""
-    out: Path
-    """Folder of results."""
+    output: ExperimentOutput
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     systems: Names = field(default_factory=lambda: usual_systems("hearing"))
@@ -259,12 +266,8 @@ class SpeechEffectRequest:
     """Number of noise seeds, starting from 0."""
     speakers: TwoSpeakers = None
     """Two speakers to compare on the first speech, such as hana,june."""
-    figure_forms: FigureForms = FORMS
-    """File formats of the figure."""
     max_speech_s: Suppress[float] = 600.0
     """Maximum length of a speech (s)."""
-    is_kept: Suppress[bool] = False
-    """True to publish each file as soon as it is complete and keep it if the task fails."""
 
     @property
     def sampling(self) -> SamplingOptions:
@@ -286,7 +289,7 @@ class SpeechEffectRequest:
         self.sampling.check()
         if self.is_of_motions:
             if self.speakers:
-                raise RunError("A folder of motions tells no speakers.")
+                raise RunError("Speakers cannot be compared for a folder of motions.")
             return
         if not 2 <= len(self.speeches) <= MAX_SPEECHES:
             raise RunError(
@@ -310,8 +313,7 @@ class RotationNoiseRequest:
     """Request to apply equal noise to the local and to the global rotations of a motion."""
 
     motion: Annotated[Positional[Path], arg(metavar="MOTION", help="One motion file.")]
-    out: Path
-    """Folder of results."""
+    output: ExperimentOutput
     speech: File = None
     """Sound of the video."""
     seed: int = 0
@@ -319,17 +321,14 @@ class RotationNoiseRequest:
     import_overrides: ImportOverrides = field(default_factory=Assumptions)
     joint: Joint = DEFAULT_TRACKED_POINT
     body: File = field(default_factory=default_body)
-    """Licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the open body."""
+    """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
+    open body."""
     size: Height = 512
     """Height of a body in the video (pixels)."""
     noise_rad: Annotated[float, arg(name="noise", metavar="RAD")] = 0.02
     """Standard deviation of the random rotation about each axis (rad), .005 to .1."""
-    figure_forms: FigureForms = FORMS
-    """File formats of the figure."""
     has_video: Suppress[bool] = True
     """True to render a video of the bodies."""
-    is_kept: Suppress[bool] = False
-    """True to publish each file as soon as it is complete and keep it if the task fails."""
 
     @property
     def video(self) -> VideoOptions:
@@ -345,7 +344,7 @@ class RotationNoiseRequest:
             )
         if self.has_video:
             check_size(self.size)
-        if self.out.suffix.lower() == ".mp4":
+        if self.output.out.suffix.lower() == ".mp4":
             raise RunError(
                 f"--out is a folder, in which the video is called {ROTATION_NOISE_VIDEO}."
             )
@@ -364,10 +363,9 @@ class StepSweepRequest:
     """Request to generate the same motion with different numbers of sampling steps."""
 
     speech: Annotated[
-        Positional[Path], arg(metavar="SPEECH", help="Of which ten seconds are used.")
+        Positional[Path], arg(metavar="SPEECH", help="Audio file; ten seconds are used.")
     ]
-    out: Path
-    """Folder of results."""
+    output: ExperimentOutput
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     systems: Annotated[Names, arg(help="At most six.")] = ()
@@ -381,12 +379,8 @@ class StepSweepRequest:
         arg(name="steps"),
     ] = STEP_COUNTS
     """Numbers of sampling steps."""
-    figure_forms: FigureForms = FORMS
-    """File formats of the figure."""
     max_speech_s: Suppress[float] = 600.0
     """Maximum length of the speech (s)."""
-    is_kept: Suppress[bool] = False
-    """True to publish each file as soon as it is complete and keep it if the task fails."""
 
     @property
     def sampling(self) -> SamplingOptions:

@@ -23,8 +23,8 @@ from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
 from model.storage.files import write_atomically, written_atomically
 from renderer.body.body import Body, BodyMotion
+from renderer.files.character_glb import animated_glb
 from renderer.files.exports import blender_notes, write_blender, write_bvh, write_still
-from renderer.files.glb import glb_bytes
 from renderer.video.compose import contact_sheet
 from renderer.video.workers import draw_jobs
 
@@ -49,16 +49,14 @@ def render_motion(
     motion = body_motion(read)
     body = get_body(request.video.body, request.video.look)
     if request.is_picture:
-        files = _draw(request, read, body, ear.share("video"))
+        files = _draw(request, read, body, ear.progress_callback("video"))
     else:
         files = _export(request, body, motion)
     apart = () if request.speech is None else _apart(request.speech, reading)
     # Blender uses its own body
-    own = (
-        blender_notes(motion)
-        if request.suffix == ".blender.npz"
-        else body.unsupported_notes(motion)
-    )
+    own = (*body.remarks, *body.unsupported_notes(motion))
+    if request.suffix == ".blender.npz":
+        own = blender_notes(motion)
     return files, (*reading.notes, *apart, *own)
 
 
@@ -83,7 +81,7 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
     with written_atomically(request.out) as part:
         match request.suffix:
             case ".glb":
-                part.write_bytes(glb_bytes(body, motion, markers=markers))
+                part.write_bytes(animated_glb(body, motion, markers))
             case ".obj" | ".ply":
                 frame = request.stills.frame
                 if not 0 <= frame < motion.num_frames:
@@ -150,7 +148,8 @@ def _chosen_frames(
     if len(sheet) > MAX_STILLS:
         raise RunError(
             f"One in {every} of {num_frames} frames are {len(sheet)} pictures; a sheet "
-            f"holds {MAX_STILLS} at most; use --sheet {-(-num_frames // MAX_STILLS)} or more."
+            f"holds {MAX_STILLS} at most; use --contact-sheet-every "
+            f"{-(-num_frames // MAX_STILLS)} or more."
         )
     return tuple(stills.tolist()), tuple(sheet)
 

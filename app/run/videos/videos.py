@@ -23,6 +23,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowFileKind, add_file, file_of, read_run, video_file
 from app.run.requests.parts import MAX_COMPARED, VideoOptions
 from app.run.requests.requests import RunVideosRequest
+from conventions.joints import TIP_VERTICES
 from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 from model.metrics.smoothness import derivative_magnitudes
@@ -43,7 +44,7 @@ from renderer.video.render import (
 from renderer.video.workers import RenderJob, draw_jobs
 
 OnFile = Callable[..., None]
-"""Callback with the signature of `app.run.run_writer.RunWriter.file`."""
+"""Callback with the signature of `app.run.run_writer.RunWriter.add_files`."""
 
 
 def render_settings(
@@ -224,25 +225,29 @@ def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) ->
 
     Jerk and speed are those of the original motion, also if it is exaggerated.
     """
-    if display.is_plain:
+    if display.is_default:
         return None
     factor, cutoff = (f"{round(value, 1):g}" for value in (display.exaggeration, display.cutoff_hz))
     is_larger = display.exaggeration != 1
     return Overlays(
-        trail=_trail(motion, display, tip) if display.has_trail else None,
+        trail=_trail(motion, display, tip, body) if display.has_trail else None,
         heat=_heat(motion, display, body) if display.coloring == "jerk" else None,
         notice=f"EXAGGERATED x{factor}: all above {cutoff} Hz" if is_larger else "",
         close_up_notice=f"x{factor}" if is_larger else "",
     )
 
 
-def _trail(motion: Motion, display: Display, tip: TrackedPoint) -> Trail:
-    track = tip.track(motion)
+def _trail(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> Trail:
+    track, drawn = tip.track(motion), tip
+    # A character's trail leaves its own hand; the numbers are those of the skeleton.
+    if body.rig is not None:
+        joint = f"{tip.point}3" if tip.point in TIP_VERTICES else tip.point
+        drawn = TrackedPoint(joint, body)
     speed = _by_frame(derivative_magnitudes(track, 1), len(track))
     jerk = _by_frame(derivative_magnitudes(track, 3), len(track))
     side = tip.point.split("_")[0]
     return Trail(
-        points=track if display.exaggeration == 1 else tip.track(displayed(motion, display)),
+        points=drawn.track(motion if display.exaggeration == 1 else displayed(motion, display)),
         speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
         is_spike=jerk > display.jerk_m_s3,
         legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {display.jerk_m_s3:g} m/s³",
@@ -344,16 +349,16 @@ def comparison_video(
     Raises on leaving:
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
-    ear.progress("comparison", 0.0)
+    ear.report_progress("comparison", 0.0)
     out, is_given_up = folder.path(f"{COMPARISON}.mp4"), Event()
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,
-            [folder.at(f"{file_stem(name)}.mp4") for name in names],
+            [folder.final_path(f"{file_stem(name)}.mp4") for name in names],
             names,
             out,
             wav,
-            on_progress=partial(ear.progress, "comparison"),
+            on_progress=partial(ear.report_progress, "comparison"),
             should_cancel=lambda: is_given_up.is_set() or ear.should_cancel(),
         )
         try:
@@ -363,7 +368,7 @@ def comparison_video(
             is_given_up.set()
             raise
     on_file(out)
-    ear.progress("comparison", 1.0)
+    ear.report_progress("comparison", 1.0)
 
 
 def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> None:
@@ -378,7 +383,7 @@ def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> N
 
     def add(path: Path, row: str = "", kind: RowFileKind | None = None) -> None:
         add_file(run, path, row, kind)
-        ear.hear(FolderUpdated(run))
+        ear.on_event(FolderUpdated(run))
 
     motions = {
         row.name: load_motion(file)
@@ -393,7 +398,7 @@ def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> N
             video,
             body,
             make_tracked_point(video.body, record.point),
-            ear.share("video"),
+            ear.progress_callback("video"),
             folder,
             speech,
             add,

@@ -29,9 +29,10 @@ from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, Pair, band_heigh
 from renderer.video.workers import RenderJob, draw_jobs
 
 NAME = "stage.mp4"
-NO_LINES = "Skeletons and axes of joints are of the stage alone, and not in the video."
+NO_LINES = "Skeletons and joint axes are only shown in the viewer, not in the video."
 TOO_SMALL = (
-    "Bodies are too small on the stage to be drawn ({why}); enlarge one, or make its window larger."
+    "The bodies are too small to be recorded ({why}). Enlarge one, or make the browser window "
+    "larger."
 )
 MAX_ENLARGED = 1.5
 """Maximum number of video pixels per pixel of the page."""
@@ -49,7 +50,7 @@ def draw_viewer_video(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerV
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     seen = request.seen
-    ear.share("video")(0.0)
+    ear.progress_callback("video")(0.0)
     motions = [align_to_origin(load_motion(path)) for path in request.motions]
     longest, notes = _longest(motions, seen)
     motions = [motion.part(slice(longest)) for motion in motions]
@@ -73,17 +74,17 @@ def draw_viewer_video(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerV
                 raise RunError(TOO_SMALL.format(why=error)) from error
             (jobs[i],) = made.values()
         jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
-        draw_jobs(jobs, ear.share("video", _DRAWN))
+        draw_jobs(jobs, ear.progress_callback("video", _DRAWN))
         _compose(
             request,
             [parts / f"{i}.mp4" for i in jobs],
             [seen.bodies[number].label for number in seen.shown],
             room,
             folder,
-            ear.share("video", 1 - _DRAWN, _DRAWN),
+            ear.progress_callback("video", 1 - _DRAWN, _DRAWN),
         )
         (video,) = folder.publish()
-    ear.progress("video", 1.0)
+    ear.report_progress("video", 1.0)
     return ViewerVideo(
         video,
         max(motion.num_frames for motion in shown.values()),

@@ -103,23 +103,22 @@ FAMILY = OfficialFamily(
     package="model.systems.official",
     place=5,
     whole_speech=(FILTERED, UNFILTERED),
-    shared_weights={UNFILTERED: FILTERED},
     files_title="GlobalDiff by its authors (docs/official.md)",
     files=(
         FileFlag(
             "--official", FOLDER_VARIABLE, "FOLDER",
-            "of checkpoints of the official code: adds the systems official/... (default: "
+            "Folder with checkpoints of the official code; adds the systems official/... (default: "
             f"${FOLDER_VARIABLE})",
         ),
         FileFlag(
             "--official-features", SPEECH_VARIABLE, "PATH",
-            "a folder of WavLM or HuBERT by which they hear, or features of this speech, .npz or "
-            f".npy (default: ${SPEECH_VARIABLE}, else $WAVLM_DIR)",
+            "Folder of WavLM or HuBERT, their speech encoder, or features of this speech (.npz or "
+            f".npy; default: ${SPEECH_VARIABLE}, else $WAVLM_DIR)",
         ),
         FileFlag(
             "--official-seed", SEED_VARIABLE, "MOTION.npz",
-            f"motion with whose first 8 frames they start (default: ${SEED_VARIABLE}, else "
-            "somebody who stands still)",
+            f"Motion whose first 8 frames are their seed pose (default: ${SEED_VARIABLE}, else a "
+            "standing pose)",
         ),
     ),
 )  # fmt: skip

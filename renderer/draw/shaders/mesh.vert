@@ -1,7 +1,8 @@
 #version 330 core
 // Vertex shader of every mesh. A body is lit here, once per vertex: on software OpenGL the
 // fragments are the cost, and a body has fewer vertices than the picture has pixels.
-// A textured mesh (the ground) is drawn as it is.
+// The ground, which has no vertex colours, is drawn as it is. A textured body (a character) leaves
+// two colours for its fragments: light, which its texture is multiplied by, and gloss.
 // Before compiling, pyrender replaces each *_LOC and MAX_* name by a number.
 
 layout(location = 0) in vec3 position;
@@ -21,13 +22,22 @@ uniform mat4 M;
 uniform mat4 V;
 uniform mat4 P;
 
-#ifndef HAS_BASE_COLOR_TEX
+#ifdef COLOR_0_LOC
 out vec3 lit_color;
+#ifdef HAS_BASE_COLOR_TEX
+out vec3 gloss_color;
+#endif
 uniform float floor_m;  // below which nothing is seen
 
 // Browsers light bodies by the same lines, from here on:
 struct DirectionalLight { vec3 color; float intensity; vec3 direction; };
-struct Material { vec4 base_color_factor; float roughness_factor; };
+struct Material {
+    vec4 base_color_factor;
+    float roughness_factor;
+#ifdef HAS_BASE_COLOR_TEX
+    sampler2D base_color_texture;
+#endif
+};
 uniform Material material;
 uniform DirectionalLight directional_lights[MAX_DIRECTIONAL_LIGHTS];
 uniform int n_directional_lights;
@@ -73,16 +83,19 @@ void main() {
 #ifdef TEXCOORD_0_LOC
     uv = texcoord_0;
 #endif
-#ifndef HAS_BASE_COLOR_TEX
-    vec3 base = material.base_color_factor.rgb;
 #ifdef COLOR_0_LOC
-    base *= color_0.rgb;
-#endif
+    vec3 base = material.base_color_factor.rgb * color_0.rgb;
     vec3 n = vec3(0.0, 1.0, 0.0);
 #ifdef NORMAL_LOC
     n = normalize(mat3(M) * mat3(inst_m) * normal);
 #endif
     gl_ClipDistance[0] = world.y - floor_m;
+#ifdef HAS_BASE_COLOR_TEX
+    gloss_color = shade(world.xyz, n, vec3(0.0));
+    lit_color = shade(world.xyz, n, base) - gloss_color;
+#endif
+#ifndef HAS_BASE_COLOR_TEX
     lit_color = to_display(shade(world.xyz, n, base));
+#endif
 #endif
 }

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -106,7 +107,7 @@ def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
 ):
     out, words = tmp_path / "out", tmp_path / "speech.TextGrid"
     words.write_text(textgrid_of([NamedTier("words", (Interval(0.1, 0.4, "hello"),))], 2.0))
-    flags = f"--systems globaldiff/global --joint left_wrist --start 5 --transcript {words}"
+    flags = f"--systems globaldiff/global --tracked-point left_wrist --start 5 --transcript {words}"
     argv = generate(eight_channels, out, weights, *flags.split(), "--max-minutes", "0.04")
     assert main(argv) == 0
     said = capsys.readouterr()
@@ -201,7 +202,16 @@ def render(motion: Path, out: Path, *flags: str) -> list[Path]:
 @pytest.mark.gl
 def test_stills_and_a_sheet_beside_a_video_and_for_each_view(motion, tmp_path):
     files = render(
-        *(motion, tmp_path / "a.mp4", "--stills", "2", "--sheet", "8", "--views", "front,side")
+        *(
+            motion,
+            tmp_path / "a.mp4",
+            "--stills",
+            "2",
+            "--contact-sheet-every",
+            "8",
+            "--views",
+            "front,side",
+        )
     )
     assert [path.name for path in files] == [
         *("a.mp4", "a.1.png", "a.2.png", "a.sheet.png"),
@@ -271,9 +281,9 @@ def test_render_says_what_it_cannot_do(motion, capsys):
         (".mp4", "must end in one of"),
         ("a.png --stills 0", "1 to 64; got 0"),
         ("a.png --stills 65", "1 to 64; got 65"),
-        ("a.png --sheet 0", "got one in 0"),
+        ("a.png --contact-sheet-every 0", "got one in 0"),
         ("a.glb --stills 2", "A .glb file holds no pictures"),
-        ("a.bvh --sheet 2", "A .bvh file holds no pictures"),
+        ("a.bvh --contact-sheet-every 2", "A .bvh file holds no pictures"),
         ("a.glb --exaggerate 5", "holds the motion as it is"),
         ("a.mp4 --background transparent", "A .mp4 file cannot have"),
         ("a.png --background transparent --trail", "in the studio only"),
@@ -292,8 +302,8 @@ def test_a_video_without_an_encoder_and_a_sheet_too_large_give_their_sentence(
 ):
     save_motion(smooth_motion_example(130), motion)
     argv = ["render", str(motion), "--size", "256", "--out"]
-    told = sentence_after([*argv, str(tmp_path / "a.png"), "--sheet", "2"], capsys)
-    assert "--sheet 3 or more" in told
+    told = sentence_after([*argv, str(tmp_path / "a.png"), "--contact-sheet-every", "2"], capsys)
+    assert "--contact-sheet-every 3 or more" in told
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
     told = sentence_after([*argv, str(tmp_path / "a.mp4")], capsys)
     assert "/nowhere/ffmpeg is no ffmpeg" in told
@@ -326,14 +336,20 @@ def test_flags_that_a_command_would_ignore_are_refused(motion, tmp_path, capsys)
     folder, out = tmp_path / "sets", str(tmp_path / "out")
     folder.mkdir()
     for argv, words in [
-        (["diagnose", str(folder), "--joint", "neck", "--window", "60"], "leave --joint and --win"),
+        (
+            ["diagnose", str(folder), "--tracked-point", "neck", "--window", "60"],
+            "leave --tracked-point and --win",
+        ),
         (["diagnose", str(folder), "--check", "genea", "--channel", "left"], "leave --channel out"),
-        (["hearing", str(folder), "--guidance", "2", "--seeds", "3"], "--guidance and --seeds out"),
+        (
+            ["speech-effect", str(folder), "--guidance", "2", "--seeds", "3"],
+            "--guidance and --seeds out",
+        ),
         (["convert", str(motion), "--out", "a.bvh", "--to", ".glb"], "leave --to out"),
     ]:
         argv = argv if "--out" in argv else [*argv, "--out", out]
         said = sentence_after(argv, capsys)
-        named = said.replace("--window and --joint", "--joint and --window")
+        named = said.replace("--window and --tracked-point", "--tracked-point and --window")
         assert words in named.replace("--seeds and --guidance", "--guidance and --seeds"), said
     assert not Path(out).exists()
 
@@ -346,3 +362,18 @@ def test_doctor_finds_what_is_missing(weights, tmp_path, capsys):
     assert re.search(r"ok +OpenGL \w+ +pyrender draws by .*, used$", out, re.MULTILINE)
     assert len(re.findall(r", used$", out, re.MULTILINE)) == 1
     assert doctor._weights(weights).works and not doctor._weights(tmp_path).works
+
+
+def test_former_names_of_commands_and_flags_are_accepted_with_a_message(tmp_path, capsys):
+    def parsed(line: str) -> tuple[tuple[Any, ...], str]:
+        command: Any = parse([*line.split(), "--out", str(tmp_path / "a.mp4")])
+        return (command.func, *command.args, command.keywords), capsys.readouterr().err
+
+    for former, current, told in [
+        ("mechanism a.npz", "rotation-noise a.npz", "mechanism is now rotation-noise"),
+        ("render a.npz --joint=neck", "render a.npz --tracked-point neck", "--tracked-point"),
+        ("render a.npz --sheet 3", "render a.npz --contact-sheet-every 3", "--sheet is now"),
+        ("diagnose a.npz --no-pictures", "diagnose a.npz --no-poses", "now --no-poses"),
+    ]:
+        (old, said), (new, silence) = parsed(former), parsed(current)
+        assert old == new and told in said and not silence

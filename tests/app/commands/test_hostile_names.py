@@ -97,7 +97,7 @@ def test_diagnose_tells_of_files_with_hostile_names(tmp_path, monkeypatch):
     for seed, path in enumerate(motions):
         save_motion(smooth_motion_example(12, seed), path)
     out = tmp_path / f"out{TITLE}{NO_TEXT}"
-    assert main(["diagnose", *map(str, motions), "--out", str(out), "--no-pictures"]) == 0
+    assert main(["diagnose", *map(str, motions), "--out", str(out), "--no-poses"]) == 0
     terminal.check()
     assert {"figure6.svg", "jitter.svg"} <= {*check_folder(out)}
     rows = csv_rows(out / "diagnostics.csv")

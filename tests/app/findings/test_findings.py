@@ -217,8 +217,8 @@ def test_only_beats_above_chance_are_told() -> None:
         ({"a": high}, "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most)."),
         (
             {"a": high, "b": low},
-            "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most); the "
-            "others are not.",
+            "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most); not of "
+            "the others.",
         ),
         ({"a": both()}, ""),
     ):
@@ -390,7 +390,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     assert first.sentence.endswith(": 43 to 202).")
     assert (last.name, last.sentence) == ("", "No findings in A.")
     more = record.model_copy(update={"findings": [*[first] * 5, last]})
-    assert more.gravest == [*[first] * 3, last]
+    assert more.top_findings == [*[first] * 3, last]
     assert findings_told({"A": []})[0].sentence == "No findings."
 
 

@@ -88,7 +88,7 @@ def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSessio
 def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) -> None:
     for block in sound(seconds, size):
         clock.now += len(block) / 32_000
-        session.put(decode_audio(block))
+        session.add_audio(decode_audio(block))
         while session.has_work:
             session.work()
 
@@ -113,7 +113,7 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
     assert [first for first, *_ in headers] == list(np.cumsum([0] + [h[1] for h in headers])[:-1])
     made = sum(count for _, count, *_ in headers)
     assert 90 - 9 - 9 - 3 <= made <= 90 - 9
-    kept = session.keep(tmp_path).live_recording
+    kept = session.save_recording(tmp_path).live_recording
     assert kept is not None
     motion = load_motion(kept.motion)
     assert motion.num_frames == made and kept.metadata["first_frame_of_session"] == 0
@@ -148,7 +148,7 @@ def test_memory_does_not_grow(session, clock, monkeypatch):
 def test_caps_of_speed_and_length_are_told(microphone, clock, monkeypatch):
     put(microphone, clock, 3.0, SECOND, 1.0)
     microphone.check(SECOND)
-    with pytest.raises(RunError, match="faster than it can be spoken"):
+    with pytest.raises(RunError, match="faster than real time"):
         for _ in range(3):
             microphone.check(SECOND)
     monkeypatch.setattr(sounds, "MAX_S", 8.0)
@@ -164,9 +164,9 @@ def test_caps_of_speed_and_length_are_told(microphone, clock, monkeypatch):
         ("word", [(180, 3.0)], ""),  # a third of the time, as over a bad connection
         ("word", [(60, 60.0), (30, 1.0)], ""),  # its models took a minute to be read
         ("word", [(180, 3.0), (100, 5.0)], "needs all of it"),
-        ("sample", [(81, 9.0)], r"Only 0\.0 s of sound came in the last 27 s"),
+        ("sample", [(81, 9.0)], r"Only 0\.0 s of audio arrived in the last 27 s"),
         ("silence", [(180, 1.0)], ""),
-        ("silence", [(182, 1.0)], "Nothing could be heard for 3 minutes"),
+        ("silence", [(182, 1.0)], "No sound for 3 minutes"),
     ],
 )
 def test_a_place_that_is_not_used_is_lost(microphone, clock, spoken, steps, sentence):
@@ -189,25 +189,25 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
 ):
     for block in sound(9.5):
         clock.now += 0.25
-        session.put(decode_audio(block))
-    with pytest.raises(RunError, match="cannot keep up with 3 visitors at once"):
+        session.add_audio(decode_audio(block))
+    with pytest.raises(RunError, match="too slow for 3 visitors at once"):
         session.work(visitors=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
     slow = LiveSession(get_system(NAME, weights), OPTIONS, lambda _: None, clock)
-    with pytest.raises(RunError, match=r"globaldiff/global takes .* ms for a frame.*gan/5"):
+    with pytest.raises(RunError, match=r"globaldiff/global needs .* ms per frame.*gan/5"):
         speak(slow, clock, 3.0)
     assert slow.windows == limits.TRIAL_WINDOWS + 1
 
 
 def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
     speak(session, clock, 3.0)
-    minute = session.minute.kept()
+    minute = session.minute.recording()
     made_s = minute.motion.num_frames / 30
     assert why_less(minute, made_s + 1.9) == ""
     told = why_less(minute, made_s + 2.5)
-    assert told.startswith(f"{made_s:.1f} s are kept: the last 2.5 s spoken had no motion yet")
+    assert told.startswith(f"{made_s:.1f} s were saved. The last 2.5 s of speech had no motion yet")
     later = replace(minute, first_frame=45)
-    assert why_less(later, made_s).startswith(f"Only the last {made_s:.0f} s are held; the 1.5 s")
+    assert why_less(later, made_s).startswith(f"Only the last {made_s:.0f} s are stored; the 1.5 s")
 
 
 def test_what_asks_for_nothing_is_refused(weights, told):
@@ -271,7 +271,7 @@ def test_a_system_that_plans_tells_its_plan_and_keeps_what_was_planned_when_each
             assert all(one[1] == pytest.approx(other[0]) for one, other in pairwise(hand))
             assert {phase for _, _, phase, _ in hand} <= set(PHASES)
         assert all(at >= plan["from"] for at in plan["nods"])
-    kept = planning.minute.kept()
+    kept = planning.minute.recording()
     assert kept.plan is not None and kept.first_frame == 0
     assert kept.plan.duration_s == pytest.approx(kept.motion.num_frames / 30)
     checked = 0
@@ -292,16 +292,16 @@ def test_a_system_that_plans_tells_its_plan_and_keeps_what_was_planned_when_each
 def test_its_sliders_lead_from_the_next_window_on_and_of_other_systems_they_are_refused(
     planning, session, clock
 ):
-    planning.lead({"manner": {"large": 2.0, "smile": 0}})
+    planning.set_style({"manner": {"large": 2.0, "smile": 0}})
     speak(planning, clock, 1.0, 4800)
     assert planning._live._stream.manner == Manner(large=2.0, smile=0.0)
     wrong = (None, {"manner": {"large": 99}}, {"manner": {"more": 1}}, {"manner": None}, [])
-    leads: list[Callable[[], None]] = [lambda told=told: planning.lead(told) for told in wrong]
+    leads: list[Callable[[], None]] = [lambda told=told: planning.set_style(told) for told in wrong]
     for lead in leads:
         with pytest.raises(RunError):
             lead()
-    with pytest.raises(RunError, match="performs no plans, so its sliders do nothing"):
-        session.lead({"manner": {}})
+    with pytest.raises(RunError, match="does not use gesture plans, so its sliders have no effect"):
+        session.set_style({"manner": {}})
 
 
 @pytest.fixture(scope="module")
@@ -328,7 +328,7 @@ def test_what_is_kept_is_the_last_minute_with_its_own_sound_and_little_more_is_h
 ):
     minute = spoken(motion, seconds)
     end = minute.frames
-    kept = minute.kept()
+    kept = minute.recording()
     first = max(0, end - KEPT_FRAMES)
     assert kept.first_frame == first and kept.motion.num_frames == end - first
     np.testing.assert_array_equal(kept.motion.poses, motion.poses[first:end])
@@ -347,10 +347,10 @@ def test_too_little_is_told(motion):
     for count in (0, 59):
         if count:
             minute.add_motion(motion.part(slice(count)))
-        with pytest.raises(RunError, match="no live motion to keep yet: speak for at least 2 s"):
-            minute.kept()
+        with pytest.raises(RunError, match=r"no live motion to save yet\. Speak for at least 2 s"):
+            minute.recording()
     minute.add_motion(motion.part(slice(59, 60)))
-    assert minute.kept().motion.num_frames == 60
+    assert minute.recording().motion.num_frames == 60
 
 
 def ahead(origin: int, *right: HandPhase, **lists) -> PlannedAhead:
@@ -399,7 +399,7 @@ class ByHand(LiveSessions):
         self._ears.get(number, nothing)(told)
 
     def _send(self, number: int, verb: str, told: object = None) -> None:
-        self.performers.take(number, verb, told)
+        self.performers.handle_message(number, verb, told)
 
 
 @pytest.fixture
@@ -413,7 +413,7 @@ def nothing(message: object) -> None:
 
 def put_all(sessions: LiveSessions, number: int, seconds: float) -> None:
     for block in sound(seconds):
-        sessions.put(number, block)
+        sessions.add_audio(number, block)
 
 
 def test_everyone_gets_a_window_before_anyone_gets_a_second(sessions):
@@ -436,12 +436,12 @@ def test_places_are_bounded_in_all_and_for_each_address(sessions, monkeypatch, t
     monkeypatch.setattr(module, "MAX_SESSIONS", 4)
     monkeypatch.setattr(module, "MAX_SESSIONS_EACH", 2)
     first, _, _ = (sessions.begin("", told.append, address="10.0.0.1") for _ in range(3))
-    assert "2 visitors speak live from your address already" in told[-1]
+    assert "2 live sessions are already running from your network address" in told[-1]
     for k in range(2):
         sessions.begin(str(k), address=f"10.0.1.{k}")
     for cookie in ("fifth", ""):
         sessions.begin(cookie, told.append, address="10.0.2.1")
-        assert "4 visitors speak live on this machine already" in told.pop()
+        assert "4 live sessions are already running on this machine" in told.pop()
     sessions.close(first)
     sessions.begin("mine", address="10.0.0.1")
     sessions.begin("mine", address="10.0.0.1")  # in another tab: the first ends
@@ -461,24 +461,24 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
 ):
     number = sessions.begin("mine", told.append)
     token = told[0]["token"]
-    with pytest.raises(RunError, match="speak for at least"):
-        sessions.keep(token, "mine", tmp_path)
+    with pytest.raises(RunError, match="Speak for at least"):
+        sessions.save_recording(token, "mine", tmp_path)
     put_all(sessions, number, 2.9)
     sessions.performers.turn()
     sessions.performers.turn()
-    kept = sessions.keep(token, "mine", tmp_path)
+    kept = sessions.save_recording(token, "mine", tmp_path)
     assert kept.sampling == OPTIONS
     assert (
         kept.live_recording is not None and load_motion(kept.live_recording.motion).num_frames > 60
     )
     sessions.close(number)
-    assert sessions.keep(token, "mine", tmp_path) == kept
+    assert sessions.save_recording(token, "mine", tmp_path) == kept
     for other, cookie in ((token, "yours"), (token, ""), ("x", "mine"), ("ü", "")):
-        with pytest.raises(RunError, match="no live minute"):
-            sessions.keep(other, cookie, tmp_path)
+        with pytest.raises(RunError, match="no live recording"):
+            sessions.save_recording(other, cookie, tmp_path)
     monkeypatch.setattr(module, "KEEP_S", -1.0)
-    with pytest.raises(RunError, match="no live minute"):
-        sessions.keep(token, "mine", tmp_path)
+    with pytest.raises(RunError, match="no live recording"):
+        sessions.save_recording(token, "mine", tmp_path)
     assert not sessions.performers.ended and not sessions._ears
 
 

@@ -20,9 +20,9 @@ def carry_on(request: str, *_: Any) -> str:
 
 
 def leave(path: Path, ear: RunCallbacks) -> Path:
-    ear.hear(Progress("numbers", 0.5))
+    ear.on_event(Progress("numbers", 0.5))
     path.touch()
-    ear.hear(FolderUpdated(path.parent))
+    ear.on_event(FolderUpdated(path.parent))
     return path
 
 

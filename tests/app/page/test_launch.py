@@ -26,7 +26,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page import gradio_changes
 from app.page.launch import launch, parse_config
-from tests.app.page.conftest import UPLOAD, served_page
+from tests.app.page.conftest import UPLOAD, Served, served_page
 from tests.helpers import ROOT
 
 FORM = {
@@ -47,8 +47,11 @@ ANSWERS: list[int] = []
 
 
 @pytest.fixture(scope="module")
-def page(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Blocks]:
-    """The one that listens on a port, on a machine too busy to answer itself at once."""
+def page(
+    served: Served, weights: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Blocks]:
+    """The one that listens on a port, on a machine too busy to answer itself at once. After
+    ``served``, whose place for uploads is then put back."""
     start_server = http_server.start_server
 
     def start_and_ask(*args, **options):

@@ -67,7 +67,7 @@ def jobs(tmp_path: Path) -> Jobs:
 
 
 def half_done(ear: RunCallbacks) -> str:
-    ear.hear(Progress("numbers", 0.5))
+    ear.on_event(Progress("numbers", 0.5))
     return "done"
 
 

@@ -43,12 +43,14 @@ def make_first_look(out: Path) -> None:
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
     with open_run_writer(out, record) as run:
         shown, _ = picture_motions(motions)
-        run.timeline(run.show(shown, speech, tip, ask.sampling.weights), NOTHING_SAID)
-        run.find_plans(shown)
+        run.write_timeline(
+            run.write_viewer_files(shown, speech, tip, ask.sampling.weights), NOTHING_SAID
+        )
+        run.detect_plans(shown)
         facts = {"provenance": provenance}
         path = run.folder.path(FIRST_LOOK_METADATA)
         path.write_text(json.dumps(facts, indent=1) + "\n")
-        run.file(path)
+        run.add_files(path)
         run.finish("")
 
 

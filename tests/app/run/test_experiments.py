@@ -25,8 +25,6 @@ from app.run.requests.requests import (
     ROTATION_NOISE_VIDEO,
     WITHOUT_NOISE,
     RotationNoiseRequest,
-    SpeechEffectRequest,
-    StepSweepRequest,
 )
 from model.diagnostics import diagnose
 from model.generation.windows import GenerateOptions, generate_motion
@@ -37,7 +35,11 @@ from model.sampling.samplers import clip_seed
 from model.speech.audio import load_speech, write_wav
 from model.systems.registry import list_systems
 from tests.app.heard import Heard
-from tests.app.requests import rotation_noise_request
+from tests.app.requests import (
+    rotation_noise_request,
+    speech_effect_request,
+    step_sweep_request,
+)
 from tests.conftest import MadeOnce
 from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.made import made_waveform
@@ -63,11 +65,11 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "guidance": 4.0}
     both = ("bob", "ann")
     measure_speech_effect(
-        SpeechEffectRequest(out=out, speeches=speeches, speakers=both, **asked), heard
+        speech_effect_request(out=out, speeches=speeches, speakers=both, **asked), heard
     )
     assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     record = read_run(out)
-    assert sorted(record.results) == [
+    assert sorted(record.result_files) == [
         *(f"globaldiff-global__{stem}__{seed}.npz" for stem in ("one", "two") for seed in (0, 1)),
         *(f"hearing.{ending}" for ending in ("csv", "json", "pdf", "png", "svg", "txt")),
         "run.json",
@@ -93,7 +95,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     for path in out.glob("*.npz"):
         path.rename(tmp_path / "motions" / path.name)
     measure_speech_effect(
-        SpeechEffectRequest(out=tmp_path / "again", speeches=(tmp_path / "motions",))
+        speech_effect_request(out=tmp_path / "again", speeches=(tmp_path / "motions",))
     )
     (again,) = json.loads((tmp_path / "again" / "hearing.json").read_text()).values()
     assert again["parts"] == told["parts"] and again["guidance"] is None
@@ -111,12 +113,12 @@ def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_ef
         monkeypatch.setattr(models, "WORTH_S", worth_s)
         heard = Heard()
         measure_speech_effect(
-            SpeechEffectRequest(out=tmp_path / name, speeches=speeches, **asked), heard
+            speech_effect_request(out=tmp_path / name, speeches=speeches, **asked), heard
         )
         assert heard.shares == pytest.approx([k / 8 for k in range(9)])
     here, beside = (read_run(tmp_path / name) for name in ("here", "beside"))
-    assert here.results == beside.results
-    motions = [name for name in here.results if name.endswith(".npz")]
+    assert here.result_files == beside.result_files
+    motions = [name for name in here.result_files if name.endswith(".npz")]
     assert len(motions) == 4
     for name in motions:
         one, other = (load_motion(tmp_path / way / name) for way in ("here", "beside"))
@@ -125,7 +127,7 @@ def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_ef
     one, other = ((tmp_path / way / "hearing.json").read_bytes() for way in ("here", "beside"))
     assert one == other
     with pytest.raises(Cancelled):
-        stopped = SpeechEffectRequest(out=tmp_path / "stopped", speeches=speeches, **asked)
+        stopped = speech_effect_request(out=tmp_path / "stopped", speeches=speeches, **asked)
         measure_speech_effect(stopped, RunCallbacks(should_cancel=lambda: True))
     assert not (tmp_path / "stopped").exists()
 
@@ -146,7 +148,7 @@ def test_a_planted_ear_is_found_in_anyones_motion(
     assert told["deaf"]["parts"]["arms"]["by_speech"] < 0.2
     assert told["deaf"]["parts"]["arms"]["by_noise"] > 0.7
     shown = capsys.readouterr()
-    assert "hears: speech decides" in shown.err
+    assert "hears: the speech accounts for" in shown.err
     assert shown.out.splitlines() == [
         str(out / name)
         for name in (
@@ -173,14 +175,16 @@ def test_speech_decides_more_only_where_the_printed_interval_says_so(
     said = _heard_sentence("a", {"parts": {"arms": arms}, "arm_rotations_same_noise": 0.5})
     speech, chance, _, low, high = (
         int(each.replace("\N{MINUS SIGN}", "-"))
-        for each in re.findall(r"(\N{MINUS SIGN}?\d+)(?: %(?! interval)| points| to|\);)", said)[:5]
+        for each in re.findall(
+            r"(\N{MINUS SIGN}?\d+)(?: %(?! interval)| percentage points| to|\)\.)", said
+        )[:5]
     )
-    assert ("more than chance" in said) == (low > 0)
-    assert ("less than chance" in said) == (high < 0)
-    assert ("It is open" in said) == (low <= 0 <= high)
-    if "more than chance" in said:
+    assert ("more on the speech" in said) == (low > 0)
+    assert ("more on the noise seed" in said) == (high < 0)
+    assert ("not significant" in said) == (low <= 0 <= high)
+    if "more on the speech" in said:
         assert speech > chance
-    if "less than chance" in said:
+    if "more on the noise seed" in said:
         assert speech < chance
 
 
@@ -190,12 +194,12 @@ def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
         ({"speeches": ("a/one.wav", "b/one.wav")}, "one name"),
         ({"seeds": 1}, "2 to 8; got 1"),
         ({"systems": ()}, "One to"),
-        ({"speeches": (tmp_path,), "speakers": ("ann", "bob")}, "tells no speakers"),
+        ({"speeches": (tmp_path,), "speakers": ("ann", "bob")}, "Speakers cannot be compared"),
     ]:
         asked = {"speeches": ("one.wav", "two.wav"), "systems": (WORLD, "gan/5")} | changes
         asked["speeches"] = tuple(map(Path, asked["speeches"]))
         with pytest.raises(RunError, match=sentence):
-            SpeechEffectRequest(out=tmp_path, **asked).check()
+            speech_effect_request(out=tmp_path, **asked).check()
 
 
 @pytest.mark.parametrize(
@@ -214,7 +218,7 @@ def test_a_folder_that_says_too_little_is_told(
         save_motion(motion_of(0, number, 0.5), tmp_path / "motions" / name)
     with pytest.raises(RunError, match=sentence):
         measure_speech_effect(
-            SpeechEffectRequest(out=tmp_path / "out", speeches=(tmp_path / "motions",))
+            speech_effect_request(out=tmp_path / "out", speeches=(tmp_path / "motions",))
         )
 
 
@@ -230,11 +234,11 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
 ) -> None:
     heard = Heard()
     compare_rotation_noise(replace_fields(asked, noise_rad=0.05, has_video=True), heard)
-    frames = decoded_frames(asked.out / ROTATION_NOISE_VIDEO)
+    frames = decoded_frames(asked.output.out / ROTATION_NOISE_VIDEO)
     assert len(frames) == 12 and frames.shape[2] == 2 * 192
     shares = heard.shares
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0, abs=0.1)
-    record = read_run(asked.out)
+    record = read_run(asked.output.out)
     told = " ".join(record.notes)
     assert "Noise of 0.05 rad on every joint moves the right middle fingertip" in told
     assert "times as far (predicted from lever arms" in told
@@ -248,11 +252,11 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
         and record.sound
         and record.timeline
     )
-    caption = (asked.out / "error_growth.txt").read_text()
+    caption = (asked.output.out / "error_growth.txt").read_text()
     assert "error_growth.png" in record.files and "0.05 rad" in caption
     clean = load_motion(asked.motion)
     rows = record.rows[: len(NAMES)]
-    on_local, on_global = (load_motion(asked.out / row.files["motion"]) for row in rows)
+    on_local, on_global = (load_motion(asked.output.out / row.files["motion"]) for row in rows)
     pelvis = slice(0, 3)
     for motion in (on_local, on_global):
         assert motion.num_frames == 12 and abs(motion.poses - clean.poses).max() > 0.02
@@ -288,7 +292,7 @@ def test_points_are_what_generation_and_measures_say(
     out = tmp_path / "out"
     asked: dict[str, Any] = {"speech": noise, "systems": (WORLD,), "weights": weights}
     heard = Heard()
-    ask = StepSweepRequest(out=out, speaker="ann", seed=5, counts=(1, 3), **asked)
+    ask = step_sweep_request(out=out, speaker="ann", seed=5, counts=(1, 3), **asked)
     measure_step_sweep(ask, heard)
     table = json.loads((out / "steps.json").read_text())
     system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
@@ -308,9 +312,9 @@ def test_points_are_what_generation_and_measures_say(
     assert heard.shares == sorted(heard.shares) and heard.shares[-1] == 1.0
     endings = ("json", "csv", "png", "svg", "pdf", "txt")
     record = read_run(out)
-    assert record.results == ["run.json", *(f"steps.{ending}" for ending in endings)]
+    assert record.result_files == ["run.json", *(f"steps.{ending}" for ending in endings)]
     calm = table[0]["tip_jerk_m_s3"] <= 1.05 * table[1]["tip_jerk_m_s3"]
-    words = "1 of 3 steps leave" if calm else "with fewer than 3 steps the fingertip jerks over 5 %"
+    words = "1 of 3 steps reach" if calm else "with fewer than 3 steps, fingertip jerk is over 5 %"
     assert record.sentence == "Measured 2 motions." and words in record.notes[0]
     rows = csv_rows(out / "steps.csv")
     assert [row["steps"] for row in rows] == ["1", "3"]
@@ -329,7 +333,7 @@ def test_no_more_than_ten_seconds_are_generated_and_what_is_stopped_leaves_nothi
 
     monkeypatch.setattr("app.run.experiments.step_sweep.generate_motion", watched)
     speech, out = tmp_path / "speech.wav", tmp_path / "out"
-    ask = StepSweepRequest(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
+    ask = step_sweep_request(speech=speech, out=out, systems=(WORLD,), weights=weights, counts=(1,))
     with pytest.raises(Cancelled):
         measure_step_sweep(ask)
     assert set(lengths) == {int(30 * MAX_S)} and not (tmp_path / "out").exists()
@@ -344,13 +348,13 @@ def test_what_cannot_be_measured_is_refused() -> None:
         (tuple("abcdefg"), (1,), "got 7"),
     ]:
         with pytest.raises(RunError, match=says):
-            StepSweepRequest(
+            step_sweep_request(
                 speech=Path("s.wav"), out=Path("out"), systems=systems, counts=counts
             ).check()
 
 
 def test_all_means_all_systems_of_the_weights(noise, weights, tmp_path):
-    ask = StepSweepRequest(speech=noise, out=tmp_path / "out", weights=weights, counts=(1,))
+    ask = step_sweep_request(speech=noise, out=tmp_path / "out", weights=weights, counts=(1,))
     measure_step_sweep(ask)
-    table = json.loads((ask.out / "steps.json").read_text())
+    table = json.loads((ask.output.out / "steps.json").read_text())
     assert {row["system"] for row in table} == {*list_systems(weights)}

@@ -145,15 +145,15 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
         path.write_text("hello")
 
     def refusal(*flags: str) -> str:
-        argv = ["diagnose", str(motion), "--out", str(out), "--no-pictures", *flags]
+        argv = ["diagnose", str(motion), "--out", str(out), "--no-poses", *flags]
         assert main(argv) == 1 and not out.exists()
         return capsys.readouterr().err
 
-    assert "no point 'nose'" in refusal("--joint", "nose")
+    assert "no point 'nose'" in refusal("--tracked-point", "nose")
     assert "frame 0 to 39; got 40" in refusal("--start", "40")
     without_speech = refusal("--transcript", str(text))
     assert without_speech == refusal("--words", "recognise")
-    assert "add it (--speech), or give words with their times" in without_speech
+    assert "add it (--speech), or give a TextGrid" in without_speech
     assert "no TextGrid" in refusal("--transcript", str(grid))
     assert "words.txt" in refusal("--speech", str(text))
     assert "(--speech)" in refusal("--mean-speeds", "speeds.npy")

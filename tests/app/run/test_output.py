@@ -177,7 +177,7 @@ def test_commands_refuse_a_folder_in_which_another_is_at_work(
     commands = [
         ["generate", str(speech), *common, *made],
         ["generate", str(clips[0]), *common, *made, "--processes", "1"],
-        ["diagnose", str(clips[0] / "clip.npz"), *common, "--no-pictures"],
+        ["diagnose", str(clips[0] / "clip.npz"), *common, "--no-poses"],
         ["diagnose", *map(str, clips), *common, "--processes", "1"],
         ["steps", str(speech), *common, "--weights", str(weights), "--systems", "globaldiff/local"],
         ["study", "export", str(plan), *common],

@@ -150,10 +150,10 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
             apply_edits(plan, (edit,), WORDS)
         nearest, instead = suggest_edits(plan, edit, WORDS)
         assert (
-            nearest.label == f"Nearest free place, {at} s" and instead.label == "In place of frame"
+            nearest.label == f"Nearest free time, {at} s" and instead.label == "In place of frame"
         )
-        assert at in lands(done(plan, *(each.told() for each in nearest.edits)).plan, "right")
-        made = done(plan, *(each.told() for each in instead.edits)).plan
+        assert at in lands(done(plan, *(each.as_json() for each in nearest.edits)).plan, "right")
+        made = done(plan, *(each.as_json() for each in instead.edits)).plan
         assert (lands(made, "right"), lands(made, "left")) == (left, [])
     (fits,) = parse_edits([{"do": "add", "kind": "you", "at": 9.0}])
     assert suggest_edits(plan, fits, WORDS) == ()
@@ -162,15 +162,15 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
 def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
     with pytest.raises(PlanError, match="there is no time"):
         done(plan, {"do": "nod", "at": 3.0}, {"do": "move", **FIRST, "at": 6.1})
-    with pytest.raises(RunError, match="The speech has 3 words"):
+    with pytest.raises(RunError, match="The transcript has 3 words"):
         done(plan, {"do": "add", "kind": "you", "word": 3})
 
 
 def test_what_is_no_edit_is_refused() -> None:
     for told, match in [
         ({"do": "move"}, "`side` is missing"),
-        ({"do": "move", "side": "right", "lands": 1.0}, "to a time or a word"),
-        ({"do": "add", "kind": "you", "at": 1.0, "word": 1}, "to a time or a word"),
+        ({"do": "move", "side": "right", "lands": 1.0}, "needs a time or a word"),
+        ({"do": "add", "kind": "you", "at": 1.0, "word": 1}, "needs a time or a word"),
         ({"do": "move", "side": "up", "lands": 1.0, "at": 1.0}, "should be 'left' or 'right'"),
         ({"do": "delete", "side": "left", "lands": True}, "valid number"),
         ({"do": "delete", "side": "left", "lands": float("nan")}, "`lands`"),

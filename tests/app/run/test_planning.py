@@ -60,7 +60,7 @@ def test_plans_and_styles_that_nobody_performs_or_reads_are_refused(
     write_plan_file(GesturePlan(4.0), plan)
     style.write_text("wrong_words = true")
     for changes in ({"plan": plan}, {"style": style}):
-        words = f"None of these systems performs plans; leave the {next(iter(changes))} out"
+        words = f"None of these systems uses gesture plans; remove the {next(iter(changes))}"
         with pytest.raises(RunError, match=words):
             run(replace_fields(asked, systems=(WORLD,), **changes))
     plan.write_text("[]")
@@ -96,7 +96,7 @@ def test_a_plan_and_a_transcript_of_a_longer_clip_are_cut_and_told(
     given = run(replace_fields(asked, plan=plan, transcript=said))
     performed = read_plan_file(given.out / f"{STEM}.plan.json").plan
     assert performed.duration_s == 4.0 and [nod.time_s for nod in performed.nods] == [1.0]
-    assert [word.text for word in given.said.words] == ["now"]
+    assert [word.text for word in given.transcript.words] == ["now"]
     for file, what in (("plan.json lasts 9.0", "The plan "), ("said.tsv goes on to 8.5", "")):
         assert any(note.startswith(f"{what}{file}") for note in given.notes)
     told = json.loads((given.out / "diagnostics.json").read_text())
@@ -196,7 +196,9 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
         (many, "--seed, --guidance, --channel and --words"),
     ):
         said = told(motion, out, *flags, status=1)
-        named = said.removeprefix("In a motion the plan is found; leave ").removesuffix(" out.\n")
+        named = said.removeprefix("The plan of a motion is detected; leave ").removesuffix(
+            " out.\n"
+        )
         assert sorted(named.replace(" and", ",").split(", ")) == sorted(
             left_out.replace(" and", ",").split(", ")
         )

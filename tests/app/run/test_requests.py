@@ -40,7 +40,7 @@ def heat_of(motion: Motion, display: Display):
 
 def test_a_plain_display_marks_nothing():
     motion = made_motion(40)
-    assert Display().is_plain
+    assert Display().is_default
     assert marks_of(motion, Display(), TIP, BODY) is None
     assert displayed(motion, Display()) is motion
 
@@ -98,10 +98,10 @@ def test_factor_cut_off_and_length_of_a_trail_are_what_was_asked_for():
 
 def test_what_cannot_be_shown_is_refused() -> None:
     for display, words in [
-        (Display(exaggeration=21), "1 to 20 times as large; got 21"),
-        (Display(exaggeration=0.9), "1 to 20 times as large; got 0.9"),
-        (Display(exaggeration=float("nan")), "1 to 20 times as large; got nan"),
-        (Display(cutoff_hz=2), "faster than 3 to 8 Hz; got 2"),
+        (Display(exaggeration=21), "by a factor of 1 to 20; got 21"),
+        (Display(exaggeration=0.9), "by a factor of 1 to 20; got 0.9"),
+        (Display(exaggeration=float("nan")), "by a factor of 1 to 20; got nan"),
+        (Display(cutoff_hz=2), "can be 3 to 8 Hz; got 2"),
         (Display(trail_frames=91), "5 to 90 frames long; got 91"),
         (Display(jerk_m_s3=0), "end at 50 to 2000 m/s³; got 0"),
         (Display(coloring="rainbow"), "no colouring 'rainbow'"),  # type: ignore[arg-type]

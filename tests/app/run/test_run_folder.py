@@ -83,7 +83,7 @@ def row(**changes: Any) -> dict[str, Any]:
 )  # fmt: skip
 def test_anything_else_is_refused_with_a_sentence(told, tmp_path):
     (tmp_path / RUN).write_bytes(told if isinstance(told, bytes) else told.encode())
-    with pytest.raises(RunError, match=r"holds no run that can be shown \(run\.json is damaged"):
+    with pytest.raises(RunError, match=r"not a run folder that can be .* \(run\.json is damaged"):
         read_run(tmp_path)
 
 
@@ -155,9 +155,9 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
     with open_run_writer(
         tmp_path, RunRecord(**RECORD), RunCallbacks(events.append), is_kept=True
     ) as run:
-        run.rows(NAMES)
+        run.declare_rows(NAMES)
         for start, end in pairwise([0, 10, 11, 37]):
-            run.grow(NAMES[0], motion.part(slice(start, end)), 37)
+            run.append_motion(NAMES[0], motion.part(slice(start, end)), 37)
             told = read_run(tmp_path)
             first, second, _ = told.rows
             path = file_of(tmp_path, first.files["frames"])
@@ -167,10 +167,10 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
         assert size == 3 * HEADER.size + 37 * 504
         for video, row in (("first.mp4", NAMES[0]), ("first.side.mp4", "")):
             run.folder.path(video).touch()
-            run.file(run.folder.path(video), row=row, kind="video")
+            run.add_files(run.folder.path(video), row=row, kind="video")
         assert run.record.rows[0].files["video"] == "first.mp4"
-        run.motion(NAMES[0], motion, "first.npz")
-        run.motion(NAMES[1], motion)
+        run.write_motion(NAMES[0], motion, "first.npz")
+        run.write_motion(NAMES[1], motion)
         first, second, _ = read_run(tmp_path).rows
         assert first.there is not None and first.there.bytes == size, "it is not written again"
         assert second.there is not None and second.there.bytes == HEADER.size + 37 * 504
@@ -193,8 +193,8 @@ def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for
             pytest.raises(type(error)),
             open_run_writer(out, RunRecord(**RECORD), is_kept=is_kept) as run,
         ):
-            run.rows(["a"])
-            run.motion("a", made_motion(8), "a.npz")
+            run.declare_rows(["a"])
+            run.write_motion("a", made_motion(8), "a.npz")
             run.folder.path("half.npz").touch()
             raise error
         assert out.is_dir() == is_kept
@@ -211,9 +211,9 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
         nods=(Nod(1.25, 6.0),),
     )
     with open_run_writer(tmp_path, RunRecord(**RECORD), is_kept=True) as run:
-        run.rows(NAMES[:2])
-        assert run.performed(NAMES[0], plan) == plan
-        run.find_plans(dict.fromkeys(NAMES[:2], made_motion(45)))
+        run.declare_rows(NAMES[:2])
+        assert run.write_plan(NAMES[0], plan) == plan
+        run.detect_plans(dict.fromkeys(NAMES[:2], made_motion(45)))
     shown = [json.loads((tmp_path / each.files["plan"]).read_text()) for each in run.record.rows]
     assert read_plan_file(tmp_path / run.record.rows[0].files["performed"]).plan == plan
     assert shown[0]["nods"] == [{"time_s": 1.25, "depth_deg": 6.0}]
@@ -232,7 +232,7 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
     told = [(each.name, each.sentence, each.at) for each in findings_told(findings)]
     assert told == [
         ("b", "A hand is in the chest.", None),
-        ("a", "It jumps; rare.", 1.5),
+        ("a", "It jumps (rare).", 1.5),
         ("b", "It trembles.", None),
     ]
 
@@ -260,10 +260,10 @@ def make_results(speech: Path, folder: Path) -> None:
     )  # fmt: skip
     run(asked)
     with open_run_writer(out, read_run(out), is_kept=True) as writer:
-        writer.performed("gan/5", GesturePlan(2.0, (REST,), (REST,)))
-        writer.timeline(json.loads((out / "timeline.json").read_text()), SAID)
+        writer.write_plan("gan/5", GesturePlan(2.0, (REST,), (REST,)))
+        writer.write_timeline(json.loads((out / "timeline.json").read_text()), SAID)
         writer.folder.path("jitter.png").touch()
-        writer.file(writer.folder.path("jitter.png"))
+        writer.add_files(writer.folder.path("jitter.png"))
         writer.finish("Done.")
 
 

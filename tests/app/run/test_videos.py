@@ -23,7 +23,7 @@ from app.run.callbacks import NO_CALLBACKS, Progress, RunCallbacks
 from app.run.display import MAX_SHOWN, Mode, ViewerBody, ViewerPanel, ViewerSettings, ViewerState
 from app.run.examples import CLEAN
 from app.run.output.result_folder import ResultFolder
-from app.run.pipeline import _draw_poses, _draw_videos
+from app.run.pipeline import _draw_poses, _render_videos, _small
 from app.run.requests.requests import ViewerVideoRequest
 from app.run.videos import videos, viewer_recording
 from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks, limit_compared
@@ -107,7 +107,7 @@ def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch
     motion = load_motion(CLEAN)
     pictured, notes = picture_motions({"long": motion, "short": motion.part(slice(20))})
     assert [each.num_frames for each in pictured.values()] == [30, 20]
-    assert notes == ("Stage and videos show the first 1 s of long.",)
+    assert notes == ("The viewer and the videos show the first 1 s of long.",)
 
 
 class _Drawing(Exception):
@@ -135,13 +135,16 @@ def test_all_bodies_of_a_run_are_in_register(
     )
     staged = {"a": motion, REFERENCE_NAME: elsewhere}
     rows: Any = SimpleNamespace(
-        staged=staged, body=body, sound=tmp_path / "s.wav", tip=tip, is_made=True
+        viewer_motions=staged,
+        body=body,
+        audio_path=tmp_path / "s.wav",
+        tracked_point=tip,
+        place=align_to_origin,
     )
-    rows.drawn = {"a": motion}
     run: Any = RunCallbacks()
     with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
-        run.folder, run.file = folder, None
-        _draw_videos(asked, rows, run)
+        run.folder, run.add_files = folder, None
+        _render_videos(asked, rows, run)
     mine, theirs = (
         body.joint_positions(jobs[name, "front"].motion) for name in ("a", REFERENCE_NAME)
     )
@@ -161,9 +164,9 @@ def test_snapshots_are_those_of_each_motion_alone_before_the_camera_of_all(tmp_p
     drawn = {"a": motion, "b": walking, "c": other}
     body = load_body()
     asked = diagnose_request(motions=(), out=tmp_path, figure_frames=(3, 30))
-    rows: Any = SimpleNamespace(drawn=drawn, body=body, is_made=False)
+    rows: Any = SimpleNamespace(figure_motions=drawn, body=body, place=lambda motion: motion)
     shares: list[Any] = []
-    snapshots = _draw_poses(asked, rows, RunCallbacks(shares.append))
+    snapshots = _draw_poses(asked, rows, _small(asked.video), RunCallbacks(shares.append))
     assert [*snapshots.pictures] == [*drawn] and shares[-1].fraction == pytest.approx(0.6)
     settings = RenderSettings(512, 512)
     stage = camera_setup_for(body, [*map(body_motion, drawn.values())], settings)
@@ -216,7 +219,7 @@ def test_what_no_stage_shows_is_refused() -> None:
     body, right = PANELS[:2]
     thin = ViewerPanel(view="right_hand", rect=(0, 100, 40, 1))
     for changes, words in [
-        ({"bodies": ()}, "no body on the stage yet"),
+        ({"bodies": ()}, "no body in the viewer yet"),
         ({"mode": "wipe"}, "are not of its bodies"),
         ({"mode": "ghost", "shown": (0,), "panels": (PANELS, PANELS)}, "are not of its bodies"),
         (
@@ -232,12 +235,12 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"panels": ((body, right, right),)}, "are not of its bodies"),
         ({"panels": ((ViewerPanel(rect=(0, 0, 900, 100)),),)}, "The body has no room"),
         ({"panels": ((body, thin),)}, "right hand has no room"),
-        ({"exaggeration": 50.0}, "1 to 20 times as large; got 50"),
+        ({"exaggeration": 50.0}, "by a factor of 1 to 20; got 50"),
         ({"tone": "green"}, "'light', 'medium', 'dark' or 'clay'"),
         ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom is 0.4 to 10; got 99"),
     ]:
         with pytest.raises(RunError, match=words):
-            ViewerState.read(
+            ViewerState.parse(
                 changed(GRID, **changes).model_dump_json(by_alias=True, warnings=False)
             )
 
@@ -352,7 +355,7 @@ def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_p
     face = ViewerPanel(view="face", rect=(0, 10, 1000, 990))
     panels = ((ViewerPanel(rect=(0, 0, 10, 10)), face),)
     seen = changed(GRID, size=(1000.0, 1000.0), panels=panels)
-    with pytest.raises(RunError, match="too small on the stage"):
+    with pytest.raises(RunError, match="too small to be recorded"):
         draw_viewer_video(asked(tmp_path, seen), NO_CALLBACKS)
     told: list[object] = []
     with pytest.raises(Cancelled):

@@ -26,9 +26,9 @@ def test_a_textgrid_wins_and_unasked_nothing_is_looked_for() -> None:
     for given, asked in [(GRID, "recognise"), (None, "none")]:
         expected = NOTHING_SAID if given is None else read_transcript(given)
         with WordSearch(given, asked) as words:
-            assert not words.need_speech
+            assert not words.needs_speech
             words.begin(load_speech(SAID).waveform)
-            assert words.found(never) == (expected, ()) and words.given == expected
+            assert words.wait(never) == (expected, ()) and words.provided == expected
 
 
 def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
@@ -36,9 +36,9 @@ def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
 ) -> None:
     text = SAID.with_suffix(".txt")
     with WordSearch(text, "recognise") as words:
-        assert words.need_speech and words.given == NOTHING_SAID  # not yet
+        assert words.needs_speech and words.provided == NOTHING_SAID  # not yet
         words.begin(load_speech(SAID).waveform)
-        said, notes = words.found(lambda: None)
+        said, notes = words.wait(lambda: None)
     assert (said.origin, notes) == ("aligned", ())
     assert said.words[0].text == "There"  # as it is written
     (tmp_path / "said.txt").write_text("...")
@@ -54,7 +54,7 @@ def test_who_stops_a_run_ends_the_looking_for_words() -> None:
         words.begin(np.tile(load_speech(SAID).waveform, 20))
         child = words._hearing._child  # type: ignore[union-attr]
         assert child is not None and child.is_alive()
-        words.found(stop)
+        words.wait(stop)
     assert not child.is_alive()
 
 
@@ -62,14 +62,14 @@ def test_a_run_recognises_its_words_where_that_is_asked_for(ask, tmp_path: Path)
     write_wav(tmp_path / "begin.wav", load_speech(SAID).waveform[: 16_000 * 3])
     asked = ask(speech=tmp_path / "begin.wav", systems=("globaldiff/local",), words="recognise")
     result = run(asked)
-    assert result.said.origin == "recognised" and len(result.said.words) > 5
+    assert result.transcript.origin == "recognised" and len(result.transcript.words) > 5
     told = json.loads((asked.output.out / "diagnostics.json").read_text())
     assert told["words_origin"] == "recognised"
     assert "reasons" in [word["text"] for word in told["words"]]
     assert 0 < min(word["confidence"] for word in told["words"]) < 1
     assert len(told["phones"]) > len(told["words"])
     provenance = json.loads((asked.output.out / "provenance.json").read_text())
-    count = len(result.said.words)
+    count = len(result.transcript.words)
     assert provenance["speech"]["words"] == {"origin": "recognised", "count": count}
     options = provenance["options"]
     assert (options["words"], options["transcript"]) == ("recognise", None)

@@ -331,7 +331,7 @@ def test_clay_has_one_hue_and_a_readable_mouth(body):
 def test_a_look_that_cannot_be_had_is_refused(tmp_path):
     with pytest.raises(BodyError, match="Unknown look 'tall'; known are average-light"):
         load_body(look="tall")
-    with pytest.raises(BodyError, match=r"body\.npz is always shown as plain clay"):
+    with pytest.raises(BodyError, match=r"body\.npz has one look only"):
         load_body(smplx_file(tmp_path / "body.npz"), look="slender-dark")
 
 

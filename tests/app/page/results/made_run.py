@@ -38,21 +38,21 @@ def made_run(
     job.mkdir(exist_ok=True)
     record = RunRecord(**{**values, **changes})
     with open_run_writer(job / out, record, is_kept=True) as run:
-        run.rows([*jerk, *([] if reference is None else [REFERENCE_NAME])])
-        run.sound(made_waveform(round(16_000 * duration_s)))
+        run.declare_rows([*jerk, *([] if reference is None else [REFERENCE_NAME])])
+        run.write_audio(made_waveform(round(16_000 * duration_s)))
         for name in jerk:
-            run.motion(name, made_motion(8))
+            run.write_motion(name, made_motion(8))
             video = run.folder.path(f"{name.replace('/', '-')}.mp4")
             video.touch()
-            run.file(video, row=name, kind="video")
+            run.add_files(video, row=name, kind="video")
         worst = [
             {"start_s": 0.5, "end_s": 1.5, "name": name, "jerk_m_s3": value}
             for name, value in jerk.items()
         ]
         line = {"duration_s": duration_s, "fps": 30, "peaks": [1], "onsets_s": []}
         line |= {"curves": {name: {"raw": {}} for name in jerk}, "worst": worst}
-        run.timeline(line | {"point": "Right middle fingertip"}, said)
-        run.measured(numbers(reference, **jerk))
+        run.write_timeline(line | {"point": "Right middle fingertip"}, said)
+        run.write_metrics(numbers(reference, **jerk))
         run.finish("Done.")
     return showing_in(job)
 

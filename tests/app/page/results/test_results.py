@@ -41,7 +41,7 @@ def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
     """As the page shows what the worker has measured."""
     record = RunRecord(kind="given", point="right_middle")
     with open_run_writer(tmp_path / "results", record) as run:
-        run.measured(diagnostics)
+        run.write_metrics(diagnostics)
         return measures_table(run.record)
 
 
@@ -248,7 +248,7 @@ def test_the_table_has_both_and_their_difference(run):
     (jerk,) = re.findall(f'<tr data-measure="{JERK}".*?</tr>', table)
     values = re.findall('class="raw[^"]*">([^<]*)<', jerk)
     assert values == ["104", "120", "100", "\N{MINUS SIGN}20", "90"]
-    assert "raw%2C-20.0%0D" in table, "saved as it is shown"
+    assert "raw%2C-20.0%2Cworkbench/1%0D" in table, "saved as it is shown"
     near = ["near" in cell for cell in re.findall("<td.*?</td>", jerk)]
     assert near == [False, False, True, False, False]
     assert "<button" not in jerk  # columns keep their places

@@ -73,7 +73,7 @@ def test_no_name_or_word_ends_the_page_and_what_cannot_be_played_is_refused(tmp_
     assert "alert(1)<script>" not in html and "</title><b>" not in html
     told = html.split('id="kept">')[1].split("</script>")[0]
     assert json.loads(told)["runs"][0]["rows"][0]["name"] == name
-    with pytest.raises(RunError, match="no run that can be shown"):
+    with pytest.raises(RunError, match="not a run folder that can be opened"):
         player_alone(tmp_path)
 
 

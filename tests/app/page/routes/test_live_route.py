@@ -52,8 +52,8 @@ def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
         wait_for(lambda: sessions.performers.turn() and session.windows)
         first, count, *_ = HEADER.unpack_from(socket.receive_bytes())
         assert first == 0 and count >= 9
-    with pytest.raises(RunError, match="no live minute"):
-        sessions.keep(ready["token"], "yours", tmp_path)
+    with pytest.raises(RunError, match="no live recording"):
+        sessions.save_recording(ready["token"], "yours", tmp_path)
     # The connection ends, and the minute outlives it.
     wait_for(lambda: not sessions.performers.open and len(sessions.performers.ended) == 1)
 
@@ -69,9 +69,9 @@ def test_a_page_of_another_origin_is_not_let_in(client):
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ("no json", "asked for no live session"),
-        ("[" * 990, "asked for no live session"),
-        (json.dumps({**ASK, "more": "x" * 1000}), "asked for no live session"),
+        ("no json", "invalid request for a live session"),
+        ("[" * 990, "invalid request for a live session"),
+        (json.dumps({**ASK, "more": "x" * 1000}), "invalid request for a live session"),
         (json.dumps({**ASK, "system": "../../etc/passwd"}), "There is no system"),
         (json.dumps({**ASK, "system": "expression"}), "There is no system"),
         (json.dumps({**ASK, "speaker": "eve"}), "There is no speaker"),
@@ -111,8 +111,8 @@ def test_one_too_many_is_told(client, monkeypatch):
             socket.send_text(json.dumps(ASK))
             answers.append(told(socket))
     assert "token" in answers[0] and "token" in answers[2]
-    assert "1 visitors speak live from your address" in answers[1]["end"]
-    assert "2 visitors speak live on this machine" in answers[3]["end"]
+    assert "1 live sessions are already running from your network address" in answers[1]["end"]
+    assert "2 live sessions are already running on this machine" in answers[3]["end"]
 
 
 def test_examples_are_there_and_nothing_else(client):

@@ -183,7 +183,7 @@ class Measured:
 
     def __call__(self, request: DiagnoseRequest, ear: RunCallbacks) -> SetResults:
         self.asked.append(request)
-        ear.hear(Progress("numbers", 0.5))
+        ear.on_event(Progress("numbers", 0.5))
         request.output.out.mkdir()
         table = request.output.out / "many.csv"
         table.write_text("0")
@@ -321,7 +321,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     speech, motion = load_speech(asked.speech.path), load_motion(asked.live_recording.motion)
     assert speech.num_frames == motion.num_frames > 60
     for token, cookie in ((own, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
-        with pytest.raises(RunError, match="no live minute"):
+        with pytest.raises(RunError, match="no live recording"):
             keeps.asked(Job("me", "live", job.folder, cookie), (token,))
 
     assert asked.live_recording.truncation_note == "", "it follows as closely as it can"
@@ -330,8 +330,8 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     updates = list(keeps.run(browser("mine", "me"), own))
     (line,) = [each[keeps._status] for each in updates if "Done in" in str(each)]
     kept_s = motion.num_frames / 30
-    less = f"the last {5.5 - kept_s:.1f} s spoken had no motion yet"
-    assert f"{kept_s:.1f} s are kept: {less}" in line
+    less = f"The last {5.5 - kept_s:.1f} s of speech had no motion yet"
+    assert f"{kept_s:.1f} s were saved. {less}" in line
 
 
 def test_what_is_usual_stands_first_and_what_needs_all_of_the_speech_is_not_offered():
@@ -374,7 +374,7 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
     private, may_end = tmp_path / "private", threading.Event()
 
     def export(asked: ExportRequest, ear: RunCallbacks) -> None:
-        ear.hear(Progress("motion", 0.5))
+        ear.on_event(Progress("motion", 0.5))
         wait_for(ear.should_cancel)
         assert may_end.wait(60)
         for path in (asked.output.out, *asked.zips):

@@ -56,7 +56,7 @@ def told(**changes: Any) -> dict[str, Any]:
 
 
 def test_everything_that_is_seen_is_read():
-    seen = ViewerState.read(json.dumps(told()))
+    seen = ViewerState.parse(json.dumps(told()))
     found = [(body.label, body.motion) for body in seen.bodies]
     assert found == [("local", "media/a"), ("full", "media/b")] and seen.sound == "media/c"
     assert (seen.shown, seen.columns, seen.mode, seen.size) == ((1,), 2, "grid", (240, 420))
@@ -84,7 +84,7 @@ def test_everything_that_is_seen_is_read():
 )  # fmt: skip
 def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value):
     with pytest.raises(RunError, match="The state of the viewer could not be used"):
-        ViewerState.read(json.dumps(value) if isinstance(value, dict) else value)
+        ViewerState.parse(json.dumps(value) if isinstance(value, dict) else value)
 
 
 class Stage:
@@ -109,7 +109,7 @@ class Stage:
 
 
 def draw(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerVideo:
-    ear.hear(Progress("video", 0.43))
+    ear.on_event(Progress("video", 0.43))
     request.out.mkdir()
     video = request.out / "stage.mp4"
     video.write_bytes(bytes(2_100_000))
@@ -172,13 +172,13 @@ def make(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
             take = EditInfo(number=number, of=ROW, start=start.name, fresh=[(0.5, 1.0)])
             row.name, row.label, row.take = f"{ROW}.take{number}", f"version {number}", take
             row.files.pop("told", None)
-            record.put(row)
+            record.set_row(row)
     if number:
-        ear.hear(FolderUpdated(request.run))
+        ear.on_event(FolderUpdated(request.run))
     with edit_record(request.run) as record:
         row.files["told"] = "told.json"
         (request.run / "told.json").write_text("{}")
-        record.put(row)
+        record.set_row(row)
     return EditResult(number, ("It was mended.",) if number else ())
 
 
@@ -194,7 +194,7 @@ class Editor:
         self.showing = made_run(folder / "run", jerk={ROW: 1.0}, said=said)
         folder = self.showing.folder
         with open_run_writer(folder, read_run(folder), is_kept=True) as run:
-            run.performed(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
+            run.write_plan(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
         job = Job("me", "generate", folder.parent, COOKIE)
         services.kept.keep_run(job, {"": self.showing})
 

@@ -40,13 +40,13 @@ class Measured:
 
     def measure(self, request: Any, ear: RunCallbacks) -> None:
         self.asked.append(request)
-        ear.hear(Progress("numbers", 0.5))
+        ear.on_event(Progress("numbers", 0.5))
         record = RunRecord(kind="generated", point="right_middle")
-        with open_run_writer(request.out, record) as run:
-            run.note("<b> hears.")
+        with open_run_writer(request.output.out, record) as run:
+            run.add_notes("<b> hears.")
             figure = run.folder.path("steps.png")
             figure.write_bytes(b"0")
-            run.file(figure)
+            run.add_files(figure)
             run.finish("Measured it.")
 
     def click(self, *values: Any) -> list[dict[str, Any]]:
@@ -104,16 +104,16 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
 
     def show(request: RotationNoiseRequest, ear: RunCallbacks) -> None:
         asked.append(request)
-        made_run(request.out.parent, jerk=dict.fromkeys((*NAMES, WITHOUT_NOISE), 1.0))
-        ear.hear(FolderUpdated(request.out))
-        ear.hear(Progress("numbers", 0.5))
-        with edit_record(request.out) as record:
+        made_run(request.output.out.parent, jerk=dict.fromkeys((*NAMES, WITHOUT_NOISE), 1.0))
+        ear.on_event(FolderUpdated(request.output.out))
+        ear.on_event(Progress("numbers", 0.5))
+        with edit_record(request.output.out) as record:
             record.notes, record.sentence = ["Moved by <1> cm."], "Noise of 0.05 rad."
 
     *_, last = shown(show, tmp_path, 0.05, None)
     (one,) = asked
     assert (one.motion, one.noise_rad) == (FIRST_MOTION, 0.05) and FIRST_MOTION.is_file()
-    assert one.is_kept and not one.has_video
+    assert one.output.is_kept and not one.has_video
     rows = last["player"]["rows"]
     # The browser adds the noise, so that the slider acts at once, on a motion of one's own too.
     assert [row["space"] for row in rows] == ["local", "global"]

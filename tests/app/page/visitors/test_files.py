@@ -170,6 +170,9 @@ def test_the_uploads_of_one_address_have_a_limit_together(served, monkeypatch):
     before = served.uploads()
     full = send(visitor, b"c")
     assert full.status_code == 400 and "from your address would take 0.0 GB" in full.text
+    ended = {"type": "http.request", "body": b"\r\n--b--\r\n"}
+    start, unstated = served.sent("10.1.0.3", multipart(bytes(5000)), "b", ended)
+    assert start["status"] == 400 and b"from your address" in unstated["body"]
     assert served.uploads() == before
     assert send(other, b"b").status_code == 200
     shutil.rmtree(Path(first.json()[0]).parent)

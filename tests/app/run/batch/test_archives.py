@@ -81,7 +81,7 @@ def test_times_follow_from_content(folder: Path, tmp_path: Path):
 def test_names_that_lead_elsewhere_are_refused(name: str, folder: Path, tmp_path: Path):
     path = _zip(tmp_path / "bad.zip", ("good.npz", b"good"), (name, b"bad"))
     before = _all_below(tmp_path)
-    with pytest.raises(RunError, match="leads out of its folder or is no plain one"):
+    with pytest.raises(RunError, match="an unsafe path"):
         unpack_archive(path, folder, NPZ)
     assert _all_below(tmp_path) == before
 
@@ -105,17 +105,17 @@ def test_limits_hold_before_a_byte_is_unpacked_and_for_all_archives_together(
     assert path.stat().st_size < 20_000
     for limits, said in (
         (UnpackLimits(file_bytes=2**20), r"'a.npz' of 3 MiB; at most 1 MiB a file"),
-        (UnpackLimits(files=10, total_bytes=5 * 2**20), r"unpack to"),
+        (UnpackLimits(files=10, total_bytes=5 * 2**20), r"extract to"),
         (UnpackLimits(files=1), r"at most 1 are read"),
     ):
         with pytest.raises(RunError, match=said):
             unpack_archive(path, folder, NPZ, limits)
     assert not _all_below(folder)
     unread = _packed(tmp_path / "unread.tar.gz", **{"a.txt": zeros, "b.npz": b"b"})
-    with pytest.raises(RunError, match="would unpack to over 1 MiB"):
+    with pytest.raises(RunError, match="would extract to over 1 MiB"):
         unpack_archive(unread, folder, NPZ, UnpackLimits(files=10, total_bytes=2**20))
     within = _zip(tmp_path / "within.zip", (name, path.read_bytes()), ("c.npz", zeros))
-    with pytest.raises(RunError, match=rf"{name} would unpack to"):
+    with pytest.raises(RunError, match=rf"{name} would extract to"):
         unpack_archive(within, folder, NPZ, UnpackLimits(files=10, total_bytes=8 * 2**20))
 
 
@@ -148,7 +148,7 @@ def test_names_that_come_twice_are_refused(folder: Path, tmp_path: Path):
     with pytest.raises(RunError, match=r"'a.npz' twice"):
         unpack_archive(path, folder, NPZ)
     within = _zip(tmp_path / "within.zip", ("b.npz", b"file"), ("b.npz/c.npz", b"in a file"))
-    with pytest.raises(RunError, match="two files of one name"):
+    with pytest.raises(RunError, match="two files with the same name"):
         unpack_archive(within, folder, NPZ)
 
 
@@ -175,7 +175,7 @@ def test_what_is_no_zip_is_told(folder: Path, tmp_path: Path):
     path.write_bytes(data)
     with pytest.raises(RunError, match="without a password"):
         unpack_archive(path, folder, NPZ)
-    with pytest.raises(RunError, match=r"none of the files that are looked for: .npz"):
+    with pytest.raises(RunError, match=r"contains no supported files: .npz"):
         unpack_archive(_zip(tmp_path / "other.zip", ("a.txt", b"text")), folder, NPZ)
     with pytest.raises(RunError, match=r"none.zip cannot be read: No such file"):
         unpack_archive(tmp_path / "none.zip", folder, NPZ)
@@ -194,7 +194,7 @@ def test_hostile_tars_leave_nothing(kind: str, tmp_path: Path, folder: Path):
     info.name = {"out": "../x.npz", "root": "/x.npz"}.get(kind, "x.npz")
     with tarfile.open(tmp_path / "a.tar", "w") as opened:
         opened.addfile(info)
-    with pytest.raises(RunError, match=r"link or device|leads out|no readable tar"):
+    with pytest.raises(RunError, match=r"link or device|unsafe path|no readable tar"):
         unpack_archive(tmp_path / "a.tar", folder, NPZ)
     assert _all_below(tmp_path) == {"a.tar"}
 

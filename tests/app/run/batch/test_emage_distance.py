@@ -112,7 +112,7 @@ def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
     before = kept.stat().st_mtime_ns
     (request.output.out / "clips" / "a.codes.npz").unlink()
     again = diagnose_folders(replace_fields(request, motions=request.motions.motions[::-1]))
-    assert any("1 clips had been measured before" in note for note in again.notes)
+    assert any("1 clips had already been measured" in note for note in again.notes)
     assert kept.stat().st_mtime_ns == before
     swapped = {row["system"]: row["mean"] for row in _rows(request.output.out) if row["mean"]}
     assert swapped == means

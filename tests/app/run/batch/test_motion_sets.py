@@ -54,8 +54,8 @@ def asked(folders: Path, out: Path) -> AnyRun:
 def measured(folders: Path) -> Path:
     shares: list[float] = []
     result = diagnose_folders(asked(folders, folders / "measured"), shares.append)
-    assert tuple(result.told["clips"]) == CLIPS and shares[-1] == 1.0
-    assert any("1 of 4 clips have no partner" in note for note in result.notes)
+    assert tuple(result.summary["clips"]) == CLIPS and shares[-1] == 1.0
+    assert any("1 of 4 clips have no clip of the same name" in note for note in result.notes)
     return folders / "measured"
 
 
@@ -76,7 +76,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     of_lively = [row for row in by_clip if row["system"] == "lively"]
     mean = np.mean([float(row[SPEED]) for row in of_lively])
     assert mean == pytest.approx(means["lively"])
-    worst = sheet.split("Clips with most findings")[1].splitlines()[4:]
+    worst = sheet.split("Clips with the most findings")[1].splitlines()[4:]
     assert [line.split(" | ")[0] for line in worst[-3:]] == ["| same"] * 3  # and not the reference
     order = [
         (-len(findings.split(", ")), -float(jerk.rstrip(" |")))
@@ -93,7 +93,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     before = kept.stat().st_mtime_ns
     (tmp_path / "clips" / "c.json").write_text("{")  # half a file of a run that was stopped
     again = diagnose_folders(asked(folders, tmp_path))
-    assert any("2 clips had been measured before" in note for note in again.notes)
+    assert any("2 clips had already been measured" in note for note in again.notes)
     assert kept.stat().st_mtime_ns == before
     assert json.loads((tmp_path / "clips" / "c.json").read_text())["frames"] == 90
 
@@ -198,7 +198,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     (theirs / ".cache" / "res_c.npz").write_bytes(b"no motion")
     top, out = tmp_path / "emage", tmp_path / "out"
     result = diagnose_folders(diagnose_request(motions=(top,), out=out, reference=top))
-    assert tuple(result.told["clips"]) == CLIPS[:2]
+    assert tuple(result.summary["clips"]) == CLIPS[:2]
     told = json.loads((out / "many.json").read_text())["measures"]
     assert {row["system"] for row in told} == {"emage", "reference"}
     for clip in CLIPS[:2]:
@@ -210,7 +210,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     (theirs / "again").mkdir()
     (theirs / "again" / "res_a.npz").write_bytes((theirs / "res_a.npz").read_bytes())
     result = diagnose_folders(diagnose_request(motions=(top,), out=tmp_path / "two", reference=top))
-    assert result.told["clips"] == ["epoch_400/a", "epoch_400/b"]
+    assert result.summary["clips"] == ["epoch_400/a", "epoch_400/b"]
 
 
 def test_an_interval_holds_the_mean():

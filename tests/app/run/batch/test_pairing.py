@@ -123,7 +123,7 @@ def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_pat
             for clip in "abc"
         ]
     )
-    sheet = (tmp_path / "both" / "sheet.md").read_text().split("How far samples of one clip")[1]
+    sheet = (tmp_path / "both" / "sheet.md").read_text().split("Variation between samples")[1]
     (line,) = (line for line in sheet.splitlines() if title in line)
     assert float(line.split("|")[2]) == pytest.approx(spread, rel=0.01)
 
@@ -136,8 +136,8 @@ def test_a_bad_clip_costs_itself_only(made: Path, tmp_path: Path):
     for broken in ("b_sample0", "b_sample1", "c_sample0"):
         (mine / f"{broken}.npz").write_bytes(b"no motion")
     found = diagnose_folders(asked(made, tmp_path / "out", mine))
-    (left_out,) = found.told["left_out"].values()
-    assert found.told["clips"] == ["a", "c"] and "b_sample" in left_out
+    (left_out,) = found.summary["left_out"].values()
+    assert found.summary["clips"] == ["a", "c"] and "b_sample" in left_out
     assert any("c_sample0.npz" in note for note in found.notes)
     rows = rows_of(tmp_path / "out")
     assert rows["b", ""]["left out because"] == left_out
@@ -209,19 +209,19 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
     folders = (tmp_path / "good", tmp_path / "bad")
     found = check_sets(folders, tmp_path / "beat2", tmp_path / "out")
     good, bad = found.values()
-    assert good.is_right and not bad.is_right
-    assert good.told == ["good: all 3 clips are as the leaderboard asks, 5 samples of each."]
+    assert good.is_valid and not bad.is_valid
+    assert good.messages == ["good: all 3 clips are as the leaderboard asks, 5 samples of each."]
     assert bad.listed == [f"Missing: {clips[2]}", "Extra: 2_scott_0_9_9"]
     for words in (
         f"{clips[1]} have fewer samples than the 3",
         "3 samples of a clip; a system that draws hands in 5",
         f"{clips[0]}_sample0.npz: it has 15 frames where the recording has 20",
-        f"{clips[0]}_sample2.npz: it is the same file as {clips[0]}_sample0.npz",
+        f"{clips[0]}_sample2.npz: it is identical to {clips[0]}_sample0.npz",
         f"{clips[1]}_sample0.npz: it lacks trans",
     ):
-        assert any(words in line for line in bad.told), words
+        assert any(words in line for line in bad.messages), words
     report = (tmp_path / "out" / "check.md").read_text()
-    assert all(sentence in report for sentence in (*bad.told, *bad.listed))
+    assert all(sentence in report for sentence in (*bad.messages, *bad.listed))
     with pytest.raises(RunError, match="give them, too"):
         check_sets(folders, None, tmp_path / "none")
     save_motion(smooth_motion_example(9, 0), tmp_path / "bad" / "2_scott_0_9_9_output.npz")

@@ -1,6 +1,7 @@
 """Published protocols of sets, GENEA's encoder, and how much a rule alone changes a number."""
 
 import json
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -164,15 +165,45 @@ def test_the_effect_of_the_rule_alone_is_told_next_to_expected_values(results: A
     assert ("beats", "calm", "beats/emage, without translation") not in by_rule
 
 
+def test_the_authors_zip_of_person_2_is_measured_next_to_ours(tmp_path: Path):
+    ours, recorded = tmp_path / "ours", tmp_path / "smplxflame_30"
+    ours.mkdir()
+    recorded.mkdir()
+    with zipfile.ZipFile(tmp_path / "best_pid_2.zip", "w") as archive:
+        for number in (1, 2):
+            clip = f"2_scott_0_{number}_{number}"
+            motions = _motions("ab"[number - 1])
+            save_motion(motions["reference"], recorded / f"{clip}.npz")
+            save_motion(motions["calm"], ours / f"{clip}.npz")
+            # The authors' script writes whole windows only: 60 frames and 52 for each further one.
+            theirs = motions["lively"].part(slice(60 + 52 * 4))
+            save_motion(theirs, tmp_path / "res.npz")
+            archive.write(tmp_path / "res.npz", f"best_pid_2/res_{clip}.npz")
+        archive.writestr("best_pid_2/record_2.txt", "0.5\n")
+    save_motion(smooth_motion_example(50), recorded / "2_scott_0_3_3.npz")
+    asked = [str(tmp_path / "best_pid_2.zip"), str(ours), "--reference", str(recorded)]
+    assert main(["diagnose", *asked, "--processes", "1", "--out", str(tmp_path / "out")]) == 0
+    told = json.loads((tmp_path / "out" / "many.json").read_text())
+    assert told["clips"] == ["2_scott_0_1_1", "2_scott_0_2_2"]
+    dice = [row for row in told["measures"] if row["measure"] == "gac/unicamp/dice"]
+    systems = [row["system"] for row in dice if not row["difference_to"]]
+    assert systems[1] == "ours" and systems[0].startswith("best_pid_2") and len(systems) == 2
+    frames = [
+        json.loads((tmp_path / "out" / "clips" / f"{clip}.json").read_text())["frames"]
+        for clip in told["clips"]
+    ]
+    assert frames == [268, 268]
+
+
 def test_sums_are_kept_and_measured_again_if_values_are_expected(results: AnyRun):
     kept = results.output.out / "clips" / "a.sums.npz"
     with np.load(kept) as file:
         assert any(name.startswith("without translation|") for name in file.files)
     again = diagnose_folders(results)
-    assert any("2 clips had been measured before" in note for note in again.notes)
+    assert any("2 clips had already been measured" in note for note in again.notes)
     kept.unlink()
     again = diagnose_folders(replace_fields(results, expected=()))
-    assert not any("had been measured before" in note for note in again.notes)
+    assert not any("had already been measured" in note for note in again.notes)
     with np.load(kept) as file:
         assert not any(name.startswith("without translation|") for name in file.files)
 

@@ -60,13 +60,13 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
         ),
         heard,
     )
-    assert found.told["clips"] == list(CLIPS)
+    assert found.summary["clips"] == list(CLIPS)
     shares = heard.shares
     assert sorted(shares) == shares and shares[-1] > 0.8, "the last clip could not be read"
     assert list(found.clips) == ["My system", "reference"]
-    assert sorted(found.sounds) == list(CLIPS)
+    assert sorted(found.audio_files) == list(CLIPS)
     assert any("Left out" in note and "broken" in note for note in found.notes)
-    worst = found.told["worst"][0]
+    worst = found.summary["worst"][0]
     assert (worst["system"], worst["clip"]) == ("My system", "d") and worst["kinds"]
     assert any(path.name == "distributions.png" for path in found.files)
     for name, files in found.clips.items():
@@ -84,7 +84,7 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
     )
     diagnose_folders(asked)
     plain = json.loads((tmp_path / "plain" / "many.json").read_text())
-    named = json.loads(json.dumps(found.told).replace("My system", "mine"))
+    named = json.loads(json.dumps(found.summary).replace("My system", "mine"))
     assert list(named.pop("left_out")) == ["broken"] and not plain.pop("left_out")
     for told in (named, plain):
         del told["provenance"]["made_at"]
@@ -96,8 +96,8 @@ def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkey
     held = sum(path.stat().st_size for path in (folders / "mine").rglob("*.npz"))
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", round(1.5 * held))
     asked = diagnose_request(motions=(mine,), names=("mine",), out=tmp_path / "one")
-    assert measure_sets(asked).told["clips"] == list(CLIPS)
-    with pytest.raises(RunError, match="would unpack to"):
+    assert measure_sets(asked).summary["clips"] == list(CLIPS)
+    with pytest.raises(RunError, match="would extract to"):
         measure_sets(replace_fields(asked, out=tmp_path / "two", reference=theirs))
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_FILES", len(CLIPS) + 1)
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", 10 * held)

@@ -54,7 +54,7 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     runs = run_batch(
         clip_requests(asked), HERE, lambda path, share: told.append((path.name, share))
     )
-    assert runs.clips == ("a", "b", "c") and runs.kept == 0 and runs.failed == {}
+    assert runs.clips == ("a", "b", "c") and runs.num_reused == 0 and runs.failed == {}
     assert [name for name, _ in told] == ["a", "b", "c"] and told[-1][1] == 1.0
     for clip in runs.clips:
         names = {path.name for path in (out / clip).iterdir()}
@@ -83,16 +83,16 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     (out / "b" / RUN).unlink()
     (out / "b" / f".unfinished-{os.getpid()}-elsewhere").mkdir()  # a number that lives here too
     runs = run_batch(clip_requests(asked), HERE)
-    assert runs.kept == 1 and runs.clips == ("a", "b", "c")
+    assert runs.num_reused == 1 and runs.clips == ("a", "b", "c")
     after = {clip: (out / clip / "globaldiff-local.npz").stat().st_mtime_ns for clip in "abc"}
     assert not list(out.glob("*/.unfinished*"))
     assert after["c"] == times["c"] and after["a"] > times["a"] and after["b"] > times["b"]
     write_wav(speeches / "c.wav", made_waveform(16_000, 9))
-    assert run_batch(clip_requests(asked), HERE).kept == 2
+    assert run_batch(clip_requests(asked), HERE).num_reused == 2
     for clip in "ab":
         (speeches / f"{clip}.wav").unlink()
-    assert run_batch(clip_requests(asked), HERE).kept == 1
-    assert run_batch(clip_requests(replace_fields(asked, seed=1)), HERE).kept == 0
+    assert run_batch(clip_requests(asked), HERE).num_reused == 1
+    assert run_batch(clip_requests(replace_fields(asked, seed=1)), HERE).num_reused == 0
 
 
 @pytest.mark.parametrize("pool", [HERE, pytest.param(JobPool(2), marks=pytest.mark.slow)])
@@ -146,7 +146,7 @@ def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path,
     assert main(asked) == 0
     said = capsys.readouterr()
     assert said.out.split()[0] == str(out / "b")
-    assert "2 clips had been made before and were kept." in said.err
+    assert "2 clips were already complete and were reused." in said.err
 
 
 def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
@@ -209,12 +209,12 @@ def test_a_person_who_stops_it_is_told_that_it_goes_on(
     def press_control_c(bars: ProgressBars, title: str, share: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ProgressBars, "show", press_control_c)
+    monkeypatch.setattr(ProgressBars, "update", press_control_c)
     flags = [*QUICK, "--out", str(tmp_path / "out"), "--weights", str(weights)]
     asked = ["generate", str(speeches), *flags]
     assert main(asked) == 1
     assert capsys.readouterr().err == (
-        "stopped; what is done is kept, and the same command goes on.\n"
+        "Interrupted. Finished clips are kept; run the same command again to continue.\n"
     )
     assert (tmp_path / "out" / "a" / RUN).is_file()
 
@@ -291,8 +291,8 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
     assert [plan.nods[0].time_s for plan in performed] == [0.5, 1.5]
     assert not gestures(performed[1], "right")
 
-    assert run_batch(clip_requests(asked), HERE).kept == 2
+    assert run_batch(clip_requests(asked), HERE).num_reused == 2
     style.write_text("[times]\nsmile = 0\n")  # another style makes other motion
-    assert run_batch(clip_requests(asked), HERE).kept == 0
+    assert run_batch(clip_requests(asked), HERE).num_reused == 0
     (left,) = asked.output.out.glob("d/*.plan.json")
     assert len(gestures(read_plan_file(left).plan, "right")) == 1

@@ -1,0 +1,145 @@
+"""A visitor's own character file with an animation: mesh, materials and textures stay untouched.
+
+World rotations of the character's bones are those of the motion, turned back to the file's axes;
+the root moves by the motion's translation in the file's units, with the floor at its zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from conventions.rates import FPS
+from renderer.body.body import Body, BodyMotion
+from renderer.body.body_file import BodyError
+from renderer.body.gltf import Gltf
+from renderer.files.glb import Buffer, glb_bytes, joined, markers_of, same_sign
+
+
+def animated_glb(
+    body: Body, motion: BodyMotion, markers: Sequence[tuple[float, str]] = ()
+) -> bytes:
+    """Return a character's own file with the motion as its animation; of other bodies, a new file.
+
+    Args:
+        markers: times in seconds with names, written into the animation's ``extras``.
+
+    Raises:
+        BodyError: if the character's file has changed or gone since it was read.
+    """
+    rig = body.rig
+    if rig is None:
+        return glb_bytes(body, motion, markers=markers)
+    try:
+        gltf = Gltf(rig.path.read_bytes(), body.name)
+    except OSError as error:
+        raise BodyError(f"{body.name} is not there any more.") from error
+    document, buffer = gltf.document, Buffer()
+    frames = np.arange(motion.num_frames, dtype=np.float32) / FPS
+    times = buffer.accessor(frames, bounds=True)
+    channels: list[tuple[int, str, int]] = []
+    for node, (rotations, translations) in _local_transforms(gltf, body, motion).items():
+        described = document["nodes"][node]
+        if "matrix" in described:
+            _split_matrix(described, gltf.local[node])
+        quaternions = same_sign(rotations.as_quat())
+        levels = np.round(quaternions * 32767).astype(np.int16)
+        channels.append((node, "rotation", buffer.accessor(levels, normalized=True)))
+        if translations is not None:
+            channels.append((node, "translation", buffer.accessor(translations)))
+    for node, weights in _target_weights(gltf, body, motion).items():
+        channels.append((node, "weights", buffer.accessor(weights.ravel())))
+    first_view, first = len(document["bufferViews"]), len(document["accessors"])
+    binary = gltf.binary + b"\0" * (-len(gltf.binary) % 4)
+    for view in buffer.views:
+        view["byteOffset"] += len(binary)
+    for accessor in buffer.accessors:
+        accessor["bufferView"] += first_view
+    document["bufferViews"] += buffer.views
+    document["accessors"] += buffer.accessors
+    document["buffers"][0]["byteLength"] = len(binary) + len(buffer.content)
+    animation: dict = {
+        "name": "motion",
+        "samplers": [{"input": first + times, "output": first + output} for *_, output in channels],
+        "channels": [
+            {"sampler": number, "target": {"node": node, "path": path}}
+            for number, (node, path, _) in enumerate(channels)
+        ],
+    }
+    if markers:
+        animation["extras"] = {"markers": markers_of(markers)}
+    document["animations"] = [animation]
+    return joined(document, binary + bytes(buffer.content))
+
+
+def _local_transforms(
+    gltf: Gltf, body: Body, motion: BodyMotion
+) -> dict[int, tuple[Rotation, np.ndarray | None]]:
+    """Return rotations (T) of each node with a joint, and the translations (T, 3) of the root's."""
+    rig = body.rig
+    assert rig is not None
+    to_file = Rotation.from_matrix(rig.axes.T)
+    joint_of = {node: joint for joint, node in enumerate(rig.nodes) if node >= 0}
+    world, positions = body.global_transforms(motion)
+    rest = Rotation.from_matrix(_rotations(gltf.world))
+    local = Rotation.from_matrix(_rotations(gltf.local))
+    moved: dict[int, Rotation] = {}
+    found: dict[int, tuple[Rotation, np.ndarray | None]] = {}
+    for node in gltf.order:
+        parent = gltf.parents[node]
+        above = moved.get(parent)
+        if node not in joint_of:
+            if above is not None:  # else it stands still
+                moved[node] = above * local[node]
+            continue
+        joint = joint_of[node]
+        turned = Rotation.from_matrix(world[:, joint] @ rig.turns[joint])
+        moved[node] = to_file * turned * to_file.inv() * rest[node]
+        if above is None:
+            above = rest[parent] if parent >= 0 else Rotation.identity()
+        translations = None
+        if joint == 0:
+            place = (positions[:, 0] + motion.trans) @ rig.axes / rig.scale
+            frame = np.linalg.inv(gltf.world[parent]) if parent >= 0 else np.eye(4)
+            translations = (place @ frame[:3, :3].T + frame[:3, 3]).astype(np.float32)
+        found[node] = above.inv() * moved[node], translations
+    return found
+
+
+def _rotations(matrices: np.ndarray) -> np.ndarray:
+    """Return the nearest rotation of each matrix (N, 4, 4), as (N, 3, 3)."""
+    left, _, right = np.linalg.svd(matrices[:, :3, :3])
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    return left @ right
+
+
+def _split_matrix(described: dict, matrix: np.ndarray) -> None:
+    """Write a node's matrix as translation, rotation and scale, which alone can be animated."""
+    del described["matrix"]
+    turn = _rotations(matrix[None])[0]
+    described["translation"] = matrix[:3, 3].tolist()
+    described["rotation"] = Rotation.from_matrix(turn).as_quat().tolist()
+    described["scale"] = np.diag(turn.T @ matrix[:3, :3]).tolist()
+
+
+def _target_weights(gltf: Gltf, body: Body, motion: BodyMotion) -> dict[int, np.ndarray]:
+    """Return weights (T, targets) of each node whose mesh has blendshapes that the face drives."""
+    assert body.rig is not None
+    expressions = body.expression_weights(motion, slice(0, motion.num_frames))
+    found: dict[int, np.ndarray] = {}
+    for node, described in enumerate(gltf.nodes):
+        of_targets = body.rig.shapes.get(described.get("mesh", -1))
+        if not of_targets:
+            continue
+        primitives = gltf.item("meshes", described["mesh"])["primitives"]
+        num_targets = len(primitives[0].get("targets", ()))
+        weights = np.zeros((motion.num_frames, num_targets), np.float32)
+        for target, shares in of_targets.items():
+            if 0 <= target < num_targets:
+                for component, share in shares.items():
+                    weights[:, target] += share * expressions[:, component]
+        if weights.any():
+            found[node] = weights
+    return found
