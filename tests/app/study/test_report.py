@@ -188,7 +188,7 @@ def test_the_sentence_of_a_pair_follows_its_numbers():
     close = plain(say("pair", pair_of(15, 13), False))
     assert close.endswith("the difference is not significant (p = .851 after Holm).")
     assert "each received half" in say("pair", pair_of(5, 5), False)
-    assert "has 100 % of 1 vote against" in plain(say("pair", pair_of(1, 0), False))
+    assert "received 100 % of 1 vote against" in plain(say("pair", pair_of(1, 0), False))
 
 
 def test_the_sentence_of_a_match_follows_its_numbers():
