@@ -100,7 +100,7 @@ class Worker:
             self._ready()
 
     def do(
-        self, task: Task[Asked, Found], request: Asked, ear: RunCallbacks = NO_CALLBACKS
+        self, task: Task[Asked, Found], request: Asked, callbacks: RunCallbacks = NO_CALLBACKS
     ) -> Found:
         """Do a task as soon as the previous one is done.
 
@@ -109,13 +109,13 @@ class Worker:
             RunError: with the sentence of the error, or of the exceeded limit.
             FaultElsewhere: for a fault of the program.
         """
-        while not ear.should_cancel():
+        while not callbacks.should_cancel():
             if self._turn.acquire(timeout=_POLL_S):
                 break
         else:
             raise Cancelled
         try:
-            return self._done_by(self._ready(), (task, request), ear)
+            return self._done_by(self._ready(), (task, request), callbacks)
         finally:
             try:
                 if self._is_closed or not self._is_kept:
@@ -148,7 +148,7 @@ class Worker:
             child.end()
 
     def _done_by(
-        self, child: Child, work: tuple[Task[Any, Found], Any], ear: RunCallbacks
+        self, child: Child, work: tuple[Task[Any, Found], Any], callbacks: RunCallbacks
     ) -> Found:
         limits, self._is_fit = self._limits, False
         child.clear_log()
@@ -159,7 +159,7 @@ class Worker:
             child.send((pickle.dumps(work), limits.memory_bytes))
             while True:
                 now = time.monotonic()
-                if stop_by is None and ear.should_cancel():
+                if stop_by is None and callbacks.should_cancel():
                     stop_by = now + GRACE_S
                     child.send(None)
                 if stop_by is not None and now > stop_by:
@@ -179,7 +179,7 @@ class Worker:
                     case event:
                         if event != news:
                             news, told_at = event, now
-                        ear.on_event(event)
+                        callbacks.on_event(event)
         except ChildExited as error:
             if stop_by is not None:
                 raise Cancelled from error

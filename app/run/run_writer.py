@@ -124,13 +124,13 @@ class RunMotions:
 def open_run_writer(
     out: Path,
     record: RunRecord,
-    ear: RunCallbacks = NO_CALLBACKS,
+    callbacks: RunCallbacks = NO_CALLBACKS,
     *,
     is_kept: bool = False,
 ) -> Iterator[RunWriter]:
     """Open a run's folder as `ResultFolder`; an error in the block is recorded in ``run.json``."""
     with ResultFolder(out, is_kept=is_kept) as folder:
-        run = RunWriter(folder, record, ear)
+        run = RunWriter(folder, record, callbacks)
         try:
             yield run
         except BaseException as error:
@@ -146,9 +146,9 @@ class RunWriter(RunCallbacks):
     """Writer of the folder and record of a run; its caller is notified of all changes."""
 
     def __init__(
-        self, folder: ResultFolder, record: RunRecord, ear: RunCallbacks = NO_CALLBACKS
+        self, folder: ResultFolder, record: RunRecord, callbacks: RunCallbacks = NO_CALLBACKS
     ) -> None:
-        super().__init__(ear.on_event, ear.should_cancel)
+        super().__init__(callbacks.on_event, callbacks.should_cancel)
         self.notes: list[str] = []
         self.folder = folder
         self.record = record

@@ -26,8 +26,8 @@ class Task:
     def __name__(self) -> str:
         return self.name
 
-    def __call__(self, request: Any, ear: RunCallbacks) -> Any:
-        return getattr(import_module(self.module), self.name)(request, ear)
+    def __call__(self, request: Any, callbacks: RunCallbacks) -> Any:
+        return getattr(import_module(self.module), self.name)(request, callbacks)
 
 
 DIAGNOSE = Task("app.run.pipeline", "diagnose")

@@ -35,10 +35,10 @@ Draw = Callable[..., object]
 """Function with the parameters of `renderer.video.workers.draw_jobs`."""
 
 
-def export_planned(request: ExportRequest, ear: RunCallbacks) -> Workspace:
+def export_planned(request: ExportRequest, callbacks: RunCallbacks) -> Workspace:
     """Export the study of a plan file and zip both folders, see `export_study`."""
     asked = request.out, request.weights, request.body
-    return zipped(export_study(read_plan(request.plan), *asked, ear), request)
+    return zipped(export_study(read_plan(request.plan), *asked, callbacks), request)
 
 
 def zipped(made: Workspace, request: ExportRequest) -> Workspace:
@@ -54,7 +54,7 @@ def export_study(
     out: Path,
     weights: Path = BUNDLED_WEIGHTS,
     body: Path | None = None,
-    ear: RunCallbacks = NO_CALLBACKS,
+    callbacks: RunCallbacks = NO_CALLBACKS,
     draw: Draw = draw_jobs,
 ) -> Workspace:
     """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish an interrupted export.
@@ -67,7 +67,7 @@ def export_study(
         body: a licensed SMPL-X npz; None is the open body.
 
     Raises:
-        Cancelled: if ``ear`` cancels; finished videos stay for the next run.
+        Cancelled: if the caller cancels; finished videos stay for the next run.
         RunError, SpeechError, MotionError, UnknownNameError, CheckpointError, BodyError, GLError,
         VideoError, WriteError: each with one sentence.
     """
@@ -78,7 +78,7 @@ def export_study(
     with lock_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, made_of)
-        maker = _Maker(plan, workspace, weights, body, draw, ear)
+        maker = _Maker(plan, workspace, weights, body, draw, callbacks)
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, weights, body, workspace)
@@ -113,7 +113,7 @@ class _Maker:
     weights: Path
     body: Path | None
     draw: Draw
-    ear: RunCallbacks
+    callbacks: RunCallbacks
 
     def make_all(self, key: Key, sources: tuple[Source, ...]) -> Key:
         """Make all missing videos, scene by scene (a clip from one view); return the updated key.
@@ -132,10 +132,12 @@ class _Maker:
         for source in sources:
             clip = source.clip.name
             views: list[View] = [view for view in self.plan.views if (clip, view) in undone]
-            asked = source, self.weights, self.body, self.ear.should_cancel
+            asked = source, self.weights, self.body, self.callbacks.should_cancel
             motions = shown_motions(self.plan, *asked) if views else {}
             for view in views:
-                tell = self.ear.progress_callback("video", source.num_frames / whole, done / whole)
+                tell = self.callbacks.progress_callback(
+                    "video", source.num_frames / whole, done / whole
+                )
                 here = clip, view
                 scene = {each: b for each, b in names.items() if (each.clip, each.view) == here}
                 self._make_scene(view, scene, motions, tracks, tell)
@@ -145,7 +147,7 @@ class _Maker:
                 key = replace(key, videos={**key.videos, **made})
                 write_key(key, self.workspace.key)
                 done += source.num_frames
-        self.ear.report_progress("video", 1.0)
+        self.callbacks.report_progress("video", 1.0)
         return key
 
     def _tracks(self, sources: tuple[Source, ...], heard: set[str | None]) -> dict[str, Path]:
@@ -210,7 +212,7 @@ class _Maker:
             },
             on_progress=on_progress,
             on_done=encode,
-            should_cancel=self.ear.should_cancel,
+            should_cancel=self.callbacks.should_cancel,
         )
         media.fill_alike(list(streams.values()))
         return streams

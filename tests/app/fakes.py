@@ -73,8 +73,8 @@ class FakeWorker(Worker):
     def start(self) -> None:
         """There is no process."""
 
-    def do(self, task: Task[Any, Any], request: Any, ear: RunCallbacks = NO_CALLBACKS) -> Any:
-        return self._does.get(task.__name__, task)(request, ear)
+    def do(self, task: Task[Any, Any], request: Any, callbacks: RunCallbacks = NO_CALLBACKS) -> Any:
+        return self._does.get(task.__name__, task)(request, callbacks)
 
 
 def made_services(
@@ -170,12 +170,12 @@ def make_generate(
     to fail, at once or with all motion there; with ``before_window`` motion comes in windows, held
     before each; figures wait for ``before_figures``; the first system performs ``plan``."""
 
-    def generate(request: AnyRun, ear: RunCallbacks) -> None:
+    def generate(request: AnyRun, callbacks: RunCallbacks) -> None:
         if on_start is not None:
             on_start(request)
         names, num_frames = row_names(request, request.sampling.systems), round(30 * seconds)
         systems = [name for name in names if name != REFERENCE_NAME]
-        how = request.output.out, record_of(request), ear
+        how = request.output.out, record_of(request), callbacks
         with open_run_writer(*how, is_kept=request.output.is_kept) as run:
             run.report_progress("speech", 1.0)
             run.report_progress("motion", 0.4, names[0])
@@ -229,11 +229,11 @@ def make_generate(
     return generate
 
 
-def diagnose(request: AnyRun, ear: RunCallbacks) -> None:
+def diagnose(request: AnyRun, callbacks: RunCallbacks) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
-    ear.on_event(Progress("numbers", 0.5))
+    callbacks.on_event(Progress("numbers", 0.5))
     with open_run_writer(
-        request.output.out, record_of(request), ear, is_kept=request.output.is_kept
+        request.output.out, record_of(request), callbacks, is_kept=request.output.is_kept
     ) as run:
         motions = {name: made_motion(30) for name in request.motions.names}
         run.declare_rows(motions)
@@ -257,22 +257,22 @@ def make_draw(
 ) -> Callable[[AnyRun, RunCallbacks], None]:
     """Draws test pictures as the videos of a run; it can be told to wait before each."""
 
-    def draw(request: AnyRun, ear: RunCallbacks) -> None:
+    def draw(request: AnyRun, callbacks: RunCallbacks) -> None:
         run = request.run
         names = [row.name for row in read_run(run).rows]
         with ResultFolder(request.out) as folder:
             for i, name in enumerate(names):
                 while before_video is not None and not before_video(i).wait(0.05):
-                    if ear.should_cancel():
+                    if callbacks.should_cancel():
                         raise Cancelled
                 video = folder.path(f"{file_stem(name)}.mp4")
                 write_video(video, seconds)
-                ear.on_event(Progress("video", (i + 1) / len(names)))
+                callbacks.on_event(Progress("video", (i + 1) / len(names)))
                 add_file(run, video, name, "video")
-                ear.on_event(FolderUpdated(run))
+                callbacks.on_event(FolderUpdated(run))
             comparison = folder.path("comparison.mp4")
             write_video(comparison, seconds)
             add_file(run, comparison)
-            ear.on_event(FolderUpdated(run))
+            callbacks.on_event(FolderUpdated(run))
 
     return draw

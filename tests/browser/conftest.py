@@ -250,11 +250,11 @@ def served_blocks(
         os.environ["GRADIO_TEMP_DIR"] = before
 
 
-def _of_noise(request: ExportRequest, ear: RunCallbacks) -> Any:
+def _of_noise(request: ExportRequest, callbacks: RunCallbacks) -> Any:
     """A study of small noise."""
     plan = replace(read_plan(request.plan), size=64)
     asked = (request.out, request.weights, request.body)
-    made = export_study(plan, *asked, ear, draw_noise)
+    made = export_study(plan, *asked, callbacks, draw_noise)
     return zipped(made, request)
 
 

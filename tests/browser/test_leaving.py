@@ -32,10 +32,10 @@ class Runs:
         self.ends: list[str] = []
         self.lost: list[str] = []
 
-    def do(self, request: AnyRun, ear: RunCallbacks) -> Any:
+    def do(self, request: AnyRun, callbacks: RunCallbacks) -> Any:
         self.num_begun += 1
         try:
-            done = self._fake.generate(request, ear)
+            done = self._fake.generate(request, callbacks)
         except Cancelled:
             self.ends.append("cancelled")
             raise

@@ -163,9 +163,9 @@ class RunRunner(TabRunner):
         try:
             asked = replace_fields(request, has_video=False, is_kept=True)
 
-            def do(ear: RunCallbacks) -> None:
+            def do(callbacks: RunCallbacks) -> None:
                 try:
-                    services.worker.do(run_in_folder, asked, ear)
+                    services.worker.do(run_in_folder, asked, callbacks)
                 finally:  # after the end of its process, maybe later than that of the generator
                     opened = request.output.out.with_name(OPENED)
                     shutil.rmtree(opened, ignore_errors=True)

@@ -303,9 +303,9 @@ class OwnMotionRunner(RunRunner):
             yield from super().perform(job, request, form)
             return
 
-        def do(ear: RunCallbacks) -> SetResults:
+        def do(callbacks: RunCallbacks) -> SetResults:
             try:
-                return self._services.worker.do(MEASURE_SETS, request, ear)
+                return self._services.worker.do(MEASURE_SETS, request, callbacks)
             except BaseException:  # clips can only be opened after a complete run
                 shutil.rmtree(request.output.out / UNPACKED, ignore_errors=True)
                 raise

@@ -379,7 +379,7 @@ class StudyRunner(TabRunner):
         job.beside += [work, waiting]
         bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
 
-        def make(ear: RunCallbacks) -> Path:
+        def make(callbacks: RunCallbacks) -> Path:
             """Make the participants' page, and clean up when the process has ended."""
             try:
                 for folder in (work, waiting):
@@ -393,8 +393,8 @@ class StudyRunner(TabRunner):
                     body=config.body,
                     zips=(bundle, key),
                 )
-                study = services.worker.do(EXPORT_STUDY, asked, ear)
-                if ear.should_cancel():
+                study = services.worker.do(EXPORT_STUDY, asked, callbacks)
+                if callbacks.should_cancel():
                     raise Cancelled
                 return Path(shutil.move(study.bundle, job.folder / "bundle"))
             except BaseException:

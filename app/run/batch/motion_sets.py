@@ -81,7 +81,7 @@ MAX_BYTES, MAX_FILES = 10**9, 1500
 """Limits of all archives of a visitor's request, unpacked."""
 
 
-def measure_sets(request: DiagnoseRequest, ear: RunCallbacks = NO_CALLBACKS) -> SetResults:
+def measure_sets(request: DiagnoseRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> SetResults:
     """Measure archives of sets as `diagnose_folders`; they stay unpacked in the output folder.
 
     Raises:
@@ -90,7 +90,7 @@ def measure_sets(request: DiagnoseRequest, ear: RunCallbacks = NO_CALLBACKS) -> 
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
     folders = unpack_archives(sets_of(request), request.output.out / UNPACKED, limits)
-    found = diagnose_folders(in_folders(request, folders), ear.progress_callback("numbers"))
+    found = diagnose_folders(in_folders(request, folders), callbacks.progress_callback("numbers"))
     return replace(found, request=request)
 
 

@@ -42,7 +42,7 @@ SPEECH_FOLDER = "form"
 """Folder next to the results with the speech files of several clips."""
 
 
-def run_in_folder(request: AnyRun, ear: RunCallbacks) -> None:
+def run_in_folder(request: AnyRun, callbacks: RunCallbacks) -> None:
     """Run a request, also one for a run's zip, or for several clips in the folder of the form.
 
     The motions in a zip are measured again. No list of paths is read, as it might name any file.
@@ -65,9 +65,9 @@ def run_in_folder(request: AnyRun, ear: RunCallbacks) -> None:
         seconds = check_clips(paths, request.speech.max_speech_s)
         pool = pool_for(seconds * len(systems_of(request)) * request.sampling.samples)
     if "" in requests:
-        run(requests[""], ear)
+        run(requests[""], callbacks)
         return
-    done = run_batch(requests, pool, ear=ear)
+    done = run_batch(requests, pool, callbacks=callbacks)
     if not done.clips:
         raise RunError(next(iter(done.failed.values())))
 

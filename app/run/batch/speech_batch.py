@@ -86,16 +86,16 @@ def run_batch(
     requests: Mapping[str, AnyRun],
     pool: JobPool,
     on_done: Callable[[Path, float], None] = lambda folder, share: None,
-    ear: RunCallbacks = NO_CALLBACKS,
+    callbacks: RunCallbacks = NO_CALLBACKS,
 ) -> BatchResult:
     """Run each clip in its own folder, and write the tables and the verdict over finished ones.
 
     Args:
         on_done: called with the folder of each finished run, and the fraction done.
-        ear: gets the mean progress of all clips; no news of those that a cluster runs.
+        callbacks: get the mean progress of all clips; no news of those that a cluster runs.
 
     Raises:
-        Cancelled: if ``ear`` has cancelled.
+        Cancelled: if the caller has cancelled.
         JobsError: if the workers are lost; finished clips are kept.
     """
     jobs, out = [], next(iter(requests.values())).output.out.parent
@@ -108,8 +108,8 @@ def run_batch(
             jobs,
             pool,
             lambda clip, share: on_done(requests[clip].output.out, share),
-            on_news=_mean_progress(ear, len(jobs)),
-            should_cancel=ear.should_cancel,
+            on_news=_mean_progress(callbacks, len(jobs)),
+            should_cancel=callbacks.should_cancel,
         )
         clips = [clip for clip in requests if clip not in failed]
         files: tuple[Path, ...] = ()
@@ -124,7 +124,7 @@ def run_batch(
     return BatchResult(tuple(clips), kept, failed, files, tuple(notes))
 
 
-def _mean_progress(ear: RunCallbacks, num_clips: int) -> Callable[[str, RunEvent], None]:
+def _mean_progress(callbacks: RunCallbacks, num_clips: int) -> Callable[[str, RunEvent], None]:
     """Return a callback for the events of clips that may run at the same time."""
     fractions: dict[tuple[RunStage, str], float] = {}
 
@@ -133,7 +133,7 @@ def _mean_progress(ear: RunCallbacks, num_clips: int) -> Callable[[str, RunEvent
             fractions[event.stage, clip] = event.fraction
             done = sum(each for (stage, _), each in fractions.items() if stage == event.stage)
             event = Progress(event.stage, done / num_clips, clip=f"{num_clips} clips")
-        ear.on_event(event)
+        callbacks.on_event(event)
 
     return on_event
 

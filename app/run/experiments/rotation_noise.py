@@ -37,7 +37,9 @@ _DRAWN = 0.85
 """Fraction of the work that is done when both bodies are rendered."""
 
 
-def compare_rotation_noise(request: RotationNoiseRequest, ear: RunCallbacks = NO_CALLBACKS) -> None:
+def compare_rotation_noise(
+    request: RotationNoiseRequest, callbacks: RunCallbacks = NO_CALLBACKS
+) -> None:
     """Add noise to two copies of a motion, and show both, with a video if requested.
 
     Raises:
@@ -59,7 +61,9 @@ def compare_rotation_noise(request: RotationNoiseRequest, ear: RunCallbacks = NO
         zip(NAMES, noisy_motions(found.motion, request.noise_rad, request.seed), strict=True)
     )
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
-    with open_run_writer(request.output.out, record, ear, is_kept=request.output.is_kept) as run:
+    with open_run_writer(
+        request.output.out, record, callbacks, is_kept=request.output.is_kept
+    ) as run:
         tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
         run.add_notes(*found.notes, *_growth_told(growth, request.noise_rad))
         shown = run.write_viewer_files({**noisy, WITHOUT_NOISE: found.motion}, None, tip)

@@ -60,7 +60,9 @@ class _Made:
     """Motions for the first speech, by speaker and seed."""
 
 
-def measure_speech_effect(request: SpeechEffectRequest, ear: RunCallbacks = NO_CALLBACKS) -> None:
+def measure_speech_effect(
+    request: SpeechEffectRequest, callbacks: RunCallbacks = NO_CALLBACKS
+) -> None:
     """Generate each speech with each seed, or read a folder of motions, and compare the motions.
 
     The motions, the metrics, the figure, and sentences as notes are written.
@@ -74,7 +76,7 @@ def measure_speech_effect(request: SpeechEffectRequest, ear: RunCallbacks = NO_C
     record = RunRecord(
         kind="given" if request.is_of_motions else "generated", point=DEFAULT_TRACKED_POINT
     )
-    with open_run_writer(request.output.out, record, ear) as run:
+    with open_run_writer(request.output.out, record, callbacks) as run:
         if request.is_of_motions:
             of_system = {
                 name: _Made(grid) for name, grid in _read_grids(request.speeches[0]).items()

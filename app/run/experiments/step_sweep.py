@@ -51,7 +51,7 @@ class StepPoint:
     """Mean distance of all joints (cm) to the motion with the most steps and the same noise."""
 
 
-def measure_step_sweep(request: StepSweepRequest, ear: RunCallbacks = NO_CALLBACKS) -> None:
+def measure_step_sweep(request: StepSweepRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> None:
     """Generate with each system and number of steps; write the table, the plot, and notes.
 
     Raises:
@@ -63,7 +63,7 @@ def measure_step_sweep(request: StepSweepRequest, ear: RunCallbacks = NO_CALLBAC
     systems = [get_system(name, request.weights) for name in systems_of(request)]
     record = RunRecord(kind="generated", point=DEFAULT_TRACKED_POINT)
     points: list[StepPoint] = []
-    with open_run_writer(request.output.out, record, ear) as run:
+    with open_run_writer(request.output.out, record, callbacks) as run:
         part = 1 / len(systems)
         for number, system in enumerate(systems):
             points += _points_of(

@@ -71,7 +71,7 @@ class _TakeWriter(RunWriter):
         self.on_event(FolderUpdated(self.folder.out))
 
 
-def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
+def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
     """Apply edits to a plan, and generate its motion again, published window by window.
 
     Raises:
@@ -100,7 +100,7 @@ def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult
     speech = load_speech(sound, SpeechLimits(max_s=request.max_speech_s))
     with ResultFolder(request.run, is_kept=True) as folder:
         options = generation_options(sampling, system, samples=1, first_sample=sample.number - 1)
-        before = _ready(request.run, start, system, speech, options, plan, words, ear)
+        before = _ready(request.run, start, system, speech, options, plan, words, callbacks)
         if not request.edits:
             return EditResult(0)
         try:
@@ -117,7 +117,7 @@ def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult
         row.take = take = EditInfo(number=number, of=of, start=start.name)
         alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
         (row,) = alone.rows
-        run = _TakeWriter(folder, alone, ear)
+        run = _TakeWriter(folder, alone, callbacks)
         written = run.write_plan(name, done.plan)
         beside = load_motion(_there(request.run, record, of))
 
@@ -126,7 +126,7 @@ def regenerate_edited(request: PlanEditRequest, ear: RunCallbacks) -> EditResult
                 run.append_motion(name, motion, speech.num_frames, like=beside)
 
         options = replace(options, conditions=(written,))
-        made = perform(system, speech, options, before, ear.should_cancel, on_piece)
+        made = perform(system, speech, options, before, callbacks.should_cancel, on_piece)
         take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
         row.files["windows"] = viewer_file_name(name, ENDING)
         save_performance(made, request.run / row.files["windows"])
@@ -146,7 +146,7 @@ def _ready(
     options: GenerateOptions,
     plan: GesturePlan,
     words: Sequence[Word],
-    ear: RunCallbacks,
+    callbacks: RunCallbacks,
 ) -> KeptPerformance:
     """Return the motion that a take starts from, generated again if its windows are missing."""
     windows = file_of(folder, row.files.get("windows"))
@@ -154,7 +154,7 @@ def _ready(
         motion = load_motion(_there(folder, read_run(folder), row.name))
         return load_performance(windows, system, plan, motion)
     performed = replace(options, conditions=(plan,))
-    made = perform(system, speech, performed, None, ear.should_cancel)
+    made = perform(system, speech, performed, None, callbacks.should_cancel)
     row.files["windows"] = viewer_file_name(row.name, ENDING)
     save_performance(made, folder / row.files["windows"])
     _tell(folder, row, plan, words)

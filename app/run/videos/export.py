@@ -30,7 +30,7 @@ from renderer.video.workers import draw_jobs
 
 
 def render_motion(
-    request: RenderRequest, ear: RunCallbacks = NO_CALLBACKS
+    request: RenderRequest, callbacks: RunCallbacks = NO_CALLBACKS
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Render or export a motion file.
 
@@ -49,7 +49,7 @@ def render_motion(
     motion = body_motion(read)
     body = get_body(request.video.body, request.video.look)
     if request.is_picture:
-        files = _draw(request, read, body, ear.progress_callback("video"))
+        files = _draw(request, read, body, callbacks.progress_callback("video"))
     else:
         files = _export(request, body, motion)
     apart = () if request.speech is None else _apart(request.speech, reading)

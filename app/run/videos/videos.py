@@ -341,7 +341,7 @@ def comparison_video(
     names: Sequence[str],
     wav: Path | None,
     folder: ResultFolder,
-    ear: RunCallbacks,
+    callbacks: RunCallbacks,
     on_file: OnFile,
 ) -> Iterator[None]:
     """Join the videos of rows side by side, with one sound track, while the block runs.
@@ -349,7 +349,7 @@ def comparison_video(
     Raises on leaving:
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
-    ear.report_progress("comparison", 0.0)
+    callbacks.report_progress("comparison", 0.0)
     out, is_given_up = folder.path(f"{COMPARISON}.mp4"), Event()
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
@@ -358,8 +358,8 @@ def comparison_video(
             names,
             out,
             wav,
-            on_progress=partial(ear.report_progress, "comparison"),
-            should_cancel=lambda: is_given_up.is_set() or ear.should_cancel(),
+            on_progress=partial(callbacks.report_progress, "comparison"),
+            should_cancel=lambda: is_given_up.is_set() or callbacks.should_cancel(),
         )
         try:
             yield
@@ -368,10 +368,10 @@ def comparison_video(
             is_given_up.set()
             raise
     on_file(out)
-    ear.report_progress("comparison", 1.0)
+    callbacks.report_progress("comparison", 1.0)
 
 
-def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> None:
+def draw_videos_in_background(request: RunVideosRequest, callbacks: RunCallbacks) -> None:
     """Render the videos of a run's motions and ``comparison.mp4``, and add them to its folder.
 
     Raises:
@@ -383,7 +383,7 @@ def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> N
 
     def add(path: Path, row: str = "", kind: RowFileKind | None = None) -> None:
         add_file(run, path, row, kind)
-        ear.on_event(FolderUpdated(run))
+        callbacks.on_event(FolderUpdated(run))
 
     motions = {
         row.name: load_motion(file)
@@ -398,12 +398,12 @@ def draw_videos_in_background(request: RunVideosRequest, ear: RunCallbacks) -> N
             video,
             body,
             make_tracked_point(video.body, record.point),
-            ear.progress_callback("video"),
+            callbacks.progress_callback("video"),
             folder,
             speech,
             add,
         )
         if len(motions) > 1:
             names = limit_compared(list(motions))[0]
-            with comparison_video(names, speech, folder, ear, add):
+            with comparison_video(names, speech, folder, callbacks, add):
                 pass

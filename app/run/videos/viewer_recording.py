@@ -42,7 +42,7 @@ _FINE_CRF = 14
 """CRF of intermediate videos, which are encoded again."""
 
 
-def draw_viewer_video(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerVideo:
+def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> ViewerVideo:
     """Render a video of the viewer.
 
     Raises:
@@ -50,7 +50,7 @@ def draw_viewer_video(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerV
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     seen = request.seen
-    ear.progress_callback("video")(0.0)
+    callbacks.progress_callback("video")(0.0)
     motions = [align_to_origin(load_motion(path)) for path in request.motions]
     longest, notes = _longest(motions, seen)
     motions = [motion.part(slice(longest)) for motion in motions]
@@ -74,17 +74,17 @@ def draw_viewer_video(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerV
                 raise RunError(TOO_SMALL.format(why=error)) from error
             (jobs[i],) = made.values()
         jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
-        draw_jobs(jobs, ear.progress_callback("video", _DRAWN))
+        draw_jobs(jobs, callbacks.progress_callback("video", _DRAWN))
         _compose(
             request,
             [parts / f"{i}.mp4" for i in jobs],
             [seen.bodies[number].label for number in seen.shown],
             room,
             folder,
-            ear.progress_callback("video", 1 - _DRAWN, _DRAWN),
+            callbacks.progress_callback("video", 1 - _DRAWN, _DRAWN),
         )
         (video,) = folder.publish()
-    ear.report_progress("video", 1.0)
+    callbacks.report_progress("video", 1.0)
     return ViewerVideo(
         video,
         max(motion.num_frames for motion in shown.values()),

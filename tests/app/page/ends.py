@@ -19,10 +19,10 @@ def carry_on(request: str, *_: Any) -> str:
     return request
 
 
-def leave(path: Path, ear: RunCallbacks) -> Path:
-    ear.on_event(Progress("numbers", 0.5))
+def leave(path: Path, callbacks: RunCallbacks) -> Path:
+    callbacks.on_event(Progress("numbers", 0.5))
     path.touch()
-    ear.on_event(FolderUpdated(path.parent))
+    callbacks.on_event(FolderUpdated(path.parent))
     return path
 
 
@@ -32,8 +32,8 @@ def wait(*_: Any) -> None:
         signal.pause()
 
 
-def wait_for_stop(request: str, ear: RunCallbacks) -> None:
-    while not ear.should_cancel():
+def wait_for_stop(request: str, callbacks: RunCallbacks) -> None:
+    while not callbacks.should_cancel():
         pass
 
 

@@ -57,10 +57,10 @@ class Page:
         )
         self.blocks, (self.fn, *_, self.check_fn) = blocks, blocks.fns
 
-    def work(self, ear: RunCallbacks) -> str:
+    def work(self, callbacks: RunCallbacks) -> str:
         self.begun.append(self.jobs._jobs[-1].visitor)
         while not self.may_end.acquire(timeout=0.02):
-            if ear.should_cancel():
+            if callbacks.should_cancel():
                 raise KeyError("it has ended in the middle")
         self.done.append(self.begun[-1])
         return "done"

@@ -66,8 +66,8 @@ def jobs(tmp_path: Path) -> Jobs:
     return Jobs(tmp_path / "jobs")
 
 
-def half_done(ear: RunCallbacks) -> str:
-    ear.on_event(Progress("numbers", 0.5))
+def half_done(callbacks: RunCallbacks) -> str:
+    callbacks.on_event(Progress("numbers", 0.5))
     return "done"
 
 
@@ -76,9 +76,9 @@ def news(updates: Iterable[Updates]) -> list[Any]:
     return [each["status"] for each in updates if each["status"] != gr.skip()]
 
 
-def wait_to_stop(ear: RunCallbacks) -> str:
+def wait_to_stop(callbacks: RunCallbacks) -> str:
     moment = threading.Event()
-    while not ear.should_cancel():
+    while not callbacks.should_cancel():
         moment.wait(0.01)
     raise Cancelled
 
@@ -90,7 +90,7 @@ def test_a_run_is_blank_then_tells_its_news_then_its_result(jobs):
 
 
 def test_what_goes_wrong_is_told_in_a_sentence_and_ends_what_was_begun(jobs):
-    def do(ear: RunCallbacks) -> str:
+    def do(callbacks: RunCallbacks) -> str:
         raise RunError("It is <broken>.")
 
     runner = Runner(jobs, do)
@@ -136,8 +136,8 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
             speech=speech, out=job.folder / "out", systems=fakes.CATALOGUE.systems, is_kept=True
         )
 
-        def do(ear: RunCallbacks) -> str:
-            fakes.make_generate()(asked, ear)
+        def do(callbacks: RunCallbacks) -> str:
+            fakes.make_generate()(asked, callbacks)
             return "done"
 
         events: list[RunEvent] = []
@@ -169,7 +169,7 @@ def test_jobs_have_folders_of_their_own_and_are_stopped_by_tab_and_page(jobs):
 
 
 def test_an_address_that_has_left_too_much_begins_no_run_and_behind_a_proxy_a_browser(tmp_path):
-    def leave(ear: RunCallbacks) -> str:
+    def leave(callbacks: RunCallbacks) -> str:
         (jobs._jobs[-1].folder / "unpacked").write_bytes(bytes(2_000_000))
         return "done"
 

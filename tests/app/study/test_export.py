@@ -100,7 +100,7 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, 
 def test_the_other_protocols_export_without_a_leak(inputs, tmp_path, protocol):
     events: list[Any] = []
     plan = plan_of(inputs, f'protocol = "{protocol}"', HERE[:1])
-    export_study(plan, tmp_path / "out", draw=draw_noise, ear=RunCallbacks(events.append))
+    export_study(plan, tmp_path / "out", draw=draw_noise, callbacks=RunCallbacks(events.append))
     assert check_study(tmp_path / "out") == []
     shares = [event.fraction for event in events]
     assert shares[-1] == 1.0 and shares == sorted(shares)
@@ -166,9 +166,9 @@ def test_cancelling_leaves_what_is_finished(inputs, tmp_path):
         assert should_cancel()
         raise Cancelled
 
-    ear = RunCallbacks(should_cancel=lambda: True)
+    callbacks = RunCallbacks(should_cancel=lambda: True)
     with pytest.raises(Cancelled):
-        export_study(plan_of(inputs), tmp_path / "out", draw=cancelled, ear=ear)
+        export_study(plan_of(inputs), tmp_path / "out", draw=cancelled, callbacks=callbacks)
     assert read_key(tmp_path / "out" / "researcher_only" / "key.json").participants == 4
 
 

@@ -158,7 +158,7 @@ def test_a_run_that_is_refused_or_fails_leaves_nothing_that_it_unpacked(tmp_path
     left: list[Path] = []
 
     def unpack(place: str) -> Any:
-        def do(ask: Any, ear: RunCallbacks) -> None:
+        def do(ask: Any, callbacks: RunCallbacks) -> None:
             left.append(ask.output.out.parent / place / "a.npz")
             left[-1].parent.mkdir(parents=True)
             left[-1].touch()
@@ -181,9 +181,9 @@ class Measured:
         self.asked: list[DiagnoseRequest] = []
         self._folder = folder
 
-    def __call__(self, request: DiagnoseRequest, ear: RunCallbacks) -> SetResults:
+    def __call__(self, request: DiagnoseRequest, callbacks: RunCallbacks) -> SetResults:
         self.asked.append(request)
-        ear.on_event(Progress("numbers", 0.5))
+        callbacks.on_event(Progress("numbers", 0.5))
         request.output.out.mkdir()
         table = request.output.out / "many.csv"
         table.write_text("0")
@@ -373,9 +373,9 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
 ):
     private, may_end = tmp_path / "private", threading.Event()
 
-    def export(asked: ExportRequest, ear: RunCallbacks) -> None:
-        ear.on_event(Progress("motion", 0.5))
-        wait_for(ear.should_cancel)
+    def export(asked: ExportRequest, callbacks: RunCallbacks) -> None:
+        callbacks.on_event(Progress("motion", 0.5))
+        wait_for(callbacks.should_cancel)
         assert may_end.wait(60)
         for path in (asked.output.out, *asked.zips):
             path.parent.mkdir(parents=True, exist_ok=True)

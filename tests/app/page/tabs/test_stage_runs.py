@@ -108,8 +108,8 @@ class Stage:
         return list(self.runner.run(browser(cookie), json.dumps(self.asked)))
 
 
-def draw(request: ViewerVideoRequest, ear: RunCallbacks) -> ViewerVideo:
-    ear.on_event(Progress("video", 0.43))
+def draw(request: ViewerVideoRequest, callbacks: RunCallbacks) -> ViewerVideo:
+    callbacks.on_event(Progress("video", 0.43))
     request.out.mkdir()
     video = request.out / "stage.mp4"
     video.write_bytes(bytes(2_100_000))
@@ -160,7 +160,7 @@ FRAMES = 90
 NOD = {"do": "nod", "at": 1.0}
 
 
-def make(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
+def make(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
     number = 0
     with edit_record(request.run) as record:
         start = record.row(request.start)
@@ -174,7 +174,7 @@ def make(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
             row.files.pop("told", None)
             record.set_row(row)
     if number:
-        ear.on_event(FolderUpdated(request.run))
+        callbacks.on_event(FolderUpdated(request.run))
     with edit_record(request.run) as record:
         row.files["told"] = "told.json"
         (request.run / "told.json").write_text("{}")
@@ -231,8 +231,8 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
 
 
 def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
-    def fails(request: PlanEditRequest, ear: RunCallbacks) -> EditResult:
-        made = make(request, ear)
+    def fails(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
+        made = make(request, callbacks)
         with edit_record(request.run) as record:  # as where its process is killed
             record.rows[-1].files.pop("told")
         raise PlanError(f"The hand has no time for {made.number}.")

@@ -38,9 +38,9 @@ class Measured:
         self.parts = parts_of(self.runner, "message", "figure")
         self.asked: list[Any] = []
 
-    def measure(self, request: Any, ear: RunCallbacks) -> None:
+    def measure(self, request: Any, callbacks: RunCallbacks) -> None:
         self.asked.append(request)
-        ear.on_event(Progress("numbers", 0.5))
+        callbacks.on_event(Progress("numbers", 0.5))
         record = RunRecord(kind="generated", point="right_middle")
         with open_run_writer(request.output.out, record) as run:
             run.add_notes("<b> hears.")
@@ -102,11 +102,11 @@ def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
 def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
     asked: list[RotationNoiseRequest] = []
 
-    def show(request: RotationNoiseRequest, ear: RunCallbacks) -> None:
+    def show(request: RotationNoiseRequest, callbacks: RunCallbacks) -> None:
         asked.append(request)
         made_run(request.output.out.parent, jerk=dict.fromkeys((*NAMES, WITHOUT_NOISE), 1.0))
-        ear.on_event(FolderUpdated(request.output.out))
-        ear.on_event(Progress("numbers", 0.5))
+        callbacks.on_event(FolderUpdated(request.output.out))
+        callbacks.on_event(Progress("numbers", 0.5))
         with edit_record(request.output.out) as record:
             record.notes, record.sentence = ["Moved by <1> cm."], "Noise of 0.05 rad."
 

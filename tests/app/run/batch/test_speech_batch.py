@@ -115,7 +115,7 @@ def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
     listed.write_text("speech/c.wav\nspeech/b.wav\n")
     events: list[RunEvent] = []
     in_processes = clip_requests(asked(listed, "processes"))
-    assert run_batch(in_processes, pool, ear=RunCallbacks(events.append)).failed == {}
+    assert run_batch(in_processes, pool, callbacks=RunCallbacks(events.append)).failed == {}
     told = [(each.clip, each.fraction) for each in events if isinstance(each, Progress)]
     assert told[0] == ("2 clips", 0.0) and told[-1] == ("2 clips", 1.0)
     assert {each.folder.parent.name for each in events if isinstance(each, FolderUpdated)} == {
@@ -125,7 +125,7 @@ def test_a_clip_moves_alike_alone_and_among_others_in_any_order_and_process(
     events.clear()
     stopped = RunCallbacks(events.append, should_cancel=lambda: len(events) > 0)
     with pytest.raises(Cancelled):
-        run_batch(clip_requests(asked(listed, "stopped")), pool, ear=stopped)
+        run_batch(clip_requests(asked(listed, "stopped")), pool, callbacks=stopped)
     for out in ("among", "processes"):
         np.testing.assert_array_equal(poses(tmp_path / out / "b"), expected)
     assert not np.array_equal(poses(tmp_path / "among" / "c"), expected)
