@@ -4,9 +4,9 @@ const ARRAYS = {
   5121: Uint8Array, 5122: Int16Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array,
 };
 /** Numbers of one element of an accessor. */
-const WIDTHS = { SCALAR: 1, VEC3: 3, VEC4: 4, MAT4: 16 };
+const WIDTHS = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4, MAT4: 16 };
 
-/** The document of a GLB, and `array(accessor)`: its numbers one after the other, as stored. */
+/** The document of a GLB, `array(accessor)`: its numbers one after the other, as stored; and its first `picture`. */
 export function readGlb(content) {
   const header = new Uint32Array(content, 0, 5); // as in glTF, the lower byte comes first
   if (header[0] !== 0x46546c67) throw new Error("This is no GLB.");
@@ -30,5 +30,11 @@ export function readGlb(content) {
     };
   }
 
-  return { document, array };
+  /** Bytes of the first picture. */
+  function picture() {
+    const { bufferView } = document.images[0];
+    return stored(bufferView, 5121, document.bufferViews[bufferView].byteLength);
+  }
+
+  return { document, array, picture };
 }

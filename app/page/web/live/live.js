@@ -112,7 +112,7 @@ class Live {
       this.picture.append(make("p", { class: "no-stage", role: "note" }, `${error.message} Live needs them.`));
       return;
     }
-    this.#bar = new Displays(this.#look, this.#stage, {}, ["isAligned", "hasWords"]);
+    this.#bar = new Displays(this.#look, this.#stage, {}, ["isAligned", "hasWords", "body"]);
     const others = make("div", { class: "group compare" }, this.#bar.closeUp, this.#bar.more);
     this.picture.append(this.#stage.element, make("div", { class: "controls", role: "toolbar", "aria-label": "Displays" }, this.#bar.element, others), this.#bar.box);
     this.#bar.update();

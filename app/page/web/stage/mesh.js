@@ -17,6 +17,10 @@ export class Mesh {
   colors; // linear, 16 bit, (V, 4)
   joints; // (V, 4), the strongest first
   weights; // 16 bit, (V, 4)
+  uv = null; // of a character's texture, (V, 2)
+  /** @type {ImageBitmap | null} */
+  picture = null; // that texture
+  jawTarget = -1; // target that opens a mouth whose jaw is no bone
   #levels; // faces (F, 3) of each mesh, the whole first
   #counts; // of each, how many vertices it and the coarser ones have: they come first
   place; // of each vertex of the file among those here
@@ -41,6 +45,8 @@ export class Mesh {
     this.colors = this.inOrder(array(attributes.COLOR_0));
     this.joints = this.inOrder(array(attributes.JOINTS_0));
     this.weights = this.inOrder(array(attributes.WEIGHTS_0));
+    if (attributes.TEXCOORD_0 !== undefined) this.uv = this.inOrder(array(attributes.TEXCOORD_0));
+    this.jawTarget = document.meshes[0].extras?.jawTarget ?? -1;
     const named = document.meshes[0].extras?.targetNames ?? [];
     this.targets = targets.map(({ POSITION }, i) => {
       const { indices: moved, values } = array(POSITION);

@@ -4,6 +4,7 @@ import { NUM_JOINTS } from "./motion.js";
 
 const LIGHTS = ["key", "fill", "rim"];
 const LEAST_FACE = 3; // of 255
+const JAW_OPEN = 0.4; // radians
 const SLOW_TEXELS = 64; // of a shadow's side
 const POSED = ["posed", "posed_normal", "jerk"]; // of a vertex, one after the other
 const POSED_FLOATS = 7;
@@ -42,7 +43,9 @@ void main() {
 const NO_FRAGMENTS = `${HEAD}
 void main() {}`;
 
-const bodyShader = (lighting) => `${HEAD}
+/** Textured bodies are shaded vertex by vertex as well: by light, which the texture is multiplied by, and gloss. */
+const bodyShader = (lighting, isTextured) => `${HEAD}
+${isTextured ? "#define TEXTURED" : ""}
 #define MAX_DIRECTIONAL_LIGHTS ${LIGHTS.length}
 #define HEATS 6
 ${lighting}
@@ -56,6 +59,11 @@ uniform vec3 heat_colors[HEATS];
 uniform float heat_scale;  // jerk at the end of the scale; 0 shows the body's own colours
 uniform vec4 ink;  // that it is printed in, dark where it is dark; the last is 0 of its own colours
 out vec3 lit;
+#ifdef TEXTURED
+layout(location = 4) in vec2 texcoord;
+out vec2 uv;
+out vec3 gloss;
+#endif
 
 vec3 heat_color(float share) {
     float at = clamp(share, 0.0, 1.0) * float(HEATS - 1);
@@ -69,9 +77,15 @@ void main() {
     gl_Position = clip_from_world * vec4(world, 1.0);
     vec3 base = heat_scale > 0.0 ? heat_color(jerk / heat_scale) : color.rgb;
     base *= material.base_color_factor.rgb;
+#ifdef TEXTURED
+    uv = texcoord;
+    gloss = shade(world, normalize(posed_normal), vec3(0.0));
+    lit = shade(world, normalize(posed_normal), base) - gloss;
+#else
     lit = to_display(shade(world, normalize(posed_normal), base));
     vec3 print = mix(ink.rgb, vec3(1.0), dot(lit, vec3(0.2126, 0.7152, 0.0722)));
     lit = mix(lit, print, ink.a);
+#endif
 }`;
 
 const BODY_FRAGMENTS = `${HEAD}
@@ -80,6 +94,25 @@ uniform float inside;  // of a sleeve, dark; of a coarser mesh slivers are turne
 out vec4 frag_color;
 void main() {
     frag_color = vec4(gl_FrontFacing ? lit : inside * lit, 1.0);
+}`;
+
+const TEXTURED_FRAGMENTS = (lighting) => `${HEAD}
+#define MAX_DIRECTIONAL_LIGHTS ${LIGHTS.length}
+${lighting}
+in vec3 lit;
+in vec3 gloss;
+in vec2 uv;
+uniform sampler2D picture;
+uniform vec4 ink;
+uniform float heat_scale;
+out vec4 frag_color;
+void main() {
+    vec4 texel = texture(picture, uv);
+    if (texel.a < 0.5) discard;  // between the strands of hair
+    vec3 own = heat_scale > 0.0 ? vec3(1.0) : texel.rgb;
+    vec3 display = to_display(lit * own * own + gloss);
+    vec3 print = mix(ink.rgb, vec3(1.0), dot(display, vec3(0.2126, 0.7152, 0.0722)));
+    frag_color = vec4(mix(display, print, ink.a), 1.0);
 }`;
 
 const SHADOW_VERTICES = `${HEAD}
@@ -184,6 +217,7 @@ export class Painter {
   #moved; // vertices that the face moves
   #order; // of each target: where its weight stands among a motion's
   #joints; // texture
+  #picture = null; // texture of a character
   #texels = new Float32Array(0);
   #texelsAcross;
   #tone = "light"; // as the mesh comes
@@ -207,7 +241,7 @@ export class Painter {
     const program = (...sources) => new Program(gl, ...sources);
     this.#programs = {
       skin: program(SKIN_VERTICES, NO_FRAGMENTS, POSED),
-      body: program(bodyShader(facts.lighting), BODY_FRAGMENTS),
+      body: program(bodyShader(facts.lighting, Boolean(mesh.uv)), mesh.uv ? TEXTURED_FRAGMENTS(facts.lighting) : BODY_FRAGMENTS),
       shadow: program(SHADOW_VERTICES, SHADOW_FRAGMENTS),
       blur: program(SCREEN_VERTICES, BLUR_FRAGMENTS),
       ground: program(GROUND_VERTICES, GROUND_FRAGMENTS),
@@ -216,6 +250,8 @@ export class Painter {
     this.#order = mesh.targets.map(({ name }) => facts.faces.indexOf(name));
     this.#moved = new Set(mesh.targets.flatMap(({ indices }) => Array.from(indices)));
     for (const name of ["normals", "colors", "joints", "weights"]) this.#attributes[name] = this.#filled(gl.ARRAY_BUFFER, mesh[name]);
+    if (mesh.uv) this.#attributes.uv = this.#filled(gl.ARRAY_BUFFER, mesh.uv);
+    if (mesh.picture) this.#picture = this.#pictured(mesh.picture);
     this.#joints = this.#texture(gl.NEAREST);
     this.#texelsAcross = isSlow ? SLOW_TEXELS : facts.ground.texels;
     this.#shadow = ["covered", "half", "spread"].map(() => this.#target(this.#texelsAcross));
@@ -248,7 +284,7 @@ export class Painter {
   /** Have all bodies in another tone, one of the facts' `tones`; as they are where there is none of that name. */
   setTone(tone) {
     const colors = this.#facts.tones[tone];
-    if (tone === this.#tone || !colors) return;
+    if (tone === this.#tone || !colors || this.#mesh.uv) return;
     this.#tone = tone;
     this.#refill(this.#attributes.colors, this.#mesh.toned(this.#facts.tones.light, colors));
   }
@@ -287,6 +323,7 @@ export class Painter {
     gl.bindVertexArray(posed);
     this.#interleaved(place, [3, 3, 1]);
     this.#attribute(3, this.#attributes.colors, 4, gl.UNSIGNED_SHORT);
+    if (this.#attributes.uv) this.#attribute(4, this.#attributes.uv, 2, gl.FLOAT);
     gl.bindVertexArray(null);
     gl.bindBuffer(gl.ARRAY_BUFFER, null); // nothing else may have it while it is written to
     const feedback = gl.createTransformFeedback();
@@ -337,7 +374,8 @@ export class Painter {
       texels[to + 12] = jerk ? jerk[joint] : 0;
     }
     const count = this.#mesh.numVertices(Math.min(...levels));
-    if (faces) this.#moveFace(this.#bodies[number], faces, count);
+    const opened = this.#mesh.jawTarget < 0 ? 0 : jawOpening(world, this.#mesh.names);
+    if (faces) this.#moveFace(this.#bodies[number], faces, count, opened);
     this.#due.push([number, count]);
   }
 
@@ -364,10 +402,11 @@ export class Painter {
     this.#due = [];
   }
 
-  #moveFace(body, faces, count) {
+  #moveFace(body, faces, count, opened) {
     const { targets } = this.#mesh;
     const { positions: rest } = this.#build;
-    const strong = targets.flatMap((target, i) => (faces[this.#order[i]] >= LEAST_FACE ? [[target, faces[this.#order[i]] / 255]] : []));
+    const weights = targets.map((_, i) => faces[this.#order[i]] + (i === this.#mesh.jawTarget ? 255 * opened : 0));
+    const strong = targets.flatMap((target, i) => (weights[i] >= LEAST_FACE ? [[target, weights[i] / 255]] : []));
     if (!strong.length && body.isPlain) return;
     const { positions } = body;
     for (const vertex of this.#moved) for (let k = 3 * vertex; k < 3 * vertex + 3; k++) positions[k] = rest[k];
@@ -446,6 +485,12 @@ export class Painter {
     gl.enable(gl.DEPTH_TEST);
     const { body } = this.#programs;
     gl.useProgram(body.handle);
+    if (this.#picture) {
+      gl.activeTexture(gl.TEXTURE1);
+      gl.bindTexture(gl.TEXTURE_2D, this.#picture);
+      gl.uniform1i(body.at("picture"), 1);
+      gl.activeTexture(gl.TEXTURE0);
+    }
     gl.uniformMatrix4fv(body.at("clip_from_world"), true, matrix);
     gl.uniform3fv(body.at("cam_pos"), eye);
     gl.uniform3fv(body.at("shift"), shift);
@@ -539,6 +584,15 @@ export class Painter {
     return texture;
   }
 
+  #pictured(picture) {
+    const gl = this.#gl;
+    const texture = this.#texture(gl.LINEAR);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    return texture;
+  }
+
   #target(size) {
     const gl = this.#gl;
     const texture = this.#texture(gl.LINEAR);
@@ -549,6 +603,14 @@ export class Painter {
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     return { texture, frame };
   }
+}
+
+/** How far a jaw is open by its rotation from the head, 0 to 1, as renderer/body/body.py has it. */
+function jawOpening(world, names) {
+  const [head, jaw] = ["head", "jaw"].map((name) => 12 * names.indexOf(name));
+  let trace = 0;
+  for (const k of [0, 1, 2, 4, 5, 6, 8, 9, 10]) trace += world[head + k] * world[jaw + k];
+  return Math.min(Math.acos(Math.max(-1, Math.min(1, (trace - 1) / 2))) / JAW_OPEN, 1);
 }
 
 /** A program and the places of its uniforms. */

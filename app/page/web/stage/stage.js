@@ -77,6 +77,8 @@ export class Stage {
   #fence = null;
   #begun = 0;
   pictures = 0; // drawn so far
+  /** @type {File | null} */
+  character = null; // a visitor's own, whose mesh is shown
   #flicker = null;
   #isSecond = false;
   #wipe = 0.5;
@@ -245,12 +247,12 @@ export class Stage {
     if (entry.isFollowed) return;
     entry.isFollowed = true;
     try {
-      const [mesh, told] = await Promise.all([theBody(), theFacts()]);
+      const [body, told] = await Promise.all([theBody(), theFacts()]);
       for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.there; ) {
         ({ there } = entry.row);
         const motion = await entry.arrival.next(there, this.#player.frame + SOON_FRAMES);
         if (this.#rows.get(entry.row.name) !== entry) return; // another run is shown
-        if (motion) this.#take(entry, motion, there, mesh, told);
+        if (motion) this.#take(entry, motion, there, this.character ? this.#mesh : body, told);
       }
       this.#say("");
     } catch (error) {
@@ -317,6 +319,27 @@ export class Stage {
     this.#painter.setBodies(this.#present.length);
     this.element.dataset.bodies = String(this.#present.length);
     this.fit();
+  }
+
+  /**
+   * Have all motions move another body from now on: of a visitor's file, or the page's own without one.
+   *
+   * @param {import("./mesh.js").Mesh} mesh
+   * @param {File | null} file
+   */
+  wear(mesh, file) {
+    this.character = file;
+    this.#mesh = mesh;
+    if (!this.#facts) return; // no motion has come yet
+    this.#painter = new Painter(this.#gl, mesh, this.#facts, this.pace.isSlow);
+    for (const entry of this.#present) {
+      this.#disturb(entry);
+      entry.told = null; // what can be saved of it
+    }
+    this.element.dataset.character = file ? "own" : "";
+    this.#frame(false);
+    this.fit();
+    this.#ask();
   }
 
   #prepare(mesh, told) {
@@ -547,7 +570,7 @@ export class Stage {
     entry.told = told;
     if (!entry.reading && row.assumed) entry.reading = readingOf(row);
     const swatch = make("i", { "aria-hidden": "true" });
-    const tools = make("span", { class: "tools" }, filesOf(row) ?? "");
+    const tools = make("span", { class: "tools" }, filesOf(row, this.character) ?? "");
     if (this.#rows.size > 1 && !row.space) {
       const isLarge = this.#large === row.name;
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
@@ -637,7 +660,7 @@ export class Stage {
     if (this.#canvas.width !== width || this.#canvas.height !== height) [this.#canvas.width, this.#canvas.height] = [width, height];
     const moment = this.#moment;
     this.#painter.setTone(this.#look.get("tone"));
-    this.#painter.setBuild(this.#builds?.get(this.#look.get("build")) ?? this.#mesh);
+    this.#painter.setBuild((this.character ? null : this.#builds?.get(this.#look.get("build"))) ?? this.#mesh);
     this.#pose(moment, level);
     this.#painter.clear();
     const size = { width, height, density };
@@ -833,7 +856,7 @@ export class Stage {
   #pointOf(point) {
     const tip = this.#facts.marks.tips[point];
     const joint = tip ? tip.joint : this.#mesh.names.indexOf(point);
-    return { joint, offset: [0, 1, 2].map((k) => (tip ? this.#mesh.positions[3 * this.#mesh.place[tip.vertex] + k] - this.#mesh.rest[3 * joint + k] : 0)) };
+    return { joint, offset: [0, 1, 2].map((k) => (tip && !this.character ? this.#mesh.positions[3 * this.#mesh.place[tip.vertex] + k] - this.#mesh.rest[3 * joint + k] : 0)) };
   }
 
   // -------------------------------------------------------------- words, hands, fingers
