@@ -1,0 +1,56 @@
+"""A visitor's own character on the stage: chosen, moved by the run, saved with the motion in it."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from renderer.body.body import load_body
+from renderer.body.gltf import Gltf
+from tests.browser.conftest import AT_REST, Fake, bar_of, opened, saved, staged, start
+from tests.renderer.body.made_character import character
+
+pytestmark = pytest.mark.browser
+
+CHOICE = "Your own character (.glb or .vrm)"
+
+
+def test_character_moves_on_the_stage_and_is_saved_with_the_motion(
+    browser: Browser, the_fake: Fake, fake_address: str, speech: Path, tmp_path: Path
+) -> None:
+    the_fake.usual()
+    hero, broken = tmp_path / "hero.glb", tmp_path / "broken.vrm"
+    hero.write_bytes(character(load_body(), "mixamo"))
+    broken.write_bytes(hero.read_bytes()[:5000])
+    context = browser.new_context(
+        viewport={"width": 1280, "height": 900}, reduced_motion="reduce", accept_downloads=True
+    )
+    page = opened(context, fake_address)
+    start(page, speech)
+    staged(page, 3)
+    page.wait_for_function(AT_REST)
+    canvas, stage = page.locator("#player .stage canvas"), page.locator("#player .stage")
+    bar_of(page).locator(".more").click()
+    page.wait_for_function(AT_REST)
+    open_body = canvas.screenshot()
+    choice = page.locator("#player .body-choice")
+    choice.get_by_label(CHOICE).set_input_files(broken)
+    expect(choice.locator("output")).to_contain_text("no whole glTF 2.0 file")
+    choice.get_by_label(CHOICE).set_input_files(hero)
+    expect(choice.locator("output")).to_have_text("hero.glb")
+    expect(stage).to_have_attribute("data-character", "own")
+    page.wait_for_function(AT_REST)
+    assert canvas.screenshot() != open_body
+    page.locator("#player .files summary").first.click()
+    button = page.locator("#player .files button").first
+    expect(button).to_contain_text("your character with this motion")
+    file = saved(page, button, tmp_path)
+    gltf = Gltf(file.read_bytes(), file.name)
+    paths = [each["target"]["path"] for each in gltf.document["animations"][0]["channels"]]
+    assert paths.count("rotation") == 55
+    assert paths.count("translation") == 1
+    choice.get_by_role("button", name="Open body").click()
+    expect(stage).to_have_attribute("data-character", "")
+    page.wait_for_function(AT_REST)
+    assert canvas.screenshot() == open_body
+    context.close()
