@@ -6,7 +6,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -44,6 +44,8 @@ class ConvertRequest:
     body: File = field(default_factory=default_body)
     """A character (.vrm, .glb), written with the motion in it as .glb; or a licensed
     SMPLX_NEUTRAL*.npz, whose mean hand pose is used, and its bones in .bvh and .glb."""
+    flame_to_arkit: File = None
+    """BEAT2's mat_final.npy, by which FLAME coefficients of the face become ARKit weights."""
     is_json: Annotated[bool, arg(name="json")] = False
     """Write the assumptions made for each file as JSON."""
 
@@ -157,12 +159,16 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
 def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Reading:
     from app.run.bodies import body_motion
     from model.formats.read import read_any_motion
+    from model.motion.flame import flame_to_arkit, read_flame_matrix
     from model.motion.motion import save_motion
     from model.storage.files import written_atomically
     from renderer.files.character_glb import animated_glb
     from renderer.files.exports import write_bvh
 
     reading = read_any_motion(path, request.import_overrides, request.body, name)
+    if request.flame_to_arkit is not None:
+        matrix = read_flame_matrix(request.flame_to_arkit)
+        reading = replace(reading, motion=flame_to_arkit(reading.motion, matrix))
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix.lower() == ".npz":
         assumed = json.dumps([each.as_json() for each in reading.assumptions])

@@ -129,9 +129,9 @@ def protocol_inputs(
 def _face_vertices(body: Body, motion: Motion) -> FaceVertices | None:
     """Return the posed vertices of a licensed body of which only jaw and expressions move.
 
-    None if the body has other expressions than the motion.
+    None if the body has other expressions than the motion, or is a visitor's character.
     """
-    if motion.expression_basis != body.expression_basis:
+    if motion.expression_basis != body.expression_basis or body.rig is not None:
         return None
     jaw = slice(3 * JOINT_INDEX["jaw"], 3 * JOINT_INDEX["jaw"] + 3)
     poses = np.zeros_like(motion.poses)

@@ -188,6 +188,9 @@ class RenderRequest:
     speech: File = None
     """Sound of the video."""
     import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    flame_to_arkit: File = None
+    """BEAT2's mat_final.npy, by which FLAME coefficients of the face become ARKit weights, which
+    the open body and characters have."""
     joint: Joint = DEFAULT_TRACKED_POINT
     plan: File = None
     """Gesture plan with the events that are written as markers into .glb, .blender.npz or, for

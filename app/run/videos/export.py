@@ -17,6 +17,7 @@ from app.run.videos.videos import jobs_of
 from conventions.views import View
 from model.formats.read import read_any_motion
 from model.formats.reading import Reading, lengths_apart
+from model.motion.flame import flame_to_arkit, read_flame_matrix
 from model.motion.motion import Motion
 from model.plan.files import markers_csv, markers_of, read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
@@ -46,6 +47,8 @@ def render_motion(
     request.import_overrides.check([request.motion])
     reading = read_any_motion(request.motion, request.import_overrides, request.video.body)
     read = reading.motion
+    if request.flame_to_arkit is not None:
+        read = flame_to_arkit(read, read_flame_matrix(request.flame_to_arkit))
     motion = body_motion(read)
     body = get_body(request.video.body, request.video.look)
     if request.is_picture:
