@@ -172,6 +172,7 @@ STAGE_NAMES = {
     "figure": "Draw the figures",
 }
 READY = "Ready."
+LOADING = "Loading the run."
 STARTING = "Starting."
 STARTING_SYSTEMS = "Loading the models."
 DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 fps."
@@ -204,6 +205,7 @@ STOPPED = "Stopped. Nothing was saved."
 CANCELLED = "Cancelled. Nothing was saved."
 FAILED_TITLE = "The run failed"
 NOTES_TITLE = "Notes"
+MORE_NOTES = "All {count} notes are in run.json of the saved run."
 
 CLIPS_LABEL = "Several clips"
 CLIPS_HELP = (

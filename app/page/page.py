@@ -20,12 +20,19 @@ from app.page.visitors.visitors import VISITOR_ROUTE, visitor_of
 
 _FORM_ID = "motion-form"
 _FORM = f"document.getElementById('{_FORM_ID}')"
-_BEGIN_LOADING = (
-    f"() => {{ fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }}); {_FORM}.inert = true; }}"
-)
+_SAY = "document.querySelectorAll('#status .idle p, #own-status .idle p').forEach"
+_BEGIN_LOADING = f"""() => {{
+  fetch('.{VISITOR_ROUTE}', {{ method: 'POST' }});
+  {_FORM}.inert = true;
+  if (location.search) {_SAY}((line) => (line.textContent = '{text.LOADING}'));
+}}"""
 """JavaScript that disables the form until the run of a link has filled it in, which would replace
-the visitor's own input."""
-_END_LOADING = f"() => {{ {_FORM}.inert = false; document.documentElement.dataset.ready = ''; }}"
+the visitor's own input, and says that the run is loading."""
+_END_LOADING = f"""() => {{
+  {_FORM}.inert = false;
+  {_SAY}((line) => (line.textContent = '{text.READY}'));
+  document.documentElement.dataset.ready = '';
+}}"""
 """JavaScript that enables the form and sets ``<html data-ready>`` for scripts that wait for the
 page."""
 
@@ -47,7 +54,7 @@ def build_app(services: Services) -> gr.Blocks:
         name_of_page = gr.HTML(
             "",
             html_template="",
-            js_on_load=mount("leaving.js", "mountLeaving"),
+            js_on_load=mount("leaving.js", "mountLeaving") + mount("back.js", "mountBack"),
             apply_default_css=False,
             elem_classes="told-elsewhere",
         )

@@ -381,6 +381,11 @@ def start(page: Page, speech: Path) -> None:
     page.get_by_role("button", name=text.GENERATE).click()
 
 
+def turn_to_part(page: Page, part: str, player: str = "#player") -> None:
+    """Choose a part of the results: Watch, Numbers, Figures or Files."""
+    press(page.locator(f"{player} .parts-bar"), part)
+
+
 def staged(page: Page, count: int) -> Page:
     page.wait_for_function(STAGED, arg=count)
     return page

@@ -39,6 +39,7 @@ from tests.browser.conftest import (
     staged,
     tick,
     turn_to,
+    turn_to_part,
     watched,
 )
 from tests.helpers import smooth_motion_example
@@ -241,6 +242,7 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     other.wait_for_function(f"at => Math.abs({PLAYER}.lockstep.time - at) < 0.05", arg=worst_s)
 
     # The run as a file, dropped anywhere, opens again.
+    turn_to_part(page, "Files", "#own-player")
     saving = page.locator("#own-downloads")
     kept = saved(page, saving.get_by_role("link", name=text.SAVE_RUN), tmp_path)
     assert kept.name.endswith(".zip")
@@ -298,6 +300,7 @@ def test_several_clips_are_one_run_each_is_seen_and_all_are_kept_as_one_page(
         turn_to(page, look)
         expect_fit(page)
 
+    turn_to_part(page, "Files")
     link = page.locator("#downloads").get_by_role("link", name=text.SAVE_PAGE)
     alone = saved(page, link, tmp_path)
     other = watched(page.context.new_page())

@@ -35,6 +35,7 @@ from tests.browser.conftest import (
     start,
     tick,
     turn_to,
+    turn_to_part,
     watched,
 )
 from tests.browser.test_study import agree, answer_pairs, practise, saved_answers
@@ -76,7 +77,7 @@ def generated(browser: Browser, real_address: str, files: dict[str, Path]) -> It
     give(page, "#plan", files[".json"])
     page.get_by_label(text.VIDEOS_LABEL).uncheck()
     press(page, text.GENERATE)
-    staged(page, 1).locator("#downloads .bundle").wait_for()
+    staged(page, 1).locator("#downloads .bundle").wait_for(state="attached")
     yield page
     context.close()
 
@@ -166,7 +167,9 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     lasts = "seconds => document.querySelector('#player audio').duration === seconds"
     page.wait_for_function(lasts, arg=LONG_S)
     expect(page.locator("#downloads li")).to_contain_text(["diagnostics"])
+    turn_to_part(page, "Files")
     assert saved(page, page.locator("#downloads .bundle"), tmp_path).suffix == ".zip"
+    turn_to_part(page, "Watch")
 
     # What cannot be is refused in a sentence, and changes nothing.
     numbers = itertools.count(1)
@@ -444,7 +447,7 @@ def test_an_example_fills_in_the_speech_beside_a_link_and_after_all_files_were_s
     tick(page, ["global"])
     page.get_by_label(text.VIDEOS_LABEL).uncheck()
     start(page, speech)
-    page.locator("#downloads .bundle").wait_for()
+    page.locator("#downloads .bundle").wait_for(state="attached")
     held: list[Route] = []
     page.route("**/run/predict?run=*", lambda route: held.append(route))  # noqa: PLW0108
     page.goto(page.locator("#runs .link a").evaluate("link => link.href"))

@@ -39,6 +39,7 @@ from tests.browser.conftest import (
     tabbed,
     tick,
     turn_to,
+    turn_to_part,
     watched,
 )
 from tests.conftest import MadeOnce
@@ -173,8 +174,10 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(page.locator("#figures img")).to_have_count(0)
     expect(page.locator("#downloads .bundle")).to_be_hidden()
     fake.figures.set()
-    page.locator("#downloads .bundle").wait_for()
+    page.locator("#downloads .bundle").wait_for(state="attached")
+    turn_to_part(page, "Figures")
     expect(page.locator("#figures img").first).to_be_visible()
+    turn_to_part(page, "Watch")
     expect(page.locator("#player video")).to_have_count(0)
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
@@ -188,9 +191,11 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(videos).to_have_count(1)  # of two that a phone shows one after the other
     fake.videos.let(12)
     expect(page.locator("#status")).to_contain_text(text.VIDEOS_DONE)
+    turn_to_part(page, "Files")
     page.locator("#downloads summary").click()
     expect(page.locator("#downloads li a").last).to_be_visible()
     expect(page.locator("#downloads")).to_contain_text("comparison")
+    turn_to_part(page, "Watch")
 
     # Worst second, close-up, ghost.
     bar = bar_of(page)
@@ -229,7 +234,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(theirs.locator("#status")).to_contain_text(f"{FRAMES} frames each")
     expect(theirs.locator("#runs .link")).to_contain_text("expires in")
     expect(theirs.locator("#runs li")).to_have_count(0)  # it is another's
-    expect(theirs.locator("#look")).to_be_hidden()
+    turn_to_part(theirs, "Files")
     with theirs.expect_download() as download:
         theirs.locator("#downloads .bundle").click()
     assert download.value.suggested_filename.endswith(".zip")
@@ -364,8 +369,11 @@ def test_a_run_of_many_beside_a_reference_with_words_and_without_videos(
     bar = bar_of(page).bounding_box()
     assert bar is not None and bar["height"] <= 64
     expect_fit(page)
+    turn_to_part(page, "Numbers")  # beside which a phone keeps its bodies
     table = page.locator("#numbers .scroll")
     assert table.evaluate("box => box.scrollWidth > box.clientWidth")
+    expect(page.locator("#player .stage-view")).to_be_in_viewport(ratio=0.99)
+    turn_to_part(page, "Watch")
 
     turn_to(page, (1280, 900, "light"))
     page.locator("#player .fold").click()  # the form had made room

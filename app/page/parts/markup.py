@@ -32,6 +32,10 @@ _WORDS = re.compile(
 )
 
 
+MAX_NOTES = 3
+"""Maximum number of notes of a run that the page shows; its file has all."""
+
+
 def explained(sentence: str) -> str:
     """Format a sentence as HTML, with a tooltip on the first use of each technical term."""
     seen: set[str] = set()
@@ -142,22 +146,49 @@ def refusal(sentence: str) -> str:
     return f'<p class="refusal" role="alert">{escape(sentence)}</p>' if sentence else ""
 
 
-def verdict(numbers: str, judgement: str) -> str:
-    """Format the verdict of a run; empty if there are no numbers."""
+def verdict(numbers: str, judgement: str, bars: str = "") -> str:
+    """Format the verdict of a run; empty if there are no numbers.
+
+    Args:
+        bars: HTML that shows the numbers in place of their sentence, beside the first sentence of
+            the judgement; the table of metrics has the others.
+    """
     if not numbers:
         return ""
-    below = f"<p>{explained(judgement)}</p>" if judgement else ""
-    return f'<div class="verdict"><b>{explained(numbers)}</b>{below}</div>'
+    claim, others = claim_of(judgement)
+    if not bars or not claim:
+        claim, others = numbers, judgement
+    told = f"<p>{explained(others)}</p>" if others and not bars else ""
+    return f'<div class="verdict"><div><b>{explained(claim)}</b>{told}</div>{bars}</div>'
+
+
+def claim_of(judgement: str) -> tuple[str, str]:
+    """Split a judgement into its first sentence and the others."""
+    claim, stop, others = judgement.partition(". ")
+    return claim + stop.rstrip(), others
+
+
+def bars(title: str, values: Mapping[str, tuple[str, float, str]]) -> str:
+    """Format small bars, by label: the value as text, its share of the greatest, and a colour."""
+    items = "".join(
+        f'<li style="--series:{color};--share:{share:.3f}"><span>{escape(label)}</span>'
+        f"<i></i><b>{escape(value)}</b></li>"
+        for label, (value, share, color) in values.items()
+    )
+    return f'<figure class="bars"><figcaption>{escape(title)}</figcaption><ul>{items}</ul></figure>'
 
 
 def notes_folded(notes: Sequence[str]) -> str:
-    """Format the notes of a successful run, folded; empty without any."""
+    """Format the first notes of a successful run, folded; empty without any."""
     if not notes:
         return ""
-    items = "".join(f"<p>{escape(note)}</p>" for note in notes)
+    items = "".join(f"<p>{escape(note)}</p>" for note in notes[:MAX_NOTES])
+    if len(notes) > MAX_NOTES:
+        items += f"<p>{text.MORE_NOTES.format(count=len(notes))}</p>"
+    count = min(len(notes), MAX_NOTES)
     return (
         '<div class="message note folded" role="note"><details>'
-        f"<summary>{escape(text.NOTES_TITLE)} ({len(notes)})</summary>{items}</details></div>"
+        f"<summary>{escape(text.NOTES_TITLE)} ({count})</summary>{items}</details></div>"
     )
 
 
@@ -215,10 +246,17 @@ def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
     )
 
 
-def told_part(elem_id: str | None = None, module: str = "", function: str = "") -> gr.HTML:
-    """Make an HTML component that is hidden while empty, optionally mounted by a module."""
+def told_part(
+    elem_id: str | None = None, module: str = "", function: str = "", part: str = ""
+) -> gr.HTML:
+    """Make an HTML component that is hidden while empty, optionally mounted by a module.
+
+    Args:
+        part: part of the results that it belongs to; see app/page/web/player/parts.js.
+    """
     how = {"js_on_load": mount(module, function), "apply_default_css": False} if module else {}
-    return gr.HTML("", visible=False, elem_id=elem_id, **how)
+    classes = f"of-{part}" if part else None
+    return gr.HTML("", visible=False, elem_id=elem_id, elem_classes=classes, **how)
 
 
 def shown(html: str) -> Any:

@@ -26,7 +26,7 @@ from app.page.parts import markup
 from app.page.parts.markup import Updates, shown
 from app.page.results.player import Showing, showings_in
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
-from app.page.results.tables import clips_html, measures_table, title_of
+from app.page.results.tables import clips_html, jerk_bars, measures_table, title_of
 from app.page.routes.media import GONE, MadeFiles, Media
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import Kept, is_same
@@ -117,7 +117,9 @@ def told_so_far(showing: Showing, parts: ResultParts) -> Updates:
     files = (file_of(showing.folder, name) for name in record.files)
     figures = figures_html(filter(None, files), showing.address, record.says)
     told = record.verdict
-    verdict = "" if told is None else markup.verdict(told.numbers, told.judgement)
+    verdict = (
+        "" if told is None else markup.verdict(told.numbers, told.judgement, jerk_bars(record))
+    )
     return {
         parts.player: showing.value(),
         parts.figures: shown(figures),

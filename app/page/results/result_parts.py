@@ -26,6 +26,7 @@ class ResultParts:
         """Table over several clips."""
         self.clip = gr.Radio([], label="Shown below", visible=False, elem_id=prefix + "clip")
         """Selection of the clip shown below, by the token of its run."""
+        self.verdict = told_part(prefix + "verdict")
         self.player = player_part(prefix)
         with gr.Row(elem_classes="seen-video"):
             self.seen = told_part(prefix + "seen")
@@ -36,12 +37,11 @@ class ResultParts:
         """Hidden button clicked by the viewer."""
         self.take_start = gr.Button(elem_classes="take-start told-elsewhere")
         """Hidden button clicked by the plan editor."""
-        self.verdict = told_part(prefix + "verdict")
+        self.figures = told_part(prefix + "figures", part="figures")
+        self.numbers = told_part(prefix + "numbers", "measures.js", "mountMeasures", "numbers")
+        self.downloads = told_part(prefix + "downloads", part="files")
         self.runs = told_part(prefix + "runs", "runs.js", "mountRuns")
         """Link to the opened run, and list of the visitor's own."""
-        self.figures = told_part(prefix + "figures")
-        self.numbers = told_part(prefix + "numbers", "measures.js", "mountMeasures")
-        self.downloads = told_part(prefix + "downloads")
 
     @property
     def all(self) -> list[Any]:

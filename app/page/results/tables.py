@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from urllib.parse import quote
 
 from app import text
@@ -28,11 +28,8 @@ from app.page.parts import markup
 from app.run.batch.table import cells_of, interval, star_legend
 from app.run.output.run_folder import FindingRecord, RunRecord
 from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, pluralise, short_names
-from model.metrics.protocols.table import PROTOCOLS, WORKBENCH, protocol_of
+from model.metrics.protocols.table import protocol_of
 from model.storage.escaping import csv_text
-
-if TYPE_CHECKING:
-    from model.metrics.results import BeatSpeeds
 
 
 @dataclass(frozen=True)
@@ -71,7 +68,10 @@ def measures_table(run: RunRecord) -> str:
         Column(name, labels.get(name, name), numbers, "reference" if name == REFERENCE_NAME else "")
         for name, numbers in run.numbers.items()
     ]
-    said = filter(None, (run.says.get("step"), run.says.get("beats")))
+    judgement = run.verdict.judgement if run.verdict and jerk_bars(run) else ""
+    said = filter(
+        None, (markup.claim_of(judgement)[1], run.says.get("step"), run.says.get("beats"))
+    )
     told = "".join(f'<p class="says">{escape(sentence)}</p>' for sentence in said)
     above = _findings(run) + told
     legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
@@ -112,7 +112,7 @@ def table_of(
         for group, measures in groupby(shown, key=lambda measure: measure.group)
     )
     has_reference = any(column.kind == "reference" for column in columns)
-    speeds: BeatSpeeds = "reference" if has_reference else "own"
+    speeds = "reference" if has_reference else "own"
     speeds = "emage" if has_published_speeds else speeds
     # All numbers of the table, raw and filtered, one per line.
     lines = [
@@ -136,20 +136,8 @@ def table_of(
         f'<a class="csv" download="measures.csv" href="data:text/csv;charset=utf-8,{quote(csv)}">'
         f"{text.CSV_LABEL}</a></div>"
         f"{markup.table(text.NUMBERS_HEADING, 'Metric', head, body)}"
-        f"{'' if all(each.is_first for each in shown) else more}{_rules(shown, speeds)}</div>"
+        f"{'' if all(each.is_first for each in shown) else more}</div>"
     )
-
-
-def _rules(measures: Sequence[Measure], speeds: BeatSpeeds) -> str:
-    """Format the rule of each metric, folded: that of its protocol, or its own definition."""
-    rows = ""
-    for measure in measures:
-        protocol = protocol_of(measure.key, speeds)
-        rule = measure.about if protocol == WORKBENCH else PROTOCOLS[protocol].rule
-        title = escape(measure.full_title)
-        rows += f"<dt>{title}</dt><dd>{escape(rule)} <code>{protocol}</code></dd>"
-    summary = "Definitions and protocols"
-    return f'<details class="rules"><summary>{summary}</summary><dl>{rows}</dl></details>'
 
 
 def _row(measure: Measure, columns: Sequence[Column]) -> str:
@@ -196,21 +184,38 @@ def _finding(found: FindingRecord, label: str) -> str:
 
 
 def _findings(run: RunRecord) -> str:
-    """Format the findings of a run: the most severe first, the others folded."""
-    if not run.top_findings:
+    """Format the findings that do not stand beside the viewer, folded; it shows the most severe."""
+    others = [each for each in run.findings if each not in run.top_findings]
+    if not run.top_findings or not others:
         return ""
-    ordered = [*run.top_findings, *(each for each in run.findings if each not in run.top_findings)]
-    items = [_finding(each, run.label(each.name)) for each in ordered]
-    also = f"More findings ({len(items) - len(run.top_findings)})"
-    title = "<h3>Findings, most severe first</h3>" if run.findings[0].name else ""
-    return _listed(title, items, len(run.top_findings), also)
+    items = [_finding(each, run.label(each.name)) for each in others]
+    return _listed("", items, 0, f"More findings ({len(items)})")
+
+
+def jerk_bars(run: RunRecord) -> str:
+    """Format the mean jerk of each motion of a run as bars; empty for a single motion."""
+    jerk = {name: of["raw"][JERK] for name, of in run.numbers.items() if JERK in of.get("raw", {})}
+    most = max(jerk.values(), default=0.0)
+    if len(jerk) < 2 or not most > 0.0:
+        return ""
+    colors = {row.name: row.color for row in run.rows}
+    values = {
+        run.label(name): (plain(value), value / most, _bar_color(name, colors))
+        for name, value in jerk.items()
+    }
+    return markup.bars(f"{point_title(run.point)} jerk (m/s³)", values)
+
+
+def _bar_color(name: str, colors: Mapping[str, str]) -> str:
+    return "currentColor" if name == REFERENCE_NAME else colors.get(name, "currentColor")
 
 
 def _listed(title: str, items: Sequence[str], most: int, more: str) -> str:
     """Format a list of HTML items, folded after the first few."""
     rest = "".join(items[most:])
     folded = f"<details><summary>{more}</summary><ul>{rest}</ul></details>" if rest else ""
-    return f'<div class="findings">{title}<ul>{"".join(items[:most])}</ul>{folded}</div>'
+    first = f"<ul>{''.join(items[:most])}</ul>" if most else ""
+    return f'<div class="findings">{title}{first}{folded}</div>'
 
 
 def title_of(records: Sequence[RunRecord]) -> str:

@@ -214,8 +214,23 @@ class TabRunner(ABC):
         usual |= {"trigger_mode": "once", "concurrency_id": RUNS}
         return event(run, fields, **{**usual, **how})
 
-    def ends_on(self, button: gr.Button, runs: Any, outputs: Sequence[Any]) -> None:
-        button.click(self.cancel, outputs=outputs, cancels=runs, **AT_ONCE)
+    def ends_on(self, button: gr.Button, runs: Any, outputs: Sequence[Any]) -> Any:
+        """Cancel runs with a button, and return Gradio's dependency."""
+        return button.click(self.cancel, outputs=outputs, cancels=runs, **AT_ONCE)
+
+    def begins_and_ends_on(
+        self,
+        start: gr.Button,
+        cancel: gr.Button,
+        fields: Fields | Sequence[Any],
+        outputs: Sequence[Any],
+        **how: Any,
+    ) -> None:
+        """Attach runs to two buttons, of which the second is visible only during a run."""
+        start.click(lambda: gr.update(visible=True), outputs=cancel, **AT_ONCE)
+        run = self.begins_on(start.click, fields, outputs=outputs, **how)
+        for ended in (run, self.ends_on(cancel, run, outputs)):
+            ended.then(lambda: gr.update(visible=False), outputs=cancel, **AT_ONCE)
 
     def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
         """Yield updates of the tab during the run of one visitor.

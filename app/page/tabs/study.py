@@ -53,7 +53,9 @@ def build_study_tab(services: Services) -> Fields:
             with gr.Row(elem_classes="actions"):
                 start = gr.Button("Create the study", variant="primary", elem_id="study-make")
                 write = gr.Button("Create the plan only", elem_id="study-write", min_width=110)
-                cancel = gr.Button(text.CANCEL, elem_id="study-cancel", min_width=110)
+                cancel = gr.Button(
+                    text.CANCEL, elem_id="study-cancel", min_width=110, visible=False
+                )
             with gr.Column(elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id="study-status")
                 made = told_part("study-made", "study_key.js", "mountKey")
@@ -83,8 +85,7 @@ def build_study_tab(services: Services) -> Fields:
     only_plan.begins_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
     runner = StudyRunner(services, fields, status, made)
     reveal_on_click(start, status)
-    run = runner.begins_on(start.click, fields, outputs=outputs, api_name="study")
-    runner.ends_on(cancel, run, outputs)
+    runner.begins_and_ends_on(start, cancel, fields, outputs, api_name="study")
     return fields
 
 

@@ -119,7 +119,9 @@ class FigureRunner(TabRunner):
                 self.fields = self.lay_out(services.catalogue)
                 with gr.Row(elem_classes="actions"):
                     start = gr.Button(self.verb, variant="primary", elem_id=f"{self.tab}-start")
-                    cancel = gr.Button(text.CANCEL, elem_id=f"{self.tab}-cancel", min_width=110)
+                    cancel = gr.Button(
+                        text.CANCEL, elem_id=f"{self.tab}-cancel", min_width=110, visible=False
+                    )
             with gr.Column(scale=9, min_width=320, elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id=f"{self.tab}-status")
                 self.player = player_part(f"{self.tab}-")
@@ -128,8 +130,7 @@ class FigureRunner(TabRunner):
         super().__init__(services, status)
         reveal_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]
-        run = self.begins_on(start.click, self.fields, outputs=outputs, api_name=self.tab)
-        self.ends_on(cancel, run, outputs)
+        self.begins_and_ends_on(start, cancel, self.fields, outputs, api_name=self.tab)
 
     def systems(self, catalogue: Catalogue, use: Use) -> gr.CheckboxGroup:
         """Make a field of systems, in which those usual for a use are ticked."""

@@ -23,6 +23,7 @@ function goTo(button) {
   const players = button.closest("[role=tabpanel]")?.querySelectorAll(".lockstep:not([hidden])") ?? [];
   const player = [...players].find(({ lockstep }) => lockstep); // a live body has no time to go to
   if (!player) return;
+  player.dispatchEvent(new Event("watch"));
   goToMoment(player.lockstep, Number(button.dataset.at));
   player.scrollIntoView({ block: "nearest", behavior: "smooth" });
 }

@@ -1,6 +1,6 @@
 /** The bar under the stage: time, what is shown, and how bodies are compared. */
 
-import { clockText, iconButton, make, relabel } from "../dom.js";
+import { clockText, iconButton, make, popUp, relabel } from "../dom.js";
 import { Displays } from "./displays.js";
 import { WorstSeconds } from "./worst.js";
 
@@ -8,7 +8,10 @@ const RATES = [0.25, 0.5, 1, 2];
 const MODES = { grid: "All", wipe: "Wipe", flicker: "Flicker", ghost: "Ghost" };
 const LOOP_S = 2; // what a loop holds at first
 const HOP_S = 1; // of the arrow keys
-const KEYS_HELP = "Space: play or pause. Arrows: one second. Comma and full stop: one frame. L: loop. W: highest-jerk second. C: close-up. E: exaggerate. J: jerk colours. T: trail. X: the other of two. G: ghost, one over another. 1 to 9: enlarge. Plus, minus, 0: timeline zoom. On the bodies, once clicked: arrows rotate, plus and minus zoom, Home shows the front.";
+const KEYS = {
+  "Space": "play or pause", "← →": "one second", ", .": "one frame", "L": "loop", "W": "highest-jerk second", "C": "close-up", "E": "exaggerate", "J": "jerk colours", "T": "trail",
+  "X": "the other of two", "G": "ghost, one over another", "1 to 9": "enlarge", "+ − 0": "zoom of the timeline", "On the bodies": "arrows turn, + and − go nearer and farther, Home goes back",
+};
 
 export class Controls {
   #player;
@@ -50,7 +53,8 @@ export class Controls {
     this.displays = new Displays(this.#look, this.#view, views);
     const left = make("div", { class: "group going" }, this.play, back, forward, this.time);
     const middle = make("div", { class: "group pace" }, this.speed, this.loop, this.sound);
-    const keys = make("button", { type: "button", class: "keys", title: KEYS_HELP, "aria-label": `Keys. ${KEYS_HELP}` }, "?");
+    const rows = Object.entries(KEYS).map(([key, does]) => make("li", {}, make("kbd", {}, key), make("span", {}, does)));
+    const keys = popUp("keys", make("summary", { "aria-label": "Keys" }, "?"), make("ul", {}, ...rows));
     const right = make("div", { class: "group compare" }, this.displays.closeUp, this.modes, this.displays.more, keys);
     this.element = make("div", { class: "controls", role: "toolbar", "aria-label": "Player" }, left, middle, this.worst.element, this.displays.element, right);
     this.#view?.view.append(this.pairBox); // over the picture, each on the side of its close-ups

@@ -15,6 +15,7 @@ import { Controls } from "./controls.js";
 import { Editing } from "./editing.js";
 import { Findings } from "./findings.js";
 import { Lockstep } from "./lockstep.js";
+import { Parts } from "./parts.js";
 import { LOW, Timeline } from "./timeline.js";
 import { Videos } from "./videos.js";
 
@@ -63,7 +64,8 @@ class Player {
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
     this.findings = new Findings(this.#lockstep);
     const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
-    const parts = [this.fold, this.#why, this.argument.head, seen, this.#videos.element, this.controls.element, this.controls.displays.box, this.editing.element, this.timeline.element, this.#audio];
+    this.parts = new Parts(root);
+    const parts = [this.fold, this.parts.element, this.#why, this.argument.head, seen, this.#videos.element, this.controls.element, this.controls.displays.box, this.editing.element, this.timeline.element, this.#audio];
     root.replaceChildren(...parts);
     new ResizeObserver(() => this.#stage?.fit()).observe(this.timeline.element);
     root.classList.toggle("staged", this.#stage !== null);
@@ -175,6 +177,7 @@ class Player {
     const isWorthIt = rows.some((row) => row.video || (isDrawn && (row.frames || row.motion)));
     this.#root.hidden = !isWorthIt;
     this.#root.classList.toggle("opening", plays);
+    this.parts.show(isWorthIt && !plays);
     this.#makeRoom();
     if (!isWorthIt) return;
     const hasSound = !!audio && !this.#audio.hasAttribute("src");

@@ -18,6 +18,7 @@ const LEAST_S = 0.5; // of time on the whole width
 const ZOOM = 1.6; // of one key or click
 const PAGE = 0.8; // of what is shown, by which one key or click goes on
 const PHONES_PX = 60; // of a second, from which phones are shown
+const FAR_ABOVE = 1.5; // times the 99th percentile
 const NARROW = "(max-width: 600px)";
 /** Windows too low for all there is: the form makes room, and tiers but of hands wait for a click. */
 export const LOW = "(max-height: 860px)";
@@ -351,9 +352,10 @@ export class Timeline {
     this.tiers.place((seconds) => this.#share(seconds));
     this.#placeMarks();
     const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
-    const highest = known.reduce((most, { values }) => values.reduce((a, b) => Math.max(a, b), most), 0);
+    const highest = topOf(known.flatMap(({ values }) => values));
     const { unit, digits } = CURVES[this.#curve];
-    const scale = known.length ? `, to ${highest.toFixed(digits)} ${unit}` : "";
+    const isCut = known.some(({ values }) => values.some((value) => value > highest));
+    const scale = known.length ? `, to ${highest.toFixed(digits)} ${unit}${isCut ? "; higher peaks are marked" : ""}` : "";
     this.scale.textContent = this.#data.point + scale;
     for (const row of this.#rows) {
       const curve = this.#curveOf(row.name);
@@ -492,11 +494,18 @@ function drawWave(canvas, { peaks, onsets_s, duration_s }, share) {
   for (const onset of onsets_s) context.fillRect(x(onset), 0, 1, height);
 }
 
+/** The top of the lanes: the highest value, or the 99th percentile where some peaks are far above it. */
+function topOf(values) {
+  const ordered = Float64Array.from(values).sort();
+  const [most, usual] = [ordered.at(-1) ?? 0, ordered[Math.floor(0.99 * (ordered.length - 1))] ?? 0];
+  return usual > 0 && most > FAR_ABOVE * usual ? usual : most;
+}
+
 function drawCurve(canvas, curve, highest, share) {
   const { context, width, height, style } = freshContext(canvas);
   if (!curve || !curve.values.length || highest <= 0) return;
   const x = (i) => share(curve.start_s + i * curve.step_s) * width;
-  const y = (value) => height - 1 - (value / highest) * (height - 3);
+  const y = (value) => height - 1 - Math.min(1, value / highest) * (height - 3);
   context.beginPath();
   for (const [i, value] of curve.values.entries()) context.lineTo(x(i), y(value));
   context.strokeStyle = style.getPropertyValue("--series");
@@ -508,4 +517,6 @@ function drawCurve(canvas, curve, highest, share) {
   context.globalAlpha = 0.13;
   context.fillStyle = context.strokeStyle;
   context.fill();
+  context.globalAlpha = 1;
+  for (const [i, value] of curve.values.entries()) if (value > highest) context.fillRect(x(i) - 1.5, 0, 3, 5); // a peak that is cut
 }

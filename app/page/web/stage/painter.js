@@ -205,7 +205,11 @@ void main() {
     frag_color = vec4(ink, 1.0);
 }`;
 
+/** @type {[number, number, number]} */
+const DARK = [0.115, 0.15, 0.19];
+
 export class Painter {
+  #background = DARK;
   #gl;
   #mesh;
   #facts;
@@ -419,13 +423,14 @@ export class Painter {
     this.#refill(body.buffer, positions.subarray(0, 3 * count));
   }
 
-  /** Everything in the background's colour. */
-  clear() {
+  /** Everything in the colour of the background, which is dark in a dark page, but for a ghost, whose inks need a light one. */
+  clear(isDark) {
+    this.#background = isDark ? DARK : this.#facts.studio.background;
     const gl = this.#gl;
     gl.disable(gl.SCISSOR_TEST);
     gl.colorMask(true, true, true, true);
     gl.viewport(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight);
-    gl.clearColor(...this.#facts.studio.background, 1);
+    gl.clearColor(...this.#background, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 
@@ -522,7 +527,7 @@ export class Painter {
     gl.uniform1f(floor.at("half_size"), ground.halfSize);
     gl.uniform3fv(floor.at("shift"), shift);
     const { glow, lightest, pool_power: power, fade, lost, most_lost: most } = this.#facts.ground;
-    gl.uniform3fv(floor.at("background"), this.#facts.studio.background);
+    gl.uniform3fv(floor.at("background"), this.#background);
     gl.uniform2f(floor.at("glow"), glow, lightest);
     gl.uniform2f(floor.at("pool"), power, fade);
     gl.uniform3f(floor.at("lost"), ...lost, most);

@@ -31,8 +31,9 @@ const CAPTION_PX = 8; // between the words and where bodies end
 const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
-const HEIGHTS_PX = [330, 760];
+const HEIGHTS_PX = [250, 760];
 const LOW_PX = 300; // the least of an example, beside an editor and on a phone
+const PHONE_SHARE = 0.42; // of a phone's height at most, as the stage stays while one scrolls
 const UNDER_PX = 12; // of the window, free under everything
 const UNDER_SMALL_PX = 60; // the controls on a phone
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
@@ -131,6 +132,7 @@ export class Stage {
     this.#canvas.addEventListener("pointerdown", (event) => this.#beginSwipe(event));
     new ResizeObserver(() => this.fit()).observe(this.view);
     window.addEventListener("resize", () => this.fit());
+    new MutationObserver(() => this.#ask()).observe(document.body, { attributes: true, attributeFilter: ["class"] });
   }
 
   // -------------------------------------------------------------- what there is
@@ -529,7 +531,7 @@ export class Stage {
     const player = this.element.closest(".lockstep");
     const least = isSmall || isOpening || player?.querySelector(".editing.open") ? LOW_PX : usual;
     const beside = isLive ? above + UNDER_LIVE_PX : isSmall ? above + UNDER_SMALL_PX : isOpening ? above + UNDER_PX + player.querySelector(".controls").offsetHeight : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
-    const tall = Math.max(least, Math.min(most, window.innerHeight - Math.max(BESIDE_PX, beside)));
+    const tall = Math.max(Math.min(least, isSmall && !isOpening ? window.innerHeight * PHONE_SHARE : Infinity), Math.min(isSmall && !isOpening && !isLive ? window.innerHeight * PHONE_SHARE : most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
     const under = timeline ? 0 : this.element.offsetHeight - this.view.offsetHeight; // what comes there moves no control
     const height = Math.max(tall, rows > 1 ? Math.min(rows * 300, window.innerHeight - 140) : 0) - under;
@@ -662,7 +664,8 @@ export class Stage {
     this.#painter.setTone(this.#look.get("tone"));
     this.#painter.setBuild((this.character ? null : this.#builds?.get(this.#look.get("build"))) ?? this.#mesh);
     this.#pose(moment, level);
-    this.#painter.clear();
+    this.element.dataset.backdrop = this.#isDark ? "dark" : "light";
+    this.#painter.clear(this.#isDark);
     const size = { width, height, density };
     if (this.mode === "grid") this.#drawGrid(moment, level, size);
     else this.#drawPair(moment, level, size);
@@ -671,6 +674,10 @@ export class Stage {
     this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
     if (performance.now() < this.#glidesUntil) this.#ask();
+  }
+
+  get #isDark() {
+    return this.mode !== "ghost" && !!this.element.closest(".dark");
   }
 
   /** What is waited for; all that has come is taken in. */
