@@ -42,11 +42,11 @@ from model.metrics.lag import heard_of
 from model.metrics.reference_error import degrees_by_part
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
-from model.plan.detection import found_plan
+from model.plan.detection import plan_from_motion
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, load_speech, write_wav
-from model.speech.transcript import NOTHING_SAID, Transcript
+from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 from model.storage.files import write_atomically
 from model.systems.registry import family_of, list_systems, usual_planner
 
@@ -212,7 +212,7 @@ def show(
     record = RunRecord(kind="given", title="Co-speech motion", point=joint)
     with TemporaryDirectory() as folder:
         with open_run_writer(Path(folder), record, is_kept=True) as run:
-            run.write_timeline(run.write_viewer_files(named, heard, tip), NOTHING_SAID)
+            run.write_timeline(run.write_viewer_files(named, heard, tip), EMPTY_TRANSCRIPT)
             run.finish("")
         return Player(player_alone(Path(folder)), height)
 
@@ -251,7 +251,7 @@ def diagnose(
 
 def find_plan(motion: MotionLike) -> GesturePlan:
     """Detect the gesture plan of a motion: phases of both hands, nods, gaze and steps."""
-    return found_plan(read_motion(motion), open_body_skeleton())
+    return plan_from_motion(read_motion(motion), open_body_skeleton())
 
 
 @dataclass(frozen=True, eq=False, repr=False)

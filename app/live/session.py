@@ -22,10 +22,10 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.generation.base import System
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions
-from model.motion.motion import Motion, put_together, save_motion
+from model.motion.motion import Motion, concatenate, save_motion
 from model.plan.files import write_plan_file
-from model.plan.plan import SIDES, GesturePlan, Moment, PlanError, PlannedAhead
-from model.plan.style import Manner
+from model.plan.plan import SIDES, GesturePlan, Moment, PlanError, StreamedPlan
+from model.plan.style import LiveStyle
 from model.speech.audio import write_wav
 from model.speech.features import CausalMel
 
@@ -34,7 +34,7 @@ SHORTEST_S = 0.5 / FPS
 LISTS = ("left", "right", "nods", "looks", "brows", "smiles", "blinks", "stands", "planted")
 
 
-def performed(plans: Iterable[tuple[int, PlannedAhead]], first: int, count: int) -> GesturePlan:
+def performed(plans: Iterable[tuple[int, StreamedPlan]], first: int, count: int) -> GesturePlan:
     """Return the plan performed in ``count`` frames of a session from ``first``, its second 0.
 
     Args:
@@ -101,7 +101,7 @@ class RecordingBuffer:
     def __init__(self) -> None:
         self.frames = 0
         """Number of motion frames of the session so far."""
-        self._motion: deque[tuple[int, Motion, PlannedAhead | None]] = deque()
+        self._motion: deque[tuple[int, Motion, StreamedPlan | None]] = deque()
         """Pieces of motion, each with its first frame and its plan."""
         self._sound: deque[np.ndarray] = deque()
         self._forgotten = 0
@@ -114,7 +114,7 @@ class RecordingBuffer:
     def add_sound(self, samples: np.ndarray) -> None:
         self._sound.append(samples)
 
-    def add_motion(self, motion: Motion, ahead: PlannedAhead | None = None) -> None:
+    def add_motion(self, motion: Motion, ahead: StreamedPlan | None = None) -> None:
         """Append the next frames and the plan that they perform."""
         self._motion.append((self.frames, motion, ahead))
         self.frames += motion.num_frames
@@ -136,7 +136,7 @@ class RecordingBuffer:
         if self.frames < SHORTEST_FRAMES:
             raise RunError(NOTHING_YET.format(seconds=SHORTEST_FRAMES // FPS))
         first, count = self._first_frame, min(self.frames, KEPT_FRAMES)
-        motion = put_together([each for _, each, _ in self._motion]).part(slice(-count, None))
+        motion = concatenate([each for _, each, _ in self._motion]).part(slice(-count, None))
         to_origin = motion.trans[:1] * np.array([1, 0, 1], np.float32)
         start = _sample_of(first) - self._forgotten
         plans = [(frame, ahead) for frame, _, ahead in self._motion if ahead is not None]
@@ -209,7 +209,7 @@ class LiveSession:
         steps = PLANNING_STEPS if self.plans else None
         options = GenerateOptions(sampling.speaker or "", seed=sampling.seed, steps=steps)
         self._live = LiveMotion(system, options, self.pace)
-        self._manner: Manner | None = None
+        self._manner: LiveStyle | None = None
         """Slider values to apply at the next window; None if they have not been moved."""
         self._inbox: list[np.ndarray] = []
         self._samples = 0
@@ -267,7 +267,7 @@ class LiveSession:
         sound, self._inbox = self._inbox, []
         if sound:
             was_due = self._live.is_due
-            self._live.hear(torch.from_numpy(self._features.hear(np.concatenate(sound))))
+            self._live.hear(torch.from_numpy(self._features.add_samples(np.concatenate(sound))))
             if not was_due:
                 self._due_since = self._clock()
         if not self._live.is_due:
@@ -373,11 +373,11 @@ def warm_up(system: System, speaker: str) -> None:
         UnknownNameError: if the system does not know the speaker.
     """
     live = LiveMotion(system, GenerateOptions(speaker))
-    live.hear(torch.from_numpy(CausalMel().hear(np.zeros(SAMPLE_RATE, np.float32))))
+    live.hear(torch.from_numpy(CausalMel().add_samples(np.zeros(SAMPLE_RATE, np.float32))))
     live.step()
 
 
-def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:
+def told_plan(ahead: StreamedPlan, first: int) -> dict[str, Any]:
     """Return the JSON of planned events from a frame on, in seconds of the session.
 
     They replace all events sent earlier for that time.
@@ -402,7 +402,7 @@ def told_plan(ahead: PlannedAhead, first: int) -> dict[str, Any]:
     return {"from": round(from_s, 3), **hands, "nods": nods, "looks": looks}
 
 
-def manner_of(told: Any) -> Manner:
+def manner_of(told: Any) -> LiveStyle:
     """Parse the style sliders of a browser's message.
 
     Raises:
@@ -410,6 +410,6 @@ def manner_of(told: Any) -> Manner:
     """
     sliders = told.get("manner") if isinstance(told, dict) else None
     try:
-        return Manner.of(sliders)
+        return LiveStyle.parse(sliders)
     except PlanError as error:
         raise RunError(str(error)) from None

@@ -24,7 +24,7 @@ from app.page.theme import PLAYER_CSS, make_theme
 from app.run.frame_packets import MAX_FRAMES
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
 from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowFileKind, file_of, runs_in
-from model.storage.json_validation import FieldError, read_checked
+from model.storage.json_validation import FieldError, read_json
 
 WEB = Path(__file__).resolve().parent / "web"
 DOOR = "player/player.js"
@@ -132,7 +132,7 @@ def player_alone(folder: Path) -> str:
 def _object_in(path: Path) -> dict[str, Any]:
     """Read a JSON object from a file; raises RunError if it holds none."""
     try:
-        return read_checked(path, dict[str, Any], MAX_RUN_BYTES)
+        return read_json(path, dict[str, Any], MAX_RUN_BYTES)
     except FieldError as error:
         raise RunError(DAMAGED.format(name=path.name, why=error)) from None
 

@@ -23,7 +23,7 @@ from pydantic import ValidationError
 
 from app.errors import visitor_sentence, without_folders
 from conventions.names import printable
-from model.storage.json_validation import why
+from model.storage.json_validation import validation_message
 
 if TYPE_CHECKING:
     import gradio as gr
@@ -182,7 +182,11 @@ def _explain_wrong_calls() -> None:
             _, *frames = traceback.extract_tb(error.__traceback__)
             if any(frame.filename.startswith(_OWN_FUNCTIONS) for frame in frames):
                 raise gr.Error(visitor_sentence(error), print_exception=False) from None
-            told = why(error) if isinstance(error, ValidationError) else str(error)[:_MAX_READ]
+            told = (
+                validation_message(error)
+                if isinstance(error, ValidationError)
+                else str(error)[:_MAX_READ]
+            )
             raise _wrong_call(f"{type(error).__name__}: {told}") from None
 
     _replace("gradio.route_utils", "call_process_api", call_process_api)

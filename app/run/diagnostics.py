@@ -26,7 +26,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import Tracks
 from model.speech.audio import Speech
-from model.speech.transcript import NOTHING_SAID, Transcript
+from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 from model.storage.escaping import csv_text
 from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6, fits_column
 from renderer.figures.jitter import Jitter, JitterSheet
@@ -87,7 +87,7 @@ def onsets_of(speech: Speech) -> np.ndarray:
 
 
 def write_diagnostics(
-    diagnostics: Diagnostics, folder: ResultFolder, said: Transcript = NOTHING_SAID
+    diagnostics: Diagnostics, folder: ResultFolder, said: Transcript = EMPTY_TRANSCRIPT
 ) -> tuple[Path, Path]:
     """Write diagnostics.json and diagnostics.csv, a table with one row for each number.
 

@@ -20,7 +20,7 @@ from app.errors import RunError
 from app.flags import choice_type
 from conventions.names import printable
 from conventions.views import Build, Tone
-from model.storage.json_validation import FieldError, checked
+from model.storage.json_validation import FieldError, parse_json
 from renderer.scene.camera import Orbit
 
 Coloring = Literal["natural", "jerk"]
@@ -193,7 +193,7 @@ class ViewerState(BrowserMessage):
             RunError: if the JSON is anything else, or a state that the viewer cannot have.
         """
         try:
-            seen = checked(told if isinstance(told, str) else "", cls)
+            seen = parse_json(told if isinstance(told, str) else "", cls)
         except FieldError as error:
             raise RunError(text.SEEN_DAMAGED.format(why=f"{error}.")) from None
         seen.check()

@@ -32,12 +32,12 @@ from model.generation.windows import (
     one_thread,
 )
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, first_frames, load_motion, put_together
+from model.motion.motion import Motion, concatenate, first_frames, load_motion
 from model.motion.transforms import filtered
-from model.plan.detection import found_plan
+from model.plan.detection import plan_from_motion
 from model.plan.files import check_ending, read_plan_file, write_plan_file
-from model.plan.plan import GesturePlan, Noted
-from model.plan.style import StyleWish, read_wish
+from model.plan.plan import GesturePlan, PlanResult
+from model.plan.style import StyleChange, read_style_file
 from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import SPARE_S
@@ -75,7 +75,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
     sampling = replace(request.sampling, speaker=speaker, seed=seed)
     options = _options(request, sampling, systems, speech, run)
     run.record.noise_seed = seed
-    wish = None if request.planning.style is None else read_wish(request.planning.style)
+    wish = None if request.planning.style is None else read_style_file(request.planning.style)
     run.report_progress("speech", 1.0)
     run.record.title = truncate(run_title(request, list(options)))
     run.record.speech_sha256 = speech.sha256
@@ -173,7 +173,7 @@ def _made_in_turns(
                 if piece.share == 1.0:
                     del making[name]
                     for row, of in parts.pop(name).items():
-                        made[row] = told(row, put_together(of))
+                        made[row] = told(row, concatenate(of))
     return {row.name: made[row.name] for row in run.record.rows if row.name in made}
 
 
@@ -187,7 +187,7 @@ def _pieces_of(
     speech: Speech,
     options: GenerateOptions,
     words: WordSearch,
-    wish: StyleWish | None,
+    wish: StyleChange | None,
     run: RunWriter,
 ) -> Iterator[MotionPiece]:
     """Yield the motion pieces of a system; gesture plans are written first if it uses them.
@@ -204,7 +204,7 @@ def _pieces_of(
         for sample, plan in enumerate(plans, start=1):
             name = str(SampleName(system.name, sample))
             if wish is not None:
-                styled = wish.done(plan, said.words)
+                styled = wish.apply(plan, said.words)
                 run.add_notes(*(f"{name}: {note}" for note in styled.notes))
                 plan = styled.plan
             written.append(run.write_plan(name, plan))
@@ -269,7 +269,7 @@ def load_beginning(path: Path, longest_s: float, max_s: float) -> Speech:
     return replace(whole, waveform=whole.waveform[: int(longest_s * SAMPLE_RATE)])
 
 
-def _plan_for(path: Path, speech: Speech) -> Noted:
+def _plan_for(path: Path, speech: Speech) -> PlanResult:
     """Read a gesture plan, and cut it at the end of the speech."""
     read = read_plan_file(path)
     if read.plan.duration_s <= speech.duration_s + SPARE_S:
@@ -278,7 +278,7 @@ def _plan_for(path: Path, speech: Speech) -> Noted:
         f"The plan {printable(path.name)} lasts {read.plan.duration_s:.1f} s and the speech "
         f"{speech.duration_s:.1f} s: it may belong to another clip. What lies beyond is left out."
     )
-    return Noted(read.plan.until(speech.duration_s), (*read.notes, note))
+    return PlanResult(read.plan.until(speech.duration_s), (*read.notes, note))
 
 
 def _options(
@@ -371,11 +371,11 @@ def write_plan_from_motion(motion: Path, out: Path, told: Assumptions | None = N
     check_ending(out)
     (told or Assumptions()).check([motion])
     read = read_any_motion(motion, told)
-    write_plan_file(found_plan(read.motion, open_body_skeleton()), out)
+    write_plan_file(plan_from_motion(read.motion, open_body_skeleton()), out)
     return list(read.notes)
 
 
-def make_plan(request: PlanRequest) -> Noted:
+def make_plan(request: PlanRequest) -> PlanResult:
     """Sample a gesture plan from speech and write it; return it with notes on its style.
 
     An empty plan has the length of the speech and no events.
@@ -393,8 +393,8 @@ def make_plan(request: PlanRequest) -> Noted:
     if request.is_empty:
         plan = GesturePlan(speech.duration_s)
         write_plan_file(plan, request.out, sound)
-        return Noted(plan, speech.notes)
-    wish = None if request.style is None else read_wish(request.style)
+        return PlanResult(plan, speech.notes)
+    wish = None if request.style is None else read_style_file(request.style)
     system = get_system(usual_planner(), request.weights)
     with WordSearch(request.speech.transcript, request.speech.words) as words:
         words.begin(speech.waveform)
@@ -403,6 +403,6 @@ def make_plan(request: PlanRequest) -> Noted:
     (plan,) = draw_conditions(
         system, speech, generation_options(sampling, system, words=said.words)
     )
-    edited = Noted(plan) if wish is None else wish.done(plan, said.words)
+    edited = PlanResult(plan) if wish is None else wish.apply(plan, said.words)
     write_plan_file(edited.plan, request.out, sound)
-    return Noted(edited.plan, (*speech.notes, *notes, *edited.notes))
+    return PlanResult(edited.plan, (*speech.notes, *notes, *edited.notes))

@@ -48,8 +48,8 @@ from model.formats.reading import Reading
 from model.generation.base import Windowing
 from model.metrics.protocols.clip import ProtocolInputs
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, put_together, save_motion
-from model.plan.detection import found_plan
+from model.motion.motion import Motion, concatenate, save_motion
+from model.plan.detection import plan_from_motion
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, write_wav
@@ -79,7 +79,7 @@ class _Growing:
         """Return the alignment of the motion, computed anew as it grows and at its end."""
         is_due = self.end >= min(_GROWN * self.register_at, num_frames)
         if self.register is None or (is_due and not self.is_placed):
-            self.register = root_transform_of(put_together(self.parts))
+            self.register = root_transform_of(concatenate(self.parts))
             self.register_at = self.end
         return self.register
 
@@ -316,7 +316,7 @@ class RunWriter(RunCallbacks):
         for name, motion in motions.items():
             if "plan" not in self._row(name).files:
                 path = self.folder.path(viewer_file_name(name, ".plan.json"))
-                write_plan_file(found_plan(motion, open_body_skeleton()), path)
+                write_plan_file(plan_from_motion(motion, open_body_skeleton()), path)
                 self.add_files(path, row=name, kind="plan")
 
     def write_metrics(self, diagnostics: Diagnostics) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.run.callbacks import RunCallbacks
 from app.run.requests.requests import DiagnoseRequest
-from model.speech.transcript import NOTHING_SAID, Transcript
+from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics
@@ -53,7 +53,7 @@ class RunResult:
     diagnostics: Diagnostics
     notes: tuple[str, ...] = ()
     """Sentences for the user, such as what was done to the speech."""
-    transcript: Transcript = NOTHING_SAID
+    transcript: Transcript = EMPTY_TRANSCRIPT
     """Transcript of the speech, if it was provided or recognised."""
 
 

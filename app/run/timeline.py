@@ -25,16 +25,16 @@ from model.networks.speech_codes import heard_accents
 from model.plan.annotation_files import Interval
 from model.speech.audio import Speech
 from model.speech.transcript import (
-    NOTHING_SAID,
+    EMPTY_TRANSCRIPT,
     Accent,
     GivenWords,
-    Origin,
     Transcript,
+    TranscriptSource,
     Word,
     read_words,
 )
-from model.speech.word_recognition import Hearing
-from model.storage.json_validation import read_checked
+from model.speech.word_recognition import WordRecognition
+from model.storage.json_validation import read_json
 
 
 def worst_seconds(
@@ -217,7 +217,7 @@ Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
 class _Line(BaseModel):
     """Transcript part of a stored timeline."""
 
-    words_origin: Origin = "given"
+    words_origin: TranscriptSource = "given"
     words: Parts = []
     phones: Parts = []
     accents: Annotated[list[tuple[Seconds, Seconds]], Field(max_length=50_000)] = []
@@ -239,10 +239,10 @@ def read_transcript_of_run(folder: Path) -> Transcript:
     path = file_of(folder, read_run(folder).timeline)
     try:
         return (
-            NOTHING_SAID if path is None else read_checked(path, _Line, _MAX_LINE_BYTES).transcript
+            EMPTY_TRANSCRIPT if path is None else read_json(path, _Line, _MAX_LINE_BYTES).transcript
         )
     except ValueError:
-        return NOTHING_SAID
+        return EMPTY_TRANSCRIPT
 
 
 class WordSearch:
@@ -258,7 +258,7 @@ class WordSearch:
             is_file = isinstance(given, Path)
             self._given = read_words(given) if is_file else GivenWords(given)
         self._asked: WordSource = asked
-        self._hearing: Hearing | None = None
+        self._hearing: WordRecognition | None = None
 
     def __enter__(self) -> WordSearch:
         return self
@@ -270,7 +270,7 @@ class WordSearch:
     @property
     def provided(self) -> Transcript:
         """Words that are known at once; empty for a plain text, which has yet to be aligned."""
-        return NOTHING_SAID if self._given is None else self._given.transcript
+        return EMPTY_TRANSCRIPT if self._given is None else self._given.transcript
 
     @property
     def needs_speech(self) -> bool:
@@ -284,7 +284,7 @@ class WordSearch:
         if self._given is not None:
             self._given = self._given.within(len(waveform) / SAMPLE_RATE)
         if self.needs_speech and self._hearing is None:
-            self._hearing = Hearing(waveform, self._given and self._given.text)
+            self._hearing = WordRecognition(waveform, self._given and self._given.text)
 
     def wait(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
         """Wait for the words, and return them with notes for the user.
@@ -297,7 +297,7 @@ class WordSearch:
             return self.provided, notes
         while not self._hearing.is_over(_LOOK_EVERY_S):
             on_wait()
-        heard = self._hearing.heard()
+        heard = self._hearing.result()
         return heard.transcript, (*notes, *heard.notes)
 
 

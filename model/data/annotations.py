@@ -14,7 +14,7 @@ from torch import Tensor
 from tqdm import tqdm
 
 from conventions.rates import FPS
-from model.data.prepared import Batch, PreparedClip, PreparedData, arrays_beside
+from model.data.prepared import Batch, PreparedClip, PreparedData, derived_arrays
 from model.data.recordings import DataError, copy_speed
 from model.plan.files import annotated_plan
 from model.plan.kinds import KindTable, kinds_of
@@ -22,14 +22,14 @@ from model.plan.plan import SIDES, GesturePlan, PlanError
 from model.plan.plan_features import (
     NUM_TRACKS,
     TIERS,
-    Begun,
+    EventOnset,
     chains_of,
     frames_of,
     hand_tracks,
     seen_together,
     tracks_of,
 )
-from model.speech.encoder import PHONES, TOLD
+from model.speech.encoder import PHONES, SPEECH_LABELS
 from model.speech.transcript import Transcript, TranscriptError, read_transcript
 
 PLANS_FORMAT = 1
@@ -39,14 +39,14 @@ PLANS_FORMAT = 1
 class Events:
     """Training targets and inputs of a planner for a batch of windows, by tier."""
 
-    seen: dict[str, Float[Tensor, "B T _"]]
+    chain_states: dict[str, Float[Tensor, "B T _"]]
     """State of the tier's event chain and of the coupled tier's chain (B, T, _)."""
     event: dict[str, Int[Tensor, "B T"]]
     mark: dict[str, Float[Tensor, "B T _"]]
 
     def to(self, device: torch.device) -> "Events":
         """Return the same events on a device."""
-        parts = (self.seen, self.event, self.mark)
+        parts = (self.chain_states, self.event, self.mark)
         return Events(*({name: one.to(device) for name, one in part.items()} for part in parts))
 
 
@@ -57,13 +57,13 @@ class Plans:
     data: PreparedData
     tracks: np.ndarray
     """Plan tracks (N, tracks), see `model.plan.plan_features`."""
-    chains: tuple[dict[str, list[Begun]], ...]
+    chains: tuple[dict[str, list[EventOnset]], ...]
     """Event chains of each clip, by tier."""
     kinds: np.ndarray
     """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.place`)."""
     table: KindTable
 
-    def of(
+    def for_batch(
         self, batch: Batch, context: int
     ) -> tuple[Float[Tensor, "B heard tracks"], Int[Tensor, "B heard 2"]]:
         """Return a batch's plans with ``context`` frames on either side, held at a clip's ends."""
@@ -119,7 +119,7 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
     ]
     said = Counter(word for _, clip in learned for word in _said(textgrid_of(data, clip)))
     table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
-    tracks, kinds = arrays_beside(
+    tracks, kinds = derived_arrays(
         data,
         "plans",
         {"format": PLANS_FORMAT, "tracks": NUM_TRACKS},
@@ -168,13 +168,13 @@ class SpeechAnnotation:
 
     phone: UInt8[np.ndarray, " N"]
     """Number of the phone (N,) in `PHONES`, from 1; 0 is none of them."""
-    told: Float32[np.ndarray, "N told"]
-    """Values of `TOLD` (N, 6); fractions and flags lie between 0 and 1."""
+    labels: Float32[np.ndarray, "N told"]
+    """Values of `SPEECH_LABELS` (N, 6); fractions and flags lie between 0 and 1."""
 
-    def of(self, batch: Batch) -> tuple[Int[Tensor, "B T"], Float32[Tensor, "B T told"]]:
-        """Return the phones and the values of `TOLD` of a batch's windows."""
+    def for_batch(self, batch: Batch) -> tuple[Int[Tensor, "B T"], Float32[Tensor, "B T told"]]:
+        """Return the phones and the values of `SPEECH_LABELS` of a batch's windows."""
         phone = torch.from_numpy(self.phone[batch.frames].astype(np.int64))
-        return phone, torch.from_numpy(self.told[batch.frames])
+        return phone, torch.from_numpy(self.labels[batch.frames])
 
 
 def annotated_speech(data: PreparedData, plans: Plans) -> SpeechAnnotation:
@@ -184,7 +184,7 @@ def annotated_speech(data: PreparedData, plans: Plans) -> SpeechAnnotation:
         DataError: if a clip's words are not annotated, or no clip has phones and accents.
     """
     phone = np.zeros(len(data.poses), np.uint8)
-    told = np.zeros((len(data.poses), len(TOLD)), np.float32)
+    told = np.zeros((len(data.poses), len(SPEECH_LABELS)), np.float32)
     for clip in tqdm(data.clips, desc="annotation", unit="clip"):
         transcript = _read(data, clip)
         rows = slice(clip.start, clip.stop)
@@ -210,7 +210,7 @@ def phones_of(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np
 def told_of(
     transcript: Transcript, num_frames: int, speed: float, plans: Plans
 ) -> Float32[np.ndarray, "T 5"]:
-    """Return the values of `TOLD` of each frame, except the speed."""
+    """Return the values of `SPEECH_LABELS` of each frame, except the speed."""
     strength, ends, voice, struck = np.zeros((4, num_frames), np.float32)
     for accent in transcript.accents:
         frame = int(accent.time_s / speed * FPS)

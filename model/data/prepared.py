@@ -212,7 +212,7 @@ def prepare(
     return PreparedData(folder, cache, clips=clips, speakers=speakers, **arrays)
 
 
-def arrays_beside(
+def derived_arrays(
     data: PreparedData,
     name: str,
     origin: dict,

@@ -30,22 +30,22 @@ from model.generation.windows import GenerateOptions, draw_conditions
 from model.metrics.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
-from model.motion.tracks import Tracks, track_points, wrist_places
+from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest
 from model.networks.autoencoder import load_encoder
 from model.plan.editing import (
     Gesture,
-    added,
-    deleted,
+    add_gesture,
+    delete_gesture,
     gestures,
-    held,
-    moved,
-    raised,
-    sized,
+    move_gesture,
+    raise_gesture,
+    scale_gesture,
+    set_hold,
     with_hands,
 )
 from model.plan.files import annotated_plan
 from model.plan.kinds import PLACES, REST_PLACE
-from model.plan.plan import SIDES, GesturePlan, HandPhase, Noted, PlanError, Side
+from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Side
 from model.plan.plan_features import hand_tracks, tracks_of
 from model.speech.audio import Speech
 from model.systems.helpers.config import FGD_ENCODER
@@ -152,7 +152,7 @@ def _speed(path: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
     return np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * FPS
 
 
-def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Noted, Gesture | None]:
+def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[PlanResult, Gesture | None]:
     """Make a random valid edit; returns the plan, and the edited gesture unless it is deleted.
 
     Raises:
@@ -168,7 +168,7 @@ def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Noted, Ges
                 kind = str(rng.choice(list(PLACES)))
                 at_s = round(float(rng.uniform(1.0, plan.duration_s - 1.0)), 3)
                 gesture = Gesture(SIDES[rng.integers(2)], at_s)
-                edited = added(plan, kind, at_s, gesture.side)
+                edited = add_gesture(plan, kind, at_s, gesture.side)
         except PlanError:
             continue
         return edited, gesture
@@ -177,21 +177,21 @@ def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[Noted, Ges
 
 def _changed(
     plan: GesturePlan, old: Gesture, name: str, rng: np.random.Generator
-) -> tuple[Noted, Gesture | None]:
+) -> tuple[PlanResult, Gesture | None]:
     by = float(rng.uniform(0.2, 1.5))
     if name == "move":
         to_s = round(old.lands_s + float(rng.uniform(-1.5, 1.5)), 3)
-        return moved(plan, old, to_s), Gesture(old.side, to_s)
+        return move_gesture(plan, old, to_s), Gesture(old.side, to_s)
     if name == "delete":
-        return deleted(plan, old), None
+        return delete_gesture(plan, old), None
     if name == "hand":
         other = SIDES[1 - SIDES.index(old.side)]
         return with_hands(plan, old, other), Gesture(other, old.lands_s)
     if name == "hold":
-        return held(plan, old, by), old
+        return set_hold(plan, old, by), old
     if name == "size":
-        return sized(plan, old, 0.5 + by), old
-    return raised(plan, old, 0.2 * (by - 0.85)), old
+        return scale_gesture(plan, old, 0.5 + by), old
+    return raise_gesture(plan, old, 0.2 * (by - 0.85)), old
 
 
 Answers = defaultdict[str, list[float]]
@@ -232,7 +232,7 @@ def ask_clip(
     (plan,) = draw_conditions(system, speech, options)
     first = perform(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
-    places = wrist_places(tracks)
+    places = wrist_positions_in_chest(tracks)
     answers["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(places, plan)]
 
     def again(changed: GesturePlan) -> KeptPerformance:
@@ -244,7 +244,7 @@ def ask_clip(
         made = again(edited.plan)
         motions.append(made.motion)
         new_tracks = track_points(made.motion, skeleton)
-        new = wrist_places(new_tracks)
+        new = wrist_positions_in_chest(new_tracks)
         if gesture is not None:
             end = round(gesture.lands_s * FPS)
             own = GesturePlan(plan.duration_s).with_hand(
@@ -266,9 +266,9 @@ def ask_clip(
     inside = [g for g in there if 1 < g.lands_s < plan.duration_s - 1]
     for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
         gesture = inside[k]
-        larger = _varied(plan, gesture, SIZES, sized, again)
+        larger = _varied(plan, gesture, SIZES, scale_gesture, again)
         answers["sizes in order"] += _in_order([gesture_size(one, gesture) for one in larger])
-        higher = _varied(plan, gesture, HEIGHTS_M, raised, again)
+        higher = _varied(plan, gesture, HEIGHTS_M, raise_gesture, again)
         answers["heights in order"] += _in_order([_lands_at(one, gesture)[1] for one in higher])
     return motions
 
@@ -292,7 +292,7 @@ def _varied(
     plan: GesturePlan,
     gesture: Gesture,
     values: Sequence[float],
-    change: Callable[[GesturePlan, Gesture, float], Noted],
+    change: Callable[[GesturePlan, Gesture, float], PlanResult],
     again: Callable[[GesturePlan], KeptPerformance],
 ) -> list[Places]:
     """Return wrist positions for each value in turn; empty if the plan rejects one."""
@@ -303,7 +303,7 @@ def _varied(
         except PlanError:
             return []
         tracks = track_points(again(edited.plan).motion, open_body_skeleton())
-        found.append(wrist_places(tracks))
+        found.append(wrist_positions_in_chest(tracks))
     return found
 
 
@@ -324,7 +324,7 @@ def _lands_at(places: Places, gesture: Gesture) -> Float[np.ndarray, " 3"]:
 
 def ask_recording(motion: Motion, plan: GesturePlan, answers: Answers) -> None:
     """Evaluate recorded motion against its annotation."""
-    places = wrist_places(track_points(motion, open_body_skeleton()))
+    places = wrist_positions_in_chest(track_points(motion, open_body_skeleton()))
     answers["recorded: strokes in time"] += _in_time(stroke_lags(places, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
     alone = [moves_alone(places, plan, g) for g in there if 1 < g.lands_s < plan.duration_s - 1]

@@ -22,8 +22,8 @@ from conventions.rates import FPS
 from model.data.recordings import read_split, speaker_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
-from model.motion.tracks import track_points, wrist_places
-from model.plan.detection import WEIGHTS, PhaseNetwork, found_plan, hand_features
+from model.motion.tracks import track_points, wrist_positions_in_chest
+from model.plan.detection import WEIGHTS, PhaseNetwork, hand_features, plan_from_motion
 from model.plan.files import annotated_plan
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
 from model.storage.files import written_atomically
@@ -169,7 +169,7 @@ def fit(folder: Path, names: Sequence[str], out: Path) -> None:
 
 def _recorded(folder: Path, name: str):
     tracks = track_points(load_motion(folder / f"smplxflame_30/{name}.npz"), open_body_skeleton())
-    return annotated_plan(folder / f"textgrid/{name}.TextGrid"), wrist_places(tracks)
+    return annotated_plan(folder / f"textgrid/{name}.TextGrid"), wrist_positions_in_chest(tracks)
 
 
 def _states(phases: Sequence[HandPhase], num_frames: int) -> Int[np.ndarray, " T"]:
@@ -237,7 +237,7 @@ def finding(folder: Path, clips: int | None, fits: bool) -> Iterator[dict[str, d
     for name in [name for name, of in split.items() if of == "test"][:clips]:
         motion = load_motion(folder / f"smplxflame_30/{name}.npz")
         told = annotated_plan(folder / f"textgrid/{name}.TextGrid")
-        counts = agreement(found_plan(motion, open_body_skeleton()), told)
+        counts = agreement(plan_from_motion(motion, open_body_skeleton()), told)
         for question, one in counts.items():
             total[question] += one
         speakers[speaker_of(name)[1]] += counts["strokes"]

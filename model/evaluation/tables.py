@@ -135,7 +135,7 @@ def _cell(columns: dict[str, dict], measure: str) -> str:
 def as_markdown(table: dict) -> str:
     """Format the table as Markdown, with systems in columns so that they stay narrow."""
     rows = table["motion"]
-    heads = [f"{len(table['clips'])} test clips", *map(escaping.markdown, rows)]
+    heads = [f"{len(table['clips'])} test clips", *map(escaping.escape_markdown, rows)]
     cells = [
         [heading, *(_cell(columns, measure) for columns in rows.values())]
         for measure, heading in COLUMNS.items()
@@ -173,11 +173,11 @@ def as_latex(table: dict) -> str:
     lines = [
         r"\begin{tabular}{l" + "r" * len(rows) + "}",
         r"\hline",
-        " & ".join(["", *map(escaping.tex, rows)]) + r" \\",
+        " & ".join(["", *map(escaping.escape_latex, rows)]) + r" \\",
         r"\hline",
     ]
     for measure, heading in COLUMNS.items():
         if any(measure in columns for columns in rows.values()):
             cells = [_cell(columns, measure) for columns in rows.values()]
-            lines.append(" & ".join([escaping.tex(heading), *cells]) + r" \\")
+            lines.append(" & ".join([escaping.escape_latex(heading), *cells]) + r" \\")
     return "\n".join([*lines, r"\hline", r"\end{tabular}", ""])

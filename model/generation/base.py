@@ -20,7 +20,7 @@ from model.motion.packing import Normaliser
 from model.motion.rotations import interpolate_rotations
 from model.motion.spaces import RootMotion, RotationSpace
 from model.plan.annotation_files import Interval
-from model.sampling.flow import SpeechGuide, seeded_noise
+from model.sampling.flow import ClassifierFreeGuidance, seeded_noise
 from model.sampling.samplers import Sampler, Sampling, UnknownNameError
 from model.speech.encoder import SpeechEncoder
 from model.storage.cards import Card
@@ -116,9 +116,9 @@ class Draw:
         """Key of random numbers for the first sample that are independent of windows."""
         return self.seed, self.first_sample
 
-    def guide(self, normaliser: Normaliser, space: RotationSpace) -> SpeechGuide:
+    def guide(self, normaliser: Normaliser, space: RotationSpace) -> ClassifierFreeGuidance:
         """Return the classifier-free guidance for a network of such motion."""
-        return SpeechGuide(self.guidance, normaliser, space)
+        return ClassifierFreeGuidance(self.guidance, normaliser, space)
 
     def noise(self, shape: tuple[int, ...], *step: int) -> Float[Tensor, "samples ..."]:
         """Draw standard normal noise, the same for all systems and batches of any size."""

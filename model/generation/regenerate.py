@@ -23,7 +23,7 @@ from model.generation.windows import (
     draw_of,
     one_thread,
 )
-from model.motion.motion import Motion, put_together
+from model.motion.motion import Motion, concatenate
 from model.motion.rotations import interpolate_rotations
 from model.speech.audio import Speech
 from model.storage.files import written_atomically
@@ -115,7 +115,7 @@ def perform(
                 pieces += told.go_on(joined.part(slice(length)))
                 left -= length
                 on_piece(pieces[-1])
-    motion = put_together(pieces)
+    motion = concatenate(pieces)
     followed = {} if follower is None else follower.kept()
     (condition,) = options.conditions
     return KeptPerformance(motion, condition, tuple(_runs(fresh)), tuple(made), heard, followed)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from model.generation.base import Draw, Follower, SpeechWindow, System, Window, num_windows
 from model.motion.kinematics import local_from_global
-from model.motion.motion import ExpressionBasis, Motion, put_together
+from model.motion.motion import ExpressionBasis, Motion, concatenate
 from model.motion.packing import root_positions
 from model.motion.rotations import axis_angle_from_matrix
 from model.plan.annotation_files import Interval
@@ -92,7 +92,7 @@ def generate_motion(
         for piece in motion_pieces(system, speech, options, should_cancel):
             for sample, motion in enumerate(piece.motions, start=piece.first_sample):
                 found.setdefault(sample, []).append(motion)
-    return [put_together(found[sample]) for sample in range(options.samples)]
+    return [concatenate(found[sample]) for sample in range(options.samples)]
 
 
 def generation_ms(system: System, speech: Speech, steps: int, samples: int = 1) -> float:

@@ -22,7 +22,7 @@ from scipy.signal import argrelextrema
 
 from conventions.joints import NUM_JOINTS, UPPER_BODY
 from conventions.rates import FPS, SAMPLE_RATE
-from model.speech.librosa_cache import librosa
+from model.speech.librosa_cache import load_librosa
 from model.storage.npz import MotionError
 
 ONSET_HOP = 512
@@ -39,7 +39,7 @@ MAX_SPEEDS_BYTES = 64 * 1024
 
 def speech_onsets(waveform: Float[np.ndarray, " N"]) -> Float[np.ndarray, " onsets"]:
     """Return the times (s) of the onsets; none in silence."""
-    return librosa().onset.onset_detect(
+    return load_librosa().onset.onset_detect(
         y=waveform, sr=SAMPLE_RATE, hop_length=ONSET_HOP, units="time"
     )
 

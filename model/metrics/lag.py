@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
 from model.motion.motion import Motion, first_frames
-from model.speech.librosa_cache import librosa
+from model.speech.librosa_cache import load_librosa
 
 Ground = Literal["face", "body", "unknown"]
 MOST_LAG_FRAMES = 3 * FPS
@@ -76,7 +76,7 @@ def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"
     count = len(waveform) * FPS // SAMPLE_RATE
     padded = np.pad(np.asarray(waveform, np.float32), (_WINDOW // 2, _WINDOW))
     starts = np.round((np.arange(count) + 0.5) * hop).astype(int)
-    filters = librosa().filters.mel(sr=SAMPLE_RATE, n_fft=_FFT, n_mels=BANDS, fmin=_LOWEST_HZ)
+    filters = load_librosa().filters.mel(sr=SAMPLE_RATE, n_fft=_FFT, n_mels=BANDS, fmin=_LOWEST_HZ)
     taper = np.hanning(_WINDOW)
     power = np.empty((count, BANDS), np.float32)
     for first in range(0, count, 1000):

@@ -90,7 +90,7 @@ class Motion:
         return matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
 
 
-def put_together(parts: Sequence[Motion]) -> Motion:
+def concatenate(parts: Sequence[Motion]) -> Motion:
     """Concatenate consecutive motions of one body."""
     first = parts[0]
     poses, trans, expressions = (

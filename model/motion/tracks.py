@@ -91,7 +91,9 @@ OUTWARD: dict[Literal["left", "right"], tuple[float, float, float]] = {
 """Signs by which the chest's axes turn into outwards, up and forwards for each side."""
 
 
-def wrist_places(tracks: Tracks) -> dict[Literal["left", "right"], Float[np.ndarray, "T 3"]]:
+def wrist_positions_in_chest(
+    tracks: Tracks,
+) -> dict[Literal["left", "right"], Float[np.ndarray, "T 3"]]:
     """Compute wrist positions in the chest's frame (m): to the hand's side, up, forwards."""
     chest = JOINT_INDEX["spine3"]
     turned = tracks.global_rot[:, chest].astype(np.float64)

@@ -311,4 +311,4 @@ class PriorNetwork(ConditionedNetwork):
         if expression is not None:
             body = torch.cat([known, shown(expression, has_speech)], dim=-1)
         unit = self.branch(x_t, body, tokens, seed, has_seed, self.condition(t, speaker))
-        return known + self.prior.shaped(unit.to(known.dtype), t, has_seed)
+        return known + self.prior.scale_by_posterior(unit.to(known.dtype), t, has_seed)

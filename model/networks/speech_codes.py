@@ -19,7 +19,7 @@ from conventions.rates import FPS
 from model.motion.packing import Normaliser
 from model.networks.trained import Trained
 from model.speech.audio import Speech
-from model.speech.encoder import PHONES, SPEECH_ENCODER, TOLD, CodesConfig
+from model.speech.encoder import PHONES, SPEECH_ENCODER, SPEECH_LABELS, CodesConfig
 from model.speech.features import MelEncoder
 from model.speech.transcript import Accent
 
@@ -33,7 +33,7 @@ class SpeechReading:
     phone: Float[Tensor, "B T phones"]
     """Logits of the phones; the first is no phone."""
     told: Float[Tensor, "B T told"]
-    """Predictions of `TOLD`: logits, but for strength and speed."""
+    """Predictions of `SPEECH_LABELS`: logits, but for strength and speed."""
 
 
 class CodesNetwork(nn.Module):
@@ -52,7 +52,7 @@ class CodesNetwork(nn.Module):
         self.norm = nn.LayerNorm(width)
         self.code = nn.Linear(width, config.codes)
         self.phone = nn.Linear(config.codes, 1 + len(PHONES))
-        self.told = nn.Linear(config.codes, len(TOLD))
+        self.told = nn.Linear(config.codes, len(SPEECH_LABELS))
 
     def codes(self, speech: Float[Tensor, "B T speech_dim"]) -> Float[Tensor, "B T codes"]:
         """Compute codes (-1 to 1) of normalised features; convolutions are padded with zeros."""
@@ -62,7 +62,7 @@ class CodesNetwork(nn.Module):
         return torch.tanh(self.code(self.norm(x)))
 
     def forward(self, speech: Float[Tensor, "B T speech_dim"]) -> SpeechReading:
-        """Predict phones and `TOLD` from the codes of normalised features."""
+        """Predict phones and `SPEECH_LABELS` from the codes of normalised features."""
         codes = self.codes(speech)
         return SpeechReading(self.phone(codes), self.told(codes))
 
@@ -111,8 +111,8 @@ def heard_accents(speech: Speech, folder: Path) -> tuple[Accent, ...]:
 def _accents(codes: SpeechCodes, speech: Speech) -> tuple[Accent, ...]:
     features = torch.from_numpy(MelEncoder().encode(speech.waveform, speech.num_frames))
     told = codes.network(codes.normaliser.normalise(features[None])).told[0]
-    likely = torch.sigmoid(told[:, TOLD.index("accent")]).numpy()
-    strength = told[:, TOLD.index("strength")].numpy()
+    likely = torch.sigmoid(told[:, SPEECH_LABELS.index("accent")]).numpy()
+    strength = told[:, SPEECH_LABELS.index("strength")].numpy()
     peaks, _ = find_peaks(likely, height=SURE, distance=LEAST_APART)
     return tuple(
         Accent(round((int(k) + 0.5) / FPS, 4), round(float(np.clip(strength[k], 0, 1)), 3))

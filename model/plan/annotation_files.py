@@ -82,7 +82,7 @@ def is_textgrid(text: str) -> bool:
     return "ooTextFile" in text[:200] and "TextGrid" in text[:200]
 
 
-def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[NamedTier], float]:
+def parse_textgrid(text: str, name: str, error: type[ValueError]) -> tuple[list[NamedTier], float]:
     """Parse the tiers of a TextGrid with all rows, and its duration (s); missing numbers are nan.
 
     Raises:
@@ -139,7 +139,9 @@ def textgrid_tiers(text: str, name: str, error: type[ValueError]) -> tuple[list[
     return tiers, length
 
 
-def textgrid_of(tiers: Sequence[NamedTier], duration_s: float, end_s: float | None = None) -> str:
+def format_textgrid(
+    tiers: Sequence[NamedTier], duration_s: float, end_s: float | None = None
+) -> str:
     """Format tiers in Praat's long text format, with empty intervals in gaps up to ``end_s``."""
     end_s = end_s or duration_s
     lines = [

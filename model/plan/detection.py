@@ -23,18 +23,18 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.kinematics import RestSkeleton, face_unit_names
 from model.motion.motion import Motion
-from model.motion.tracks import Tracks, track_points, wrist_places
+from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest
 from model.plan.plan import (
     PHASES,
     SIDES,
     Blink,
     Brow,
+    FootContact,
     Gaze,
     GesturePlan,
     HandPhase,
     Leg,
     Nod,
-    Planted,
     Side,
     Smile,
     Stand,
@@ -58,13 +58,13 @@ LEAST_LOOK_S, LEAST_STAND_S, LEAST_SMILE_S, LEAST_BEAT_S = 0.15, 0.4, 0.4, 0.12
 _MOST_M = 0.99
 
 
-def found_plan(motion: Motion, skeleton: RestSkeleton) -> GesturePlan:
+def plan_from_motion(motion: Motion, skeleton: RestSkeleton) -> GesturePlan:
     """Detect hand phases and events of head, face and legs; gestures have no kinds or words.
 
     What the motion does not have (face, moving eyes) is not detected.
     """
     tracks = track_points(motion, skeleton)
-    places = wrist_places(tracks)
+    places = wrist_positions_in_chest(tracks)
     hands = {
         side: tuple(hand_phases(places[side], places[SIDES[1 - SIDES.index(side)]]))
         for side in SIDES
@@ -293,10 +293,10 @@ def _stands(tracks: Tracks) -> Iterator[Stand]:
         at = stop
 
 
-def _planted(tracks: Tracks, side: Side) -> Iterator[Planted]:
+def _planted(tracks: Tracks, side: Side) -> Iterator[FootContact]:
     foot = gaussian_filter1d(tracks.joints[:, JOINT_INDEX[f"{side}_ankle"]], 1.0, axis=0)
     if len(foot) < 2:
         return
     speed = np.linalg.norm(np.gradient(foot, axis=0), axis=1) * FPS
     for first, stop in _spans(speed < STEP_M_S, 0.0):
-        yield Planted(first / FPS, stop / FPS, side)
+        yield FootContact(first / FPS, stop / FPS, side)

@@ -14,7 +14,7 @@ from typing import Literal
 
 from model.plan.annotation_files import Interval
 from model.plan.kinds import (
-    BY_BOTH,
+    BIMANUAL_TOLERANCE_S,
     HOLD_S,
     LANDS_AT,
     LEAST_REST_S,
@@ -23,7 +23,7 @@ from model.plan.kinds import (
     REST_PLACE,
     RETRACTION_S,
     STROKE_S,
-    TOGETHER_S,
+    TWO_HANDED_KINDS,
     Place,
     Stroke,
     ready_for,
@@ -39,9 +39,9 @@ from model.plan.plan import (
     HandPhase,
     Moment,
     Nod,
-    Noted,
     Phase,
     PlanError,
+    PlanResult,
     Side,
     Smile,
     Span,
@@ -90,15 +90,17 @@ def _phases(plan: GesturePlan, side: Side) -> list[HandPhase]:
 
 def gestures(plan: GesturePlan, side: Side) -> tuple[Gesture, ...]:
     """Return the gestures of a hand in order of time."""
-    return tuple(Gesture(side, s.lands.end_s) for s in strokes_of(plan) if s.side == side)
+    return tuple(Gesture(side, s.last_stroke.end_s) for s in strokes_of(plan) if s.side == side)
 
 
-def on_word(word: Interval) -> float:
+def stroke_time_on_word(word: Interval) -> float:
     """Return the default time of the end of a stroke on a word."""
     return word.start_s + LANDS_AT * (word.end_s - word.start_s)
 
 
-def moved(plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None = None) -> Noted:
+def move_gesture(
+    plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None = None
+) -> PlanResult:
     """Move a gesture in time, so that its last stroke ends at ``lands_s``.
 
     Args:
@@ -112,15 +114,15 @@ def moved(plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None 
     return _laid(plan, gesture.side, phases, block, lands_s)
 
 
-def deleted(plan: GesturePlan, gesture: Gesture) -> Noted:
+def delete_gesture(plan: GesturePlan, gesture: Gesture) -> PlanResult:
     """Delete a gesture; the hand stays as it was before it."""
     phases, _ = _taken_out(plan, gesture)
-    return Noted(plan.with_hand(gesture.side, tuple(phases)))
+    return PlanResult(plan.with_hand(gesture.side, tuple(phases)))
 
 
-def added(
+def add_gesture(
     plan: GesturePlan, kind: str, lands_s: float, hands: Hands | None = None, word: str = ""
-) -> Noted:
+) -> PlanResult:
     """Add a gesture of the palette with a stroke that ends at ``lands_s``.
 
     Args:
@@ -128,7 +130,7 @@ def added(
     """
     if kind not in PLACES:
         raise PlanError(f"There is no gesture {kind[:40]!r}; choose one of {', '.join(PLACES)}.")
-    hands = hands or ("both" if kind in BY_BOTH else "right")
+    hands = hands or ("both" if kind in TWO_HANDED_KINDS else "right")
     goal = usual_place(kind)
     strikes_s = lands_s - STROKE_S
     block = [
@@ -139,7 +141,7 @@ def added(
     return _on_hands(plan, _sides(hands), block, lands_s)
 
 
-def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Noted:
+def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> PlanResult:
     """Transfer a gesture to other hands, and delete it from its present ones."""
     phases, block = _taken_out(plan, gesture)
     plan = plan.with_hand(gesture.side, tuple(phases))
@@ -149,7 +151,7 @@ def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> Noted:
     return _on_hands(plan, _sides(hands), block, gesture.lands_s)
 
 
-def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Noted:
+def set_hold(plan: GesturePlan, gesture: Gesture, hold_s: float) -> PlanResult:
     """Set the length of the hold at the end of a gesture; 0 removes it."""
     if not 0 <= hold_s < math.inf:
         raise PlanError(f"A hold lasts 0 s or longer; got {hold_s:g} s.")
@@ -168,7 +170,7 @@ def held(plan: GesturePlan, gesture: Gesture, hold_s: float) -> Noted:
     return edited
 
 
-def sized(plan: GesturePlan, gesture: Gesture, size: float) -> Noted:
+def scale_gesture(plan: GesturePlan, gesture: Gesture, size: float) -> PlanResult:
     """Scale a gesture's goals about the rest position by a factor."""
     if not 0.1 <= size <= 4:
         raise PlanError(f"A size is .1 to 4 times as large; got {size:g}.")
@@ -180,14 +182,14 @@ def sized(plan: GesturePlan, gesture: Gesture, size: float) -> Noted:
     return _with_goals(plan, gesture, grown)
 
 
-def raised(plan: GesturePlan, gesture: Gesture, by_m: float) -> Noted:
+def raise_gesture(plan: GesturePlan, gesture: Gesture, by_m: float) -> PlanResult:
     """Raise or lower a gesture by metres."""
     if not abs(by_m) <= 1:
         raise PlanError(f"A gesture is at most 1 m higher or lower; got {by_m:g} m.")
     return _with_goals(plan, gesture, lambda goal: (goal[0], goal[1] + by_m, goal[2]))
 
 
-def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Noted:
+def speed_up_gesture(plan: GesturePlan, gesture: Gesture, speed: float) -> PlanResult:
     """Change the speed of preparation and strokes by a factor; the strokes' end stays."""
     if not 0.2 <= speed <= 5:
         raise PlanError(f"A speed is .2 to 5 times as fast; got {speed:g}.")
@@ -206,7 +208,7 @@ def hastened(plan: GesturePlan, gesture: Gesture, speed: float) -> Noted:
     return replace(edited, notes=(*notes, *edited.notes))
 
 
-def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> Noted:
+def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> PlanResult:
     """Move the end of a hand's phase from ``end_s`` to ``at_s``, or as near to that as possible.
 
     A hold without time left to retract lasts until the next gesture. If a gesture now ends early
@@ -241,7 +243,7 @@ def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> Noted:
         changed[k], changed[k + 1] = replace(one, end_s=to_s), replace(then, start_s=to_s)
     if why and abs(changed[k].end_s - one.end_s) < SAME_S:
         raise PlanError(why)
-    return Noted(plan.with_hand(side, tuple(changed)), (why,) if why else ())
+    return PlanResult(plan.with_hand(side, tuple(changed)), (why,) if why else ())
 
 
 def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
@@ -256,7 +258,8 @@ def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
     near = [
         phase.end_s
         for phase in filled.hand(partner.side)[theirs.first : theirs.last + 1]
-        if phase.phase == filled.hand(side)[k].phase and abs(phase.end_s - end_s) < TOGETHER_S
+        if phase.phase == filled.hand(side)[k].phase
+        and abs(phase.end_s - end_s) < BIMANUAL_TOLERANCE_S
     ]
     return min(near, key=lambda at: abs(at - end_s), default=None)
 
@@ -315,7 +318,7 @@ _LISTS: dict[type, str] = {
 }  # fmt: skip
 
 
-def with_event(plan: GesturePlan, event: Span | Moment) -> Noted:
+def with_event(plan: GesturePlan, event: Span | Moment) -> PlanResult:
     """Add a nod, gaze, brow, smile, blink or stance; a span replaces what it overlaps."""
     name, start_s, end_s = _LISTS[type(event)], event.start_s, event.end_s
     if not 0 <= start_s <= end_s <= plan.duration_s:
@@ -334,7 +337,7 @@ def with_event(plan: GesturePlan, event: Span | Moment) -> Noted:
             if from_s < to_s
         ]
     in_time = sorted((*events, event), key=lambda one: one.start_s)
-    return Noted(replace(plan, **{name: tuple(in_time)}))
+    return PlanResult(replace(plan, **{name: tuple(in_time)}))
 
 
 def _sides(hands: Hands) -> tuple[Side, ...]:
@@ -344,21 +347,23 @@ def _sides(hands: Hands) -> tuple[Side, ...]:
 def _found(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
     """Return the plan's stroke of a gesture, within a hundredth of a second."""
     own = (stroke for stroke in strokes_of(plan) if stroke.side == gesture.side)
-    off = {abs(stroke.lands.end_s - gesture.lands_s): stroke for stroke in own}
+    off = {abs(stroke.last_stroke.end_s - gesture.lands_s): stroke for stroke in own}
     return off[min(off)] if off and min(off) < SAME_S else None
 
 
 def _gesture_with(plan: GesturePlan, side: Side, phase: HandPhase) -> Gesture | None:
     for stroke in strokes_of(plan):
         if stroke.side == side and phase in plan.hand(side)[stroke.first : stroke.last + 1]:
-            return Gesture(side, stroke.lands.end_s)
+            return Gesture(side, stroke.last_stroke.end_s)
     return None
 
 
 def partner_of(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
     """Return the other hand's gesture with a stroke that ends at the same time."""
     other = SIDES[1 - SIDES.index(gesture.side)]
-    near = [g for g in gestures(plan, other) if abs(g.lands_s - gesture.lands_s) < TOGETHER_S]
+    near = [
+        g for g in gestures(plan, other) if abs(g.lands_s - gesture.lands_s) < BIMANUAL_TOLERANCE_S
+    ]
     return near[0] if near else None
 
 
@@ -404,8 +409,8 @@ def _merged(phases: Sequence[HandPhase]) -> list[HandPhase]:
 
 def _on_hands(
     plan: GesturePlan, sides: Sequence[Side], block: Sequence[HandPhase], lands_s: float
-) -> Noted:
-    done = Noted(plan)
+) -> PlanResult:
+    done = PlanResult(plan)
     for side in sides:
         done = done.then(lambda new, on=side: _laid(new, on, _phases(new, on), block, lands_s))
     return done
@@ -417,7 +422,7 @@ def _laid(
     phases: Sequence[HandPhase],
     block: Sequence[HandPhase],
     lands_s: float,
-) -> Noted:
+) -> PlanResult:
     """Insert a gesture into a hand's phases, in place of rests, holds and retractions only."""
     notes: list[str] = []
     body = [one for one in block if one.phase != "preparation"]
@@ -455,7 +460,7 @@ def _laid(
     later = [] if until_s is None else [one for one in phases if one.start_s >= until_s - _TINY_S]
     ending = _ending(phases, body, plan.duration_s if until_s is None else until_s)
     new = _merged([*_until(phases, body[0].start_s), *ending, *later])
-    return Noted(plan.with_hand(side, tuple(new)), (*notes, *mended))
+    return PlanResult(plan.with_hand(side, tuple(new)), (*notes, *mended))
 
 
 def _preparation(
@@ -510,7 +515,7 @@ def _back_to_rest(
     return HandPhase(from_s, back_s, "retraction", goal), rest
 
 
-def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Place]) -> Noted:
+def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Place]) -> PlanResult:
     phases, block = _taken_out(plan, gesture)
     changed = [replace(one, goal=new(one.goal)) for one in block]
     return _laid(plan, gesture.side, phases, changed, gesture.lands_s)

@@ -25,8 +25,8 @@ from model.plan.annotation_files import (
     decode_text,
     elan_of,
     elan_tiers,
-    textgrid_of,
-    textgrid_tiers,
+    format_textgrid,
+    parse_textgrid,
 )
 from model.plan.kinds import REST_PLACE, Place, usual_goal
 from model.plan.plan import (
@@ -35,23 +35,23 @@ from model.plan.plan import (
     SIDES,
     Blink,
     Brow,
+    FootContact,
     Gaze,
     GesturePlan,
     HandPhase,
     Moment,
     Nod,
-    Noted,
     Phase,
     PlanError,
-    Planted,
+    PlanResult,
     Side,
     Smile,
     Span,
     Stand,
 )
 from model.storage.escaping import csv_text
-from model.storage.files import bytes_within, write_atomically
-from model.storage.json_validation import FieldError, checked
+from model.storage.files import read_capped, write_atomically
+from model.storage.json_validation import FieldError, parse_json
 
 PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
 _SAME_MOMENT_S = 0.5 / FPS
@@ -151,7 +151,7 @@ _Rows = defaultdict[tuple[str, str], list[Interval]]
 """Rows by content and by hand or foot; "" for the whole body."""
 
 
-def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
+def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
     """Convert tiers to a plan by their names: ours, or others that mention hands and phases.
 
     Raises:
@@ -231,9 +231,9 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> Noted:
         tuple(Smile(r.start_s, r.end_s, _first(r, USUAL_SMILE)) for r in in_time("smile")),
         tuple(Blink(r.middle_s) for r in in_time("blinks")),
         tuple(_stand(r) for r in in_time("weight")),
-        tuple(Planted(r.start_s, r.end_s, side) for side in SIDES for r in rows["foot", side]),
+        tuple(FootContact(r.start_s, r.end_s, side) for side in SIDES for r in rows["foot", side]),
     )
-    return Noted(plan, tuple(notes))
+    return PlanResult(plan, tuple(notes))
 
 
 def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
@@ -376,24 +376,24 @@ ENDINGS = (".json", ".TextGrid", ".eaf")
 MAX_BYTES = 16 * 2**20
 
 
-def read_plan_file(path: Path) -> Noted:
+def read_plan_file(path: Path) -> PlanResult:
     """Read a plan with notes on how it was read.
 
     Raises:
         PlanError: if the file is missing, too large, or holds no plan; one sentence.
     """
-    return plan_in(bytes_within(path, MAX_BYTES, PlanError), path.name)
+    return plan_in(read_capped(path, MAX_BYTES, PlanError), path.name)
 
 
-def plan_in(data: bytes, file: str) -> Noted:
+def plan_in(data: bytes, file: str) -> PlanResult:
     """Parse a plan from the bytes of a file with that name, see `read_plan_file`."""
     ending = Path(file).suffix.lower()
     if ending not in (".textgrid", ".eaf"):
-        return Noted(_of_json(data, file))
+        return PlanResult(_of_json(data, file))
     tiers, duration_s, notes = (elan_tiers if ending == ".eaf" else _grid_tiers)(data, file)
     try:
         read = plan_of_tiers(tiers, duration_s)
-        return Noted(read.plan, (*notes, *read.notes))
+        return PlanResult(read.plan, (*notes, *read.notes))
     except PlanError as error:
         raise PlanError(f"{file}: {error}") from None
 
@@ -408,7 +408,7 @@ def _of_json(data: bytes, file: str) -> GesturePlan:
     # No file of text holds half a character, which JSON can spell.
     text = json.dumps(told, ensure_ascii=False).encode("utf-8", "replace")
     try:
-        return checked(text, GesturePlan)
+        return parse_json(text, GesturePlan)
     except FieldError as error:
         raise PlanError(f"{file} cannot be used: {error}.") from None
 
@@ -419,7 +419,7 @@ def annotated_plan(path: Path) -> GesturePlan:
     Raises:
         PlanError: if it lacks the gestures of a hand or their goals.
     """
-    tiers, duration_s, _ = _grid_tiers(bytes_within(path, MAX_BYTES, PlanError), path.name)
+    tiers, duration_s, _ = _grid_tiers(read_capped(path, MAX_BYTES, PlanError), path.name)
     there = {tier.name for tier in tiers}
     for name in (f"{what}_{side}" for side in SIDES for what in (PHASE_TIER, GOAL_TIER)):
         if name not in there:
@@ -430,7 +430,7 @@ def annotated_plan(path: Path) -> GesturePlan:
 def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
     """Parse the tiers of a TextGrid without empty intervals, its duration, and notes."""
     text, notes = decode_text(data, file, PlanError)
-    tiers, duration_s = textgrid_tiers(text, file, PlanError)
+    tiers, duration_s = parse_textgrid(text, file, PlanError)
     if not tiers:
         raise PlanError(f"{file} has no tier at all.")
     if not 0 < duration_s < 1e6:
@@ -481,7 +481,7 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
     else:
         tiers = tiers_of(plan, for_praat=True)
         end_s = max(plan.duration_s, *(row.end_s for tier in tiers for row in tier.rows), 0.0)
-        text = textgrid_of(tiers, plan.duration_s, end_s)
+        text = format_textgrid(tiers, plan.duration_s, end_s)
     write_atomically(path, text)
 
 

@@ -51,7 +51,7 @@ PLACES: Mapping[str, Place] = MappingProxyType({
     "wow": (0.24, 0.31, 0.25), "you": (0.17, 0.01, 0.41), "you_open": (0.19, -0.08, 0.41),
 })  # fmt: skip
 """Usual stroke end of each kind (medians in the corpus's annotation): out, up, forward."""
-BY_BOTH = frozenset({
+TWO_HANDED_KINDS = frozenset({
     "all", "big", "carry", "cup_both", "drive", "frame", "item", "long", "no", "open_up", "present",
     "quote", "roll", "round", "shrug", "small_both", "together", "weigh", "wow",
 })  # fmt: skip
@@ -92,7 +92,7 @@ def _moved(place: Place, by: Place) -> Place:
 
 FOLLOWING = "follow"
 """Kind of small beats of the hand that does not make the gesture."""
-TOGETHER_S = 0.15
+BIMANUAL_TOLERANCE_S = 0.15
 """Largest time between strokes of both hands that count as one gesture (s)."""
 BEFORE_WORD_S, AFTER_WORD_S = 0.25, 0.15
 """Tolerance for the end of a stroke before a word's start, and after its end (s)."""
@@ -121,8 +121,8 @@ class Stroke:
     """Index of its first phase among the hand's."""
     last: int
     """Index of its last phase."""
-    lands: HandPhase
-    both: bool = False
+    last_stroke: HandPhase
+    is_bimanual: bool = False
     """True if the other hand's stroke ends at the same time."""
 
 
@@ -163,13 +163,13 @@ class KindTable:
         for plan, speaker in plans:
             kinds |= {phase.kind for side in SIDES for phase in plan.hand(side)}
             for stroke in strokes_of(plan):
-                kind, word = stroke.lands.kind, stroke.lands.word
+                kind, word = stroke.last_stroke.kind, stroke.last_stroke.word
                 counts[speaker][kind] += 1
-                goals[kind].append(stroke.lands.goal)
-                both[kind] += stroke.both
+                goals[kind].append(stroke.last_stroke.goal)
+                both[kind] += stroke.is_bimanual
                 if word:
                     on_word[word][kind] += 1
-                    landed[word] += 1 if stroke.both else 2
+                    landed[word] += 1 if stroke.is_bimanual else 2
         names = tuple(sorted(kinds - {""}))
         total = sum(counts.values(), Counter())
         usual = np.array([total[n] + 0.5 * (n in goals) for n in names], float)
@@ -191,7 +191,7 @@ class KindTable:
             {word: min(1.0, landed[word] / 2 / said[word]) for word in calls if word in said},
         )
 
-    def place(self, kind: str) -> int:
+    def index_of(self, kind: str) -> int:
         """Return the number of a kind, from 1; 0 for none or an unknown one."""
         return self.names.index(kind) + 1 if kind in self.names else 0
 
@@ -237,7 +237,7 @@ class KindTable:
         struck = {word: share for word, share in often if share > 0}
         return KindTable(names, by_speaker, goal, spread, both, calls, struck)
 
-    def drawn(
+    def sample_kinds(
         self,
         plan: GesturePlan,
         speaker: int,
@@ -251,10 +251,10 @@ class KindTable:
         """
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
-        for stroke in sorted(strokes_of(plan), key=lambda one: one.lands.end_s):
-            lands = stroke.lands
+        for stroke in sorted(strokes_of(plan), key=lambda one: one.last_stroke.end_s):
+            lands = stroke.last_stroke
             word = _word_at(words, lands.end_s)
-            partner = self.partner(landed, lands.end_s) if stroke.both else ""
+            partner = self.partner(landed, lands.end_s) if stroke.is_bimanual else ""
             called = partner or self._called(word, rng)
             kind = called or self.likely(stroke, speaker, rng)
             landed[lands.end_s] = kind
@@ -314,15 +314,17 @@ class KindTable:
     @staticmethod
     def partner(landed: Mapping[float, str], lands_s: float) -> str:
         """Return the kind of the gesture that ends together with this one, or ""."""
-        return next((kind for at, kind in landed.items() if abs(at - lands_s) < TOGETHER_S), "")
+        return next(
+            (kind for at, kind in landed.items() if abs(at - lands_s) < BIMANUAL_TOLERANCE_S), ""
+        )
 
     def likely(self, stroke: Stroke, speaker: int, rng: np.random.Generator) -> str:
         """Draw a kind by a gesture's goal and its speaker."""
-        off = (np.asarray(stroke.lands.goal) - self.goal) / self.spread
+        off = (np.asarray(stroke.last_stroke.goal) - self.goal) / self.spread
         score = np.log(self.by_speaker[speaker].clip(1e-9)) - np.log(self.spread).sum(1)
         score -= 0.5 * (off**2).sum(1)
         both = self.both.clip(1e-3, 1 - 1e-3)
-        score += np.log(both if stroke.both else 1 - both)
+        score += np.log(both if stroke.is_bimanual else 1 - both)
         share = np.exp(score - score.max())
         return self.names[int(rng.choice(len(share), p=share / share.sum()))]
 
@@ -364,13 +366,17 @@ def strokes_of(plan: GesturePlan) -> list[Stroke]:
                 k += 1
             if lands < len(phases) and phases[lands].phase == "stroke":
                 found.append(Stroke(side, first, k - 1, phases[lands]))
-    ends = {side: np.array([s.lands.end_s for s in found if s.side == side]) for side in SIDES}
+    ends = {
+        side: np.array([s.last_stroke.end_s for s in found if s.side == side]) for side in SIDES
+    }
 
     def meets(stroke: Stroke) -> bool:
         other = ends[SIDES[1 - SIDES.index(stroke.side)]]
-        return bool(len(other) and np.abs(other - stroke.lands.end_s).min() < TOGETHER_S)
+        return bool(
+            len(other) and np.abs(other - stroke.last_stroke.end_s).min() < BIMANUAL_TOLERANCE_S
+        )
 
-    return [replace(stroke, both=meets(stroke)) for stroke in found]
+    return [replace(stroke, is_bimanual=meets(stroke)) for stroke in found]
 
 
 def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
@@ -380,7 +386,7 @@ def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.n
         for phase in plan.hand(side):
             ends_s = phase.start_s, phase.end_s
             first, stop = (max(0, int(np.ceil(end_s * FPS - 0.5))) for end_s in ends_s)
-            kinds[first:stop, column] = table.place(phase.kind)
+            kinds[first:stop, column] = table.index_of(phase.kind)
     return kinds
 
 

@@ -133,7 +133,7 @@ class Stand(Span):
 
 
 @dataclass(frozen=True)
-class Planted(Span):
+class FootContact(Span):
     """A foot that does not move."""
 
     foot: Side
@@ -152,7 +152,7 @@ class GesturePlan(_FromJson):
     smiles: tuple[Smile, ...] = ()
     blinks: tuple[Blink, ...] = ()
     stands: tuple[Stand, ...] = ()
-    planted: tuple[Planted, ...] = ()
+    planted: tuple[FootContact, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the plan.
@@ -225,13 +225,13 @@ class GesturePlan(_FromJson):
 
 
 @dataclass(frozen=True)
-class PlannedAhead:
+class StreamedPlan:
     """A plan around some frames of live speech."""
 
     condition: GesturePlan
     """Plan with second 0 at the frame ``origin``; earlier events have negative times."""
     origin: int
-    planted: tuple[Planted, ...]
+    planted: tuple[FootContact, ...]
     """Foot contacts from the first frame of all on."""
 
 
@@ -253,16 +253,16 @@ def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, 
 
 
 @dataclass(frozen=True)
-class Noted:
+class PlanResult:
     """A plan that was read or changed, with notes for the user, such as corrections."""
 
     plan: GesturePlan
     notes: tuple[str, ...] = ()
 
-    def then(self, change: Callable[[GesturePlan], Noted]) -> Noted:
+    def then(self, change: Callable[[GesturePlan], PlanResult]) -> PlanResult:
         """Apply a further change and combine the notes, each sentence once."""
         done = change(self.plan)
-        return Noted(done.plan, tuple(dict.fromkeys((*self.notes, *done.notes))))
+        return PlanResult(done.plan, tuple(dict.fromkeys((*self.notes, *done.notes))))
 
 
 def _check(name: str, event: Any) -> None:

@@ -23,11 +23,11 @@ from model.plan.plan import (
     STILL,
     Blink,
     Brow,
+    FootContact,
     Gaze,
     GesturePlan,
     HandPhase,
     Nod,
-    Planted,
     Side,
     Smile,
     Stand,
@@ -148,42 +148,42 @@ def _min_jerk(share: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
 
 
 def _while(
-    event: HandPhase | Smile | Stand | Planted, time_s: Float[np.ndarray, " T"]
+    event: HandPhase | Smile | Stand | FootContact, time_s: Float[np.ndarray, " T"]
 ) -> Bool[np.ndarray, " T"]:
     """Return a mask (T,) of frames with their centre in an event."""
     return (time_s >= event.start_s) & (time_s < event.end_s)
 
 
 @dataclass(frozen=True)
-class Tier:
+class EventChain:
     """An event chain's states and marks."""
 
     name: str
     states: tuple[str, ...]
     units: tuple[float, ...] = ()
     """Scale of each value of a mark."""
-    beside: str = ""
+    coupled_chain: str = ""
     """Name of the coupled tier. Tiers are sampled in order: a later one is known up to the frame
     before, an earlier one up to this frame."""
 
     @property
-    def seen(self) -> int:
+    def state_dim(self) -> int:
         """Number of values that describe the chain's state."""
         return len(self.states) + 2 + len(self.units)
 
 
 _METRES = (0.2, 0.2, 0.2)
-TIERS: tuple[Tier, ...] = (
-    Tier("right", PHASES, _METRES, beside="left"),
-    Tier("left", PHASES, _METRES, beside="right"),
-    Tier("look", ("look",), (10.0, 5.0)),
-    Tier("nod", ("nod",), (4.0,)),
-    Tier("brow", ("brow",), (0.4,)),
-    Tier("blink", ("blink",)),
-    Tier("stand", ("both", "left", "right")),
-    Tier("left foot", ("step", "planted"), beside="right foot"),
-    Tier("right foot", ("step", "planted"), beside="left foot"),
-    Tier("smile", ("serious", "smile"), (0.3,)),
+TIERS: tuple[EventChain, ...] = (
+    EventChain("right", PHASES, _METRES, coupled_chain="left"),
+    EventChain("left", PHASES, _METRES, coupled_chain="right"),
+    EventChain("look", ("look",), (10.0, 5.0)),
+    EventChain("nod", ("nod",), (4.0,)),
+    EventChain("brow", ("brow",), (0.4,)),
+    EventChain("blink", ("blink",)),
+    EventChain("stand", ("both", "left", "right")),
+    EventChain("left foot", ("step", "planted"), coupled_chain="right foot"),
+    EventChain("right foot", ("step", "planted"), coupled_chain="left foot"),
+    EventChain("smile", ("serious", "smile"), (0.3,)),
 )
 BY_NAME = {tier.name: tier for tier in TIERS}
 LONGEST_S = 8.0
@@ -191,7 +191,7 @@ LONGEST_S = 8.0
 
 
 @dataclass(frozen=True)
-class Begun:
+class EventOnset:
     """A state that begins at a frame."""
 
     frame: int
@@ -204,7 +204,7 @@ class Begun:
 class ChainFrames:
     """Event chain of a tier at some frames."""
 
-    seen: Float[np.ndarray, "T seen"]
+    state_before: Float[np.ndarray, "T seen"]
     """Chain's state (T, seen) before the frame: one-hot state, its duration twice, mark."""
     seen_now: Float[np.ndarray, "T seen"]
     """Chain's state (T, seen) after the event of the frame."""
@@ -214,15 +214,15 @@ class ChainFrames:
     """Mark (T, units) of the state that begins."""
 
 
-def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
+def chains_of(plan: GesturePlan) -> dict[str, list[EventOnset]]:
     """Convert a plan to event chains by tier; frame 0 has the initial state of each."""
     end_s = plan.duration_s
-    chains: dict[str, list[Begun]] = {}
+    chains: dict[str, list[EventOnset]] = {}
 
     def add(name: str, start_s: float, state: str, mark: Sequence[float] = ()) -> None:
         tier = BY_NAME[name]
         scaled = tuple(float(m / unit) for m, unit in zip(mark, tier.units, strict=True))
-        begun = Begun(max(0, round(start_s * FPS)), tier.states.index(state), scaled)
+        begun = EventOnset(max(0, round(start_s * FPS)), tier.states.index(state), scaled)
         chain = chains.setdefault(name, [])
         if chain and chain[-1].frame >= begun.frame:
             chain.pop()
@@ -257,10 +257,10 @@ def chains_of(plan: GesturePlan) -> dict[str, list[Begun]]:
     return chains
 
 
-def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
+def chains_to_plan(chains: dict[str, list[EventOnset]], num_frames: int) -> GesturePlan:
     """Convert event chains to a plan without words and kinds; frame 0 has no events."""
 
-    def spans(name: str) -> Iterator[tuple[Begun, float, float, tuple[float, ...]]]:
+    def spans(name: str) -> Iterator[tuple[EventOnset, float, float, tuple[float, ...]]]:
         """Yield each state with its start and end (s) and its mark."""
         chain, units = chains[name], BY_NAME[name].units
         for one, two in zip(chain, [*chain[1:], None], strict=True):
@@ -294,12 +294,16 @@ def plan_of(chains: dict[str, list[Begun]], num_frames: int) -> GesturePlan:
         tuple(Blink(at) for at, _ in points("blink")),
         tuple(sorted(stands, key=lambda stand: stand.start_s)),
         tuple(
-            Planted(a, b, side) for side in SIDES for a, b, _ in in_state(f"{side} foot", "planted")
+            FootContact(a, b, side)
+            for side in SIDES
+            for a, b, _ in in_state(f"{side} foot", "planted")
         ),
     )
 
 
-def frames_of(tier: Tier, chain: Sequence[Begun], frames: Int[np.ndarray, " T"]) -> ChainFrames:
+def frames_of(
+    tier: EventChain, chain: Sequence[EventOnset], frames: Int[np.ndarray, " T"]
+) -> ChainFrames:
     """Describe a chain at some frames; the chain begins at frame 0."""
     first = np.array([begun.frame for begun in chain])
     states = np.array([begun.state for begun in chain])
@@ -308,7 +312,7 @@ def frames_of(tier: Tier, chain: Sequence[Begun], frames: Int[np.ndarray, " T"])
     before = np.maximum(np.searchsorted(first, frames, side="left") - 1, 0)
     begins = (now != before) & (frames > 0)
     return ChainFrames(
-        seen=_seen(tier, states[before], frames - first[before], marks[before]),
+        state_before=_seen(tier, states[before], frames - first[before], marks[before]),
         seen_now=_seen(tier, states[now], frames - first[now], marks[now]),
         event=np.where(begins, 1 + states[now], 0),
         mark=np.where(begins[:, None], marks[now], 0.0).astype(np.float32),
@@ -316,7 +320,7 @@ def frames_of(tier: Tier, chain: Sequence[Begun], frames: Int[np.ndarray, " T"])
 
 
 def _seen(
-    tier: Tier,
+    tier: EventChain,
     states: Int[np.ndarray, " T"],
     lasted: Int[np.ndarray, " T"],
     marks: Float[np.ndarray, "T units"],
@@ -334,21 +338,21 @@ def seen_together(
     drawn: set[str] = set()
     seen = {}
     for tier in TIERS:
-        own = found[tier.name].seen
-        if tier.beside:
-            other = found[tier.beside]
-            now = other.seen_now if tier.beside in drawn else other.seen
+        own = found[tier.name].state_before
+        if tier.coupled_chain:
+            other = found[tier.coupled_chain]
+            now = other.seen_now if tier.coupled_chain in drawn else other.state_before
             own = np.concatenate([own, now], axis=1)
         seen[tier.name] = own
         drawn.add(tier.name)
     return seen
 
 
-def seen_of(tier: Tier, begun: Begun, frame: int) -> Float[np.ndarray, " seen"]:
+def seen_of(tier: EventChain, begun: EventOnset, frame: int) -> Float[np.ndarray, " seen"]:
     """Describe a chain at one frame, as `_seen` does for many; sampling calls it every frame."""
     seconds = min((frame - begun.frame) / FPS, LONGEST_S)
     count = len(tier.states)
-    seen = np.zeros(tier.seen, np.float32)
+    seen = np.zeros(tier.state_dim, np.float32)
     seen[begun.state] = 1.0
     seen[count : count + 2] = seconds, np.log(seconds + 0.1)
     seen[count + 2 :] = begun.mark

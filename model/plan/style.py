@@ -4,7 +4,7 @@ A style file is TOML. Its numbers are those of `Style`; in the table ``times`` t
 each plan's own values. ``excite`` goes from -1 (calm) to 1 (excited). With ``wrong_words`` strokes
 move to words that did not trigger them.
 
-The plan of live speech is not known in advance, so sliders (`Manner`) are factors of what the
+The plan of live speech is not known in advance, so sliders (`LiveStyle`) are factors of what the
 speech would give.
 """
 
@@ -21,20 +21,20 @@ import numpy as np
 from model.plan.annotation_files import Interval
 from model.plan.editing import (
     Gesture,
-    added,
-    deleted,
+    add_gesture,
+    delete_gesture,
     gestures,
-    hastened,
-    moved,
-    on_word,
-    raised,
-    sized,
+    move_gesture,
+    raise_gesture,
+    scale_gesture,
+    speed_up_gesture,
+    stroke_time_on_word,
     with_hands,
     within_reach,
 )
-from model.plan.kinds import REST_PLACE, TOGETHER_S, strokes_of
-from model.plan.plan import SIDES, GesturePlan, HandPhase, Noted, PlanError, Smile
-from model.storage.files import bytes_within, parse_toml
+from model.plan.kinds import BIMANUAL_TOLERANCE_S, REST_PLACE, strokes_of
+from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Smile
+from model.storage.files import parse_toml, read_capped
 
 _CLOSE = 0.02
 """Relative difference below which a style's value counts as reached."""
@@ -69,8 +69,8 @@ class Style:
 def style_of(plan: GesturePlan) -> Style:
     """Measure the style of a plan, which is also the initial value of its sliders."""
     strokes = strokes_of(plan)
-    goals = [stroke.lands.goal for stroke in strokes]
-    twice = sum(stroke.both for stroke in strokes) / 2
+    goals = [stroke.last_stroke.goal for stroke in strokes]
+    twice = sum(stroke.is_bimanual for stroke in strokes) / 2
     count = len(strokes) - twice
     smiles = sum(one.size * (one.end_s - one.start_s) for one in plan.smiles)
 
@@ -81,7 +81,7 @@ def style_of(plan: GesturePlan) -> Style:
         "gestures_per_min": 60 * count / plan.duration_s,
         "size_m": mean([math.dist(goal, REST_PLACE) for goal in goals], 0.2),
         "height_m": mean([up for _, up, _ in goals], -0.1),
-        "stroke_s": mean([one.lands.end_s - one.lands.start_s for one in strokes], 0.3),
+        "stroke_s": mean([one.last_stroke.end_s - one.last_stroke.start_s for one in strokes], 0.3),
         "both": twice / count if count else 0.0,
         "smile": smiles / plan.duration_s,
     }))  # fmt: skip
@@ -98,7 +98,7 @@ def excited(style: Style, by: float) -> Style:
     }))  # fmt: skip
 
 
-def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) -> Noted:
+def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) -> PlanResult:
     """Change the style of a plan, as far as there are gestures, words and time for it.
 
     Args:
@@ -116,16 +116,16 @@ def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) 
     now = style_of(plan)
     if _differs(style.stroke_s, now.stroke_s):
         speed = float(np.clip(now.stroke_s / style.stroke_s, 0.2, 5))
-        plan = _each(plan, lambda each, gesture: hastened(each, gesture, speed))
+        plan = _each(plan, lambda each, gesture: speed_up_gesture(each, gesture, speed))
     if _differs(style.size_m, now.size_m):
         size = float(np.clip(style.size_m / now.size_m, 0.1, 4))
-        plan = _each(plan, lambda each, gesture: sized(each, gesture, size))
+        plan = _each(plan, lambda each, gesture: scale_gesture(each, gesture, size))
     by_m = style.height_m - style_of(plan).height_m
     if _differs(style.height_m, now.height_m) and abs(by_m) > 1e-3:
-        plan = _each(plan, lambda each, gesture: raised(each, gesture, by_m))
+        plan = _each(plan, lambda each, gesture: raise_gesture(each, gesture, by_m))
     if _differs(style.smile, now.smile):
         plan = replace(plan, smiles=_smiles(plan, style.smile, now.smile))
-    return Noted(plan, tuple(notes))
+    return PlanResult(plan, tuple(notes))
 
 
 def _differs(wish: float, now: float) -> bool:
@@ -139,7 +139,7 @@ def together(plan: GesturePlan) -> list[list[Gesture]]:
     for gesture in every:
         last = found[-1] if found else []
         is_partner = len(last) == 1 and last[0].side != gesture.side
-        if is_partner and gesture.lands_s - last[0].lands_s < TOGETHER_S:
+        if is_partner and gesture.lands_s - last[0].lands_s < BIMANUAL_TOLERANCE_S:
             last.append(gesture)
         else:
             found.append([gesture])
@@ -156,13 +156,15 @@ def _as_often(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> G
     wanted = round(per_min * plan.duration_s / 60)
     for k in _spread(max(0, len(there) - wanted), len(there)):
         for gesture in there[k]:
-            plan = deleted(plan, gesture).plan
+            plan = delete_gesture(plan, gesture).plan
     missing = wanted - len(there)
     for word in sorted(words, key=lambda w: w.start_s - w.end_s):  # long ones first
         if missing <= 0:
             break
         try:
-            edited = added(plan, "beat", on_word(word), "right", word.text.lower())
+            edited = add_gesture(
+                plan, "beat", stroke_time_on_word(word), "right", word.text.lower()
+            )
         except PlanError:
             continue
         plan, missing = edited.plan, missing - 1
@@ -188,7 +190,7 @@ def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
     return plan
 
 
-def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], Noted]) -> GesturePlan:
+def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], PlanResult]) -> GesturePlan:
     """Apply a change to every gesture for which it is possible."""
     for gesture in (each for group in together(plan) for each in group):
         try:
@@ -216,7 +218,7 @@ _TIMES = tuple(name for name in _NUMBERS if name != "height_m")
 
 
 @dataclass(frozen=True)
-class StyleWish:
+class StyleChange:
     """Wanted change of a plan's style; the default changes nothing."""
 
     to: Mapping[str, float] = field(default_factory=dict)
@@ -226,7 +228,7 @@ class StyleWish:
     excite: float = 0.0
     wrong_words: bool = False
 
-    def done(self, plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
+    def apply(self, plan: GesturePlan, words: Sequence[Interval] = ()) -> PlanResult:
         """Apply the change to a plan, as far as there are gestures, words and time for it."""
         now = style_of(plan)
         times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
@@ -235,15 +237,15 @@ class StyleWish:
         return found.then(lambda new: on_wrong_words(new, words)) if self.wrong_words else found
 
 
-def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
+def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> PlanResult:
     """Move every gesture at least `AWAY_S` away from all original ones.
 
     It moves to another word if words are known; if there is no room it stays, with a note.
     """
     groups = together(plan)
     called = np.array([group[0].lands_s for group in groups])
-    places = [on_word(word) for word in words]
-    texts = {on_word(word): word.text.lower() for word in words}
+    places = [stroke_time_on_word(word) for word in words]
+    texts = {stroke_time_on_word(word): word.text.lower() for word in words}
     steps = np.arange(AWAY_S, FARTHEST_S + STEP_S / 2, STEP_S)
     stayed = 0
     for group in groups:
@@ -258,7 +260,7 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
             changed, by_s, word = plan, to_s - at_s, texts.get(to_s, "")
             try:
                 for each in group:
-                    changed = moved(changed, each, each.lands_s + by_s, word).plan
+                    changed = move_gesture(changed, each, each.lands_s + by_s, word).plan
             except PlanError:
                 continue
             plan = changed
@@ -266,12 +268,12 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> Noted:
         else:
             stayed += 1
     notes = (f"{stayed} of {len(groups)} gestures stay on their words.",) if stayed else ()
-    return Noted(plan, notes)
+    return PlanResult(plan, notes)
 
 
-def read_wish(path: Path) -> StyleWish:
+def read_style_file(path: Path) -> StyleChange:
     """Read a style file; raises `PlanError` if it is missing, too large, or invalid."""
-    content = bytes_within(path, MAX_BYTES, PlanError)
+    content = read_capped(path, MAX_BYTES, PlanError)
     try:
         told = parse_toml(content.decode("utf-8"))
     except ValueError as error:
@@ -282,7 +284,7 @@ def read_wish(path: Path) -> StyleWish:
         raise PlanError(f"{path.name}: {error}") from None
 
 
-def wish_of(told: Mapping[str, Any]) -> StyleWish:
+def wish_of(told: Mapping[str, Any]) -> StyleChange:
     """Parse the tables of a style file."""
     known = (*_NUMBERS, "times", "excite", "wrong_words")
     unknown = sorted(set(told) - set(known))
@@ -297,7 +299,7 @@ def wish_of(told: Mapping[str, Any]) -> StyleWish:
     both = sorted(set(told) & set(times))
     if both:
         raise PlanError(f"{both[0]} is given twice, alone and in `times`; leave one out.")
-    return StyleWish(
+    return StyleChange(
         {name: _number(name, told[name], *LIMITS[name]) for name in _NUMBERS if name in told},
         {name: _number(f"times.{name}", times[name], 0.0, MOST_TIMES) for name in times},
         _number("excite", told.get("excite", 0.0), -1.0, 1.0),
@@ -319,7 +321,7 @@ MANNER_LIMITS = {
 
 
 @dataclass(frozen=True)
-class Manner:
+class LiveStyle:
     """Sliders of live generation: factors (or m) relative to what the speech gives."""
 
     often: float = 1.0
@@ -333,13 +335,13 @@ class Manner:
     smile: float = 1.0
 
     @staticmethod
-    def of(told: Any) -> Manner:
+    def parse(told: Any) -> LiveStyle:
         """Parse a JSON object of numbers."""
         if not isinstance(told, dict) or not set(told) <= set(MANNER_LIMITS):
             raise PlanError(f"A manner is an object of some of {', '.join(sorted(MANNER_LIMITS))}.")
-        return Manner(**{name: _number(name, told[name], *MANNER_LIMITS[name]) for name in told})
+        return LiveStyle(**{name: _number(name, told[name], *MANNER_LIMITS[name]) for name in told})
 
-    def done(self, phase: HandPhase) -> HandPhase:
+    def apply(self, phase: HandPhase) -> HandPhase:
         """Scale and raise the goal of a gesture's phase."""
         if phase.phase in ("rest", "retraction") or (self.large, self.high_m) == (1.0, 0.0):
             return phase

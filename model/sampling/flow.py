@@ -102,7 +102,7 @@ def sample(
 HEAD = (JOINT_INDEX["neck"], JOINT_INDEX["head"])
 
 
-class SpeechGuide:
+class ClassifierFreeGuidance:
     """Classifier-free guidance by speech, for predictions of clean motion.
 
     Args:
@@ -136,15 +136,15 @@ class SpeechGuide:
         """Return the batch size with duplicates: samples with speech first, then without."""
         return 2 * size if self.asks_twice else size
 
-    def hears(self, size: int) -> Bool[Tensor, " B"]:
+    def is_conditional(self, size: int) -> Bool[Tensor, " B"]:
         """Return a mask (B,) that is true for the half of the duplicated batch with speech."""
         return torch.arange(self.copies(size)) < size
 
-    def twice(self, batch: Shaped[Tensor, "B ..."]) -> Shaped[Tensor, "_ ..."]:
+    def duplicate(self, batch: Shaped[Tensor, "B ..."]) -> Shaped[Tensor, "_ ..."]:
         """Duplicate the batch if predictions without speech are needed."""
         return torch.cat([batch, batch]) if self.asks_twice else batch
 
-    def guided(self, clean: Float[Tensor, "_ T C"]) -> Float[Tensor, "B T C"]:
+    def combine(self, clean: Float[Tensor, "_ T C"]) -> Float[Tensor, "B T C"]:
         """Combine the normalised predictions with and without speech into one."""
         if not self.asks_twice:
             return clean

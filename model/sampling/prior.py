@@ -64,7 +64,7 @@ class GaussianPrior(nn.Module):
         }.items():
             self.register_buffer(name, value.float().contiguous(), persistent=False)
 
-    def along(
+    def to_eigenbasis(
         self, x: Float[Tensor, "B T C"], which: int | Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
         """Transform motion into eigenvector coordinates, without (0) or with (1) a seed."""
@@ -73,7 +73,7 @@ class GaussianPrior(nn.Module):
     def back(
         self, along: Float[Tensor, "C T B"], which: int | Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
-        """Transform eigenvector coordinates back to motion; the inverse of `along`."""
+        """Transform eigenvector coordinates back to motion; the inverse of `to_eigenbasis`."""
         return self._by_seed(which, lambda k: self.vectors[k] @ along).permute(2, 1, 0)
 
     def _by_seed(
@@ -99,7 +99,7 @@ class GaussianPrior(nn.Module):
         """Compute the mean of x_1 given x_t = (1 - t) x_0 + t x_1, and a seed if there is one."""
         return self._linear(x_t, t, seed, has_seed, t * self.variance[..., None])
 
-    def carried(
+    def consistency(
         self,
         x_t: Float[Tensor, "B T C"],
         t: Float[Tensor, " B"],
@@ -128,14 +128,14 @@ class GaussianPrior(nn.Module):
 
         return self._by_seed(has_seed, told).permute(2, 1, 0)
 
-    def shaped(
+    def scale_by_posterior(
         self, unit: Float[Tensor, "B T C"], t: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
         """Scale values of unit size to deviations from the posterior mean."""
         deviation = (1 - t) * self.variance[..., None].sqrt() / self._spread(t)  # (2, C, T, B)
 
         def told(k: int) -> Float[Tensor, "C T B"]:
-            return self.vectors[k] @ (deviation[k] * self.along(unit, k))
+            return self.vectors[k] @ (deviation[k] * self.to_eigenbasis(unit, k))
 
         return self._by_seed(has_seed, told).permute(2, 1, 0)
 
@@ -180,12 +180,12 @@ class GaussianPrior(nn.Module):
             return t * expected + self.back(self._spread(t)[which] * z, which)
 
         def network_says(z: Float[Tensor, "C T B"], t: float) -> Float[Tensor, "C T B"]:
-            moved = self.along(predict(at(z, t), t) - expected, which)
+            moved = self.to_eigenbasis(predict(at(z, t), t) - expected, which)
             spread = self._spread(t)[which]
             mean = t * variance / spread * z
             return (moved - mean) * spread / (variance.sqrt() * (1 - t))
 
-        z = self.along(x_0, which)
+        z = self.to_eigenbasis(x_0, which)
         times = time_grid(steps)
         for k in range(steps):
             turn = angle(times[k + 1]) - angle(times[k])

@@ -36,7 +36,7 @@ class Sampler:
     training."""
 
 
-def titled(*names: str, steps: int, strength: float | None = None) -> tuple[Sampler, ...]:
+def make_samplers(*names: str, steps: int, strength: float | None = None) -> tuple[Sampler, ...]:
     """Make the samplers of one system, with the same default steps and guidance scale."""
     return tuple(Sampler(name, steps, SAMPLER_TITLES[name], strength) for name in names)
 

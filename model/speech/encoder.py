@@ -42,7 +42,7 @@ PHONES = tuple(
     "v w y z zh".split()
 )
 """Phones that are classified, in ARPAbet; class 0 is none of them, such as a pause."""
-TOLD = ("accent", "strength", "phrase_end", "voice", "struck", "speed")
+SPEECH_LABELS = ("accent", "strength", "phrase_end", "voice", "struck", "speed")
 """Names of the outputs of a frame besides its phone: whether there is an accent, its strength,
 whether a phrase ends, whether somebody speaks, how often the current word has a stroke, and the
 speed of both planned wrists in the tiers' units per second."""

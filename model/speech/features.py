@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float, Float32, Float64
 from torch import Tensor
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.speech.librosa_cache import librosa
+from model.speech.librosa_cache import load_librosa
 
 HOP = 160  # 10 ms
 WINDOW = 400  # 25 ms of speech under each spectrum
@@ -36,7 +36,7 @@ SPEECH_PERCENTILE = 90.0
 
 
 @dataclass(frozen=True)
-class Voice:
+class VoiceReference:
     """Level and pitch of a speaker, to which features are relative."""
 
     level_db: float
@@ -79,7 +79,7 @@ class MelEncoder:
         return self.relative_to(None, waveform, num_frames)
 
     def relative_to(
-        self, voice: Voice | None, waveform: Float32[np.ndarray, " N"], num_frames: int
+        self, voice: VoiceReference | None, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
         """Return the features of `encode` relative to a voice; None uses that of the clip."""
         columns = _clip_columns(waveform) if voice is None else _columns(waveform, voice)
@@ -107,7 +107,7 @@ def _clip_columns(waveform: Float32[np.ndarray, " N"]) -> Float64[np.ndarray, "h
 
 
 def _columns(
-    waveform: Float32[np.ndarray, " N"], voice: Voice | None = None
+    waveform: Float32[np.ndarray, " N"], voice: VoiceReference | None = None
 ) -> Float64[np.ndarray, "hops 68"]:
     hops = analysed(waveform, 0, max(1, -(-len(waveform) // HOP)))
     return columns_of(hops, voice or _voice_of(hops))
@@ -128,7 +128,7 @@ def analysed(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> Hops
     return Hops(log_mel, energy, pitch, in_range & is_steady)
 
 
-def columns_of(hops: Hops, voice: Voice) -> Float64[np.ndarray, "hops 68"]:
+def columns_of(hops: Hops, voice: VoiceReference) -> Float64[np.ndarray, "hops 68"]:
     """Normalise hops by a voice; the onset strength of the first is unknown, and 0."""
     log_mel = np.maximum(hops.log_mel - voice.level_db, FLOOR_DB)
     energy = np.maximum(hops.energy - voice.level_db, FLOOR_DB)
@@ -147,10 +147,10 @@ def columns_of(hops: Hops, voice: Voice) -> Float64[np.ndarray, "hops 68"]:
     )
 
 
-def _voice_of(hops: Hops) -> Voice:
+def _voice_of(hops: Hops) -> VoiceReference:
     level_db = float(np.percentile(hops.energy, SPEECH_PERCENTILE))
     voiced = hops.voiced(level_db)
-    return Voice(level_db, float(np.median(hops.pitch[voiced])) if voiced.any() else 0.0)
+    return VoiceReference(level_db, float(np.median(hops.pitch[voiced])) if voiced.any() else 0.0)
 
 
 def _heard_by(
@@ -185,12 +185,12 @@ def _by_blocks(
 
 def _decibels(piece: Float32[np.ndarray, " samples"]) -> Float32[np.ndarray, "hops 65"]:
     """Compute the power in mel bands (Slaney's scale) and of the whole spectrum, in dB."""
-    spectrum = librosa().stft(
+    spectrum = load_librosa().stft(
         piece, n_fft=FFT_SIZE, hop_length=HOP, win_length=WINDOW, center=False,
         window=np.hanning(WINDOW).astype(np.float32),
     )  # fmt: skip
     power = np.abs(spectrum) ** 2
-    mels = librosa().feature.melspectrogram(
+    mels = load_librosa().feature.melspectrogram(
         S=power, sr=SAMPLE_RATE, n_fft=FFT_SIZE, n_mels=NUM_MELS, fmin=LOWEST_MEL_HZ
     )
     return 10 * np.log10(np.concatenate([mels + 1e-8, power.sum(axis=0)[None] + 1e-6])).T
@@ -199,7 +199,7 @@ def _decibels(piece: Float32[np.ndarray, " samples"]) -> Float32[np.ndarray, "ho
 def _fundamental(piece: Float32[np.ndarray, " samples"]) -> Float64[np.ndarray, " hops"]:
     """Estimate each hop's pitch (Hz), voiced or not (YIN, de Cheveigne and Kawahara, JASA 2002)."""
     low, high = PITCH_RANGE_HZ
-    return librosa().yin(
+    return load_librosa().yin(
         piece, fmin=low, fmax=high, sr=SAMPLE_RATE,
         frame_length=PITCH_WINDOW, hop_length=HOP, center=False,
     )  # fmt: skip
@@ -238,7 +238,7 @@ class RunningVoice:
 
     KEPT_HOPS = 3000
     START_HOPS = 50
-    START = Voice(level_db=28.0, pitch=7.3)
+    START = VoiceReference(level_db=28.0, pitch=7.3)
     """Typical voice: loud parts at -18 dB of full scale; 158 Hz."""
     QUIETEST_DB = 0.0
     """Lowest speech level, -46 dB of full scale: quieter sound stays quiet, however long it
@@ -253,7 +253,7 @@ class RunningVoice:
         self._pitch = deque(start[1], maxlen=self.KEPT_HOPS)
         self._voice = self.START
 
-    def voice(self, hops: Hops) -> Voice:
+    def voice(self, hops: Hops) -> VoiceReference:
         """Update the estimate with the next hops, and return it."""
         voiced: Bool[np.ndarray, " hops"] = hops.voiced(self._voice.level_db)
         if voiced.any():
@@ -261,7 +261,7 @@ class RunningVoice:
             self._pitch.extend(hops.pitch[voiced].tolist())
             level_db = float(np.percentile(self._energy, self.PERCENTILE))
             pitch = float(np.median(self._pitch))
-            self._voice = Voice(max(level_db, self.QUIETEST_DB), pitch)
+            self._voice = VoiceReference(max(level_db, self.QUIETEST_DB), pitch)
         return self._voice
 
 
@@ -275,7 +275,7 @@ class CausalMel:
         """Index of the first hop in the buffer."""
         self._next_hop = 0
 
-    def hear(self, samples: Float32[np.ndarray, " N"]) -> Float32[np.ndarray, "frames 68"]:
+    def add_samples(self, samples: Float32[np.ndarray, " N"]) -> Float32[np.ndarray, "frames 68"]:
         """Append samples and return the features of the frames that have become complete.
 
         Args:

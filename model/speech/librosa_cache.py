@@ -25,7 +25,7 @@ from filelock import FileLock
 _importing = threading.Lock()
 
 
-def librosa() -> ModuleType:
+def load_librosa() -> ModuleType:
     """Return librosa, compiled: 2 s on a process's first call, half a minute on a user's."""
     with _importing:
         return _imported()
@@ -33,7 +33,7 @@ def librosa() -> ModuleType:
 
 def begin_import() -> None:
     """Import the library in a thread, while the caller reads something else."""
-    threading.Thread(target=librosa, daemon=True).start()
+    threading.Thread(target=load_librosa, daemon=True).start()
 
 
 @functools.cache
@@ -90,4 +90,4 @@ def _own_folder() -> Path | None:
 
 
 if __name__ == "__main__":
-    librosa()
+    load_librosa()

@@ -17,10 +17,10 @@ from model.plan.annotation_files import (
     NamedTier,
     decode_text,
     is_textgrid,
-    textgrid_tiers,
+    parse_textgrid,
 )
 from model.speech.word_files import parse_captions, parse_ctm, parse_json, parse_table
-from model.storage.files import bytes_within
+from model.storage.files import read_capped
 
 MAX_BYTES = 8 * 2**20
 """Size limit of a file in bytes; an hour of speech with all its phones has less than 4 MiB."""
@@ -42,7 +42,7 @@ SPARE_S = 0.5
 MOST_IN_A_ROW = 1.5
 """Average number of words per row up to which rows count as words, not sentences."""
 AnyInterval = TypeVar("AnyInterval", bound=Interval)
-Origin = Literal["given", "aligned", "recognised"]
+TranscriptSource = Literal["given", "aligned", "recognised"]
 """Source of the words and their times: a file with times, alignment of a plain text, or recognition
 of the speech."""
 GESTURE_TIER = re.compile(r"gesture|phase|stroke", re.IGNORECASE)
@@ -80,21 +80,21 @@ class Transcript:
     words: tuple[Word, ...] = ()
     gestures: Mapping[str, tuple[Interval, ...]] = field(default_factory=dict)
     """Gesture intervals by tier name; a tier is one hand or one annotation scheme."""
-    origin: Origin = "given"
+    origin: TranscriptSource = "given"
     phones: tuple[Interval, ...] = ()
     """Phones of the words, if known."""
     accents: tuple[Accent, ...] = ()
     """Accents, if known."""
 
 
-NOTHING_SAID = Transcript()
+EMPTY_TRANSCRIPT = Transcript()
 
 
 @dataclass(frozen=True)
 class GivenWords:
     """Content of a file of words: words with times, or a text to be aligned with the speech."""
 
-    transcript: Transcript = NOTHING_SAID
+    transcript: Transcript = EMPTY_TRANSCRIPT
     text: str | None = None
     notes: tuple[str, ...] = ()
     """Sentences on how the file was read."""
@@ -187,7 +187,7 @@ def read_words(path: str | Path) -> GivenWords:
 
 
 def _text_in(path: Path) -> tuple[str, tuple[str, ...]]:
-    return decode_text(bytes_within(path, MAX_BYTES, TranscriptError), path.name, TranscriptError)
+    return decode_text(read_capped(path, MAX_BYTES, TranscriptError), path.name, TranscriptError)
 
 
 def _plain(text: str, name: str) -> str:
@@ -217,7 +217,7 @@ def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> Gi
 
 
 def _of_grid(text: str, name: str) -> GivenWords:
-    found, length_s = textgrid_tiers(text, name, TranscriptError)
+    found, length_s = parse_textgrid(text, name, TranscriptError)
     tiers = [tier for tier in found if not tier.has_points]
     of_words = _word_tier(tiers, name)
     is_named = _kind_of(of_words.name) == "words"  # then its rows are words, whatever they hold

@@ -64,18 +64,18 @@ _LONGEST = max(map(len, _SOUNDS))
 
 
 @dataclass(frozen=True)
-class Sayable:
+class Pronunciation:
     """A word of a text with its pronunciation."""
 
     text: str
-    known: str | None
+    dictionary_form: str | None
     """Form of the word in the dictionary, which may have several pronunciations; None if it has
     none."""
     phones: str
     """One pronunciation, for words that are not in the dictionary."""
 
 
-def words_to_say(text: str, lookup: Lookup) -> list[Sayable]:
+def words_to_say(text: str, lookup: Lookup) -> list[Pronunciation]:
     """Return the words of a text in order, without punctuation and what cannot be pronounced."""
     found = []
     for chunk in text.replace("\u2019", "'").split():
@@ -87,11 +87,11 @@ def words_to_say(text: str, lookup: Lookup) -> list[Sayable]:
     return found
 
 
-def _spoken(piece: str, lookup: Lookup) -> Sayable | None:
+def _spoken(piece: str, lookup: Lookup) -> Pronunciation | None:
     written = _OUTER.sub("", piece)
     plain = _plain(written)
     if re.fullmatch(r"[a-z']+", plain) and (phones := lookup(plain)):
-        return Sayable(written, plain, phones)
+        return Pronunciation(written, plain, phones)
     parts = [
         _sound_of(part, lookup)
         for part in re.findall(
@@ -100,7 +100,7 @@ def _spoken(piece: str, lookup: Lookup) -> Sayable | None:
         )
     ]
     phones = " ".join(part for part in parts if part)
-    return Sayable(written, None, phones) if phones else None
+    return Pronunciation(written, None, phones) if phones else None
 
 
 def _plain(written: str) -> str:
@@ -186,7 +186,7 @@ _FILLERS = "<[+"
 
 
 @dataclass
-class HeardWord:
+class TimedWord:
     """A word with its times in frames of the recogniser, and its phones."""
 
     text: str
@@ -196,12 +196,12 @@ class HeardWord:
     confidence: float
     phones: list[tuple[str, int, int]] = field(default_factory=list)
 
-    def moved(self, frames: int) -> HeardWord:
+    def moved(self, frames: int) -> TimedWord:
         """Return the word delayed by a number of frames."""
         phones = [(name, start + frames, end + frames) for name, start, end in self.phones]
-        return HeardWord(self.text, self.start + frames, self.end + frames, self.confidence, phones)
+        return TimedWord(self.text, self.start + frames, self.end + frames, self.confidence, phones)
 
-    def told(self) -> tuple[Word, tuple[Interval, ...]]:
+    def as_interval(self) -> tuple[Word, tuple[Interval, ...]]:
         """Convert the word and its phones to seconds, for the parent process."""
         phones = tuple(
             Interval(start / FRAMES_PER_S, end / FRAMES_PER_S, name)
@@ -230,7 +230,7 @@ def pieces(waveform: Int16[np.ndarray, " N"]) -> Iterator[tuple[int, int]]:
     yield start * step, len(waveform)
 
 
-def recognise(waveform: Int16[np.ndarray, " N"]) -> list[HeardWord]:
+def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
     """Return the most likely words of the speech, however unlikely they are."""
     decoder = _decoder()
     found = []
@@ -242,7 +242,7 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[HeardWord]:
         decoder.activate_search()
         at = start * FRAMES_PER_S // SAMPLE_RATE
         for number, segment in enumerate(segments):
-            word = HeardWord(
+            word = TimedWord(
                 segment.word.split("(")[0], segment.start_frame, segment.end_frame + 1, segment.prob
             )
             if len(fitted) == len(segments):
@@ -251,7 +251,7 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[HeardWord]:
     return found
 
 
-def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[HeardWord]:
+def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[TimedWord]:
     """Align a text with the speech and return its words; none if no alignment exists."""
     decoder = _decoder(lm=None)
     spoken = words_to_say(text, decoder.lookup_word)
@@ -280,7 +280,7 @@ def _followed(
     rough: list[tuple[int, int]],
     start: int,
     stop: int,
-) -> list[HeardWord]:
+) -> list[TimedWord]:
     """Return the aligned words of a part, with their fit as their confidence.
 
     If the alignment fails, each half is tried alone, so that one wrong sentence spoils little.
@@ -293,7 +293,7 @@ def _followed(
     if len(fitted) == len(names):
         return [word.moved(start) for word in fitted]
     if len(names) == 1:
-        return [HeardWord("", *rough[0], _NO_FIT)]
+        return [TimedWord("", *rough[0], _NO_FIT)]
     cut = max(
         range(1 + (len(names) - 1) // 3, 1 + 2 * len(names) // 3),
         key=lambda number: rough[number][0] - rough[number - 1][1],
@@ -306,18 +306,18 @@ def _followed(
     ]
 
 
-def _wide(spoken: list[Sayable]) -> Any:
+def _wide(spoken: list[Pronunciation]) -> Any:
     decoder = _decoder(lm=None, **_WIDE)
     _named(decoder, spoken)
     return decoder
 
 
-def _named(decoder: Any, spoken: list[Sayable]) -> list[str]:
+def _named(decoder: Any, spoken: list[Pronunciation]) -> list[str]:
     """Return each word's name in the dictionary, to which missing words are added."""
     names, added = [], {}
     for word in spoken:
-        if word.known is not None:
-            names.append(word.known)
+        if word.dictionary_form is not None:
+            names.append(word.dictionary_form)
             continue
         if word.phones not in added:
             added[word.phones] = f"unknown_{len(added)}"
@@ -361,7 +361,7 @@ def _parts(times: list[tuple[int, int]], end: int) -> Iterator[tuple[int, int, i
         first = last
 
 
-def _fitted(decoder: Any, sound: bytes) -> list[HeardWord]:
+def _fitted(decoder: Any, sound: bytes) -> list[TimedWord]:
     """Align the words that were just decoded again, for phones and scores; none if this fails."""
     try:
         decoder.set_alignment()
@@ -377,7 +377,7 @@ def _fitted(decoder: Any, sound: bytes) -> list[HeardWord]:
         start, end = phones[0][1], phones[-1][1] + phones[-1][2]
         fit = sum(score for *_, score in phones) / max(1, end - start)
         found.append(
-            HeardWord(
+            TimedWord(
                 word.name,
                 start,
                 end,
@@ -388,7 +388,7 @@ def _fitted(decoder: Any, sound: bytes) -> list[HeardWord]:
     return found
 
 
-def _likelihoods(words: list[HeardWord]) -> list[float]:
+def _likelihoods(words: list[TimedWord]) -> list[float]:
     """Convert each word's fit, averaged with those of its neighbours, to a likelihood."""
     fits = np.array([word.confidence for word in words])
     frames = np.array([word.end - word.start for word in words], np.float64)
@@ -423,7 +423,7 @@ def main() -> None:
     channel, _ = parent_channel()
     text, waveform = channel.recv()
     words = recognise(waveform) if text is None else align(waveform, text)
-    channel.send([word.told() for word in words])
+    channel.send([word.as_interval() for word in words])
 
 
 if __name__ == "__main__":

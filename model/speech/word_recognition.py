@@ -10,7 +10,7 @@ from jaxtyping import Float32
 
 from conventions.rates import SAMPLE_RATE
 from model.plan.annotation_files import Interval
-from model.speech.transcript import NOTHING_SAID, Origin, Transcript, Word
+from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript, TranscriptSource, Word
 from processes.child import Child, ChildExited
 from processes.exit_report import ExitReport
 
@@ -46,14 +46,14 @@ FAILED_NOTE = "Words could not be found in the speech, and are missing from the 
 
 
 @dataclass(frozen=True)
-class Heard:
+class RecognitionResult:
     """Transcript from recognition or alignment, with notes for the user."""
 
-    transcript: Transcript = NOTHING_SAID
+    transcript: Transcript = EMPTY_TRANSCRIPT
     notes: tuple[str, ...] = ()
 
 
-class Hearing:
+class WordRecognition:
     """A running recognition or alignment in a child process, ended by leaving the context.
 
     Any failure becomes a note in the result.
@@ -67,14 +67,14 @@ class Hearing:
             text: the text to align; None to recognise the words.
         """
         self._is_aligned = text is not None
-        self._heard: Heard | None = None
+        self._heard: RecognitionResult | None = None
         self._child: Child | None = None
         duration_s = len(waveform) / SAMPLE_RATE
         self._ends = time.monotonic() + PATIENCE[0] + PATIENCE[1] * duration_s
         count = len((text or "").split())
         if count > MAX_WORDS_A_SECOND * (duration_s + 1.0):
             found = f"it has {count} words, more than are said in {duration_s:.1f} s"
-            self._heard = Heard(notes=(MISMATCH_NOTE.format(found=found),))
+            self._heard = RecognitionResult(notes=(MISMATCH_NOTE.format(found=found),))
             return
         try:
             self._child = Child("model.speech.word_alignment")
@@ -84,7 +84,7 @@ class Hearing:
             return
         self._child.send((text, (np.clip(waveform, -1.0, 1.0) * 32767).astype("<i2")))
 
-    def __enter__(self) -> Hearing:
+    def __enter__(self) -> WordRecognition:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -103,7 +103,7 @@ class Hearing:
                 self._heard = _failed(_reason(self._child.exit_report()))
         return self._heard is not None
 
-    def heard(self) -> Heard:
+    def result(self) -> RecognitionResult:
         """Wait for the result and return it. It never raises."""
         while not self.is_over(0.5):
             pass
@@ -111,8 +111,8 @@ class Hearing:
         return self._heard
 
 
-def _failed(why: str) -> Heard:
-    return Heard(notes=(FAILED_NOTE.format(why=why),))
+def _failed(why: str) -> RecognitionResult:
+    return RecognitionResult(notes=(FAILED_NOTE.format(why=why),))
 
 
 def _reason(ended: ExitReport) -> str:
@@ -126,23 +126,25 @@ def _is_sure(word: Word) -> bool:
     return word.confidence >= SURE and word.end_s - word.start_s <= LONGEST_WORD_S
 
 
-def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) -> Heard:
+def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) -> RecognitionResult:
     """Return the words that are sure, or none if too many are unsure."""
     sure = [(word, phones) for word, phones in words if _is_sure(word)]
     count, unsure = len(words), len(words) - len(sure)
     share = len(sure) / max(1, count)
     if is_aligned and share < MOST_UNSURE:
         found = f"{unsure} of its {count} words are not where they should be"
-        return Heard(notes=(MISMATCH_NOTE.format(found=found if words else "it is not said"),))
+        return RecognitionResult(
+            notes=(MISMATCH_NOTE.format(found=found if words else "it is not said"),)
+        )
     if count >= FEW_WORDS and share < MOST_UNSURE:
-        return Heard(notes=(UNSURE_NOTE.format(unsure=unsure, count=count),))
+        return RecognitionResult(notes=(UNSURE_NOTE.format(unsure=unsure, count=count),))
     if not sure:
-        return Heard(notes=(SILENT_NOTE,))
+        return RecognitionResult(notes=(SILENT_NOTE,))
     notes: tuple[str, ...] = ()
     if unsure:
         note = PART_NOTE if is_aligned else FEW_NOTE
         notes = (note.format(unsure=unsure, count=count),)
-    origin: Origin = "aligned" if is_aligned else "recognised"
+    origin: TranscriptSource = "aligned" if is_aligned else "recognised"
     phones = tuple(phone for _, phones in sure for phone in phones)
     words_sure = tuple(word for word, _ in sure)
-    return Heard(Transcript(words_sure, origin=origin, phones=phones), notes)
+    return RecognitionResult(Transcript(words_sure, origin=origin, phones=phones), notes)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from conventions.names import file_stem
-from model.storage.files import bytes_within
+from model.storage.files import read_capped
 
 MAX_CARD_BYTES = 10**7
 BUNDLED_WEIGHTS = Path(__file__).parents[1] / "weights"
@@ -125,7 +125,7 @@ def load_card(folder: Path, system: str) -> Card:
     path = folder / f"{file_stem(system)}.json"
     if not path.exists():
         raise CheckpointError(f"{path} is missing; train {system} or pass --weights.")
-    content = bytes_within(path, MAX_CARD_BYTES, CheckpointError)
+    content = read_capped(path, MAX_CARD_BYTES, CheckpointError)
     try:
         card = json.loads(content)
     except (ValueError, RecursionError) as error:

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from conventions.names import file_stem
 from model.storage.cards import Card, CheckpointError, load_card
-from model.storage.files import bytes_within, write_atomically
+from model.storage.files import read_capped, write_atomically
 
 KEEP_FLOAT32 = ("normaliser.", "prior.")
 
@@ -47,7 +47,7 @@ def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], Card]:
     """
     card = load_card(folder, system)
     path = folder / f"{file_stem(system)}.safetensors"
-    content = bytes_within(path, MAX_BYTES, CheckpointError)
+    content = read_capped(path, MAX_BYTES, CheckpointError)
     found = hashlib.sha256(content).hexdigest()
     if found != card.sha256:
         raise CheckpointError(

@@ -42,11 +42,11 @@ def csv_text(rows: Iterable[Iterable[object]], line_end: str = "\r\n") -> str:
     return text.getvalue()
 
 
-def tex(text: str) -> str:
+def escape_latex(text: str) -> str:
     """Escape LaTeX's special characters."""
     return "".join(_TEX.get(char, char) for char in printable(text))
 
 
-def markdown(text: str) -> str:
+def escape_markdown(text: str) -> str:
     """Escape the special characters of Markdown, HTML and Markdown tables."""
     return _MARKDOWN.sub(r"\\\1", printable(text))

@@ -25,7 +25,7 @@ class FieldError(ValueError):
     """An invalid file; the message describes the problem as the end of a sentence."""
 
 
-def read_checked(path: Path, kind: type[T], max_bytes: int) -> T:
+def read_json(path: Path, kind: type[T], max_bytes: int) -> T:
     """Read the JSON of a file as a ``kind``.
 
     Raises:
@@ -38,10 +38,10 @@ def read_checked(path: Path, kind: type[T], max_bytes: int) -> T:
         raise FieldError(f"it cannot be read ({error.strerror or 'unknown reason'})") from error
     if len(content) > max_bytes:
         raise FieldError(f"it is larger than the {max_bytes:,} bytes that are read")
-    return checked(content, kind)
+    return parse_json(content, kind)
 
 
-def checked(content: bytes | str, kind: type[T], context: Any = None) -> T:
+def parse_json(content: bytes | str, kind: type[T], context: Any = None) -> T:
     """Parse JSON as a ``kind``.
 
     Raises:
@@ -50,7 +50,7 @@ def checked(content: bytes | str, kind: type[T], context: Any = None) -> T:
     try:
         return adapter(kind).validate_json(content, context=context)
     except ValidationError as error:
-        raise FieldError(why(error)) from error
+        raise FieldError(validation_message(error)) from error
 
 
 @functools.cache
@@ -58,7 +58,7 @@ def adapter(kind: Any) -> TypeAdapter:
     return TypeAdapter(kind)
 
 
-def why(error: ValidationError) -> str:
+def validation_message(error: ValidationError) -> str:
     """Describe the first error as the end of a sentence; unknown names take precedence."""
     return printable(_why(error))[:300]
 

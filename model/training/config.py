@@ -44,7 +44,7 @@ SMOKE: dict[str, Any] = {
     "validate_every": 20,
 }
 """Fields of a training that takes a minute, for any network."""
-THROATS = (0.84, 1.2)
+VOCAL_TRACT_RANGE = (0.84, 1.2)
 """`TrainConfig.throats` of men, women and children."""
 PAPER: dict[str, Any] = {
     "encoder": "wavlm",

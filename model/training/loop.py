@@ -25,7 +25,7 @@ from model.storage.escaping import csv_text
 from model.storage.files import write_atomically, written_atomically
 from model.storage.revision import revision
 from model.training.config import TrainConfig
-from model.training.parallel import WHOLE, Shard
+from model.training.parallel import UNSHARDED, Shard
 from model.training.task import Task, TaskSetup
 
 STATE_FILE = "state.pt"
@@ -127,7 +127,7 @@ def train(
     helpers: Path,
     resume: bool = False,
     start: Path | None = None,
-    shard: Shard = WHOLE,
+    shard: Shard = UNSHARDED,
     may_compile: bool = False,
 ) -> None:
     """Run or resume one training; writes ``out/state.pt``, ``log.csv`` and ``out/weights/``.

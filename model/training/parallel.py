@@ -79,7 +79,7 @@ class Shard:
             dist.barrier()
 
 
-WHOLE = Shard()
+UNSHARDED = Shard()
 """Shard of a single process on the CPU: whole batches."""
 
 
@@ -103,7 +103,7 @@ def joined_processes() -> Iterator[Shard]:
 
 
 @dataclass(frozen=True)
-class Draws:
+class ShardedRandom:
     """Random numbers for each sample of the whole batch, restricted to the shard's share."""
 
     size: int

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from conventions.joints import NUM_JOINTS
-from model.data.prepared import Batch, PreparedData, arrays_beside
+from model.data.prepared import Batch, PreparedData, derived_arrays
 from model.motion.kinematics import RestSkeleton
 from model.motion.packing import (
     AXIS_ANGLE_GROUPS,
@@ -37,7 +37,7 @@ from model.networks.trained import Trained
 from model.sampling.prior import GaussianPrior, fit_components, fit_prior
 from model.speech.features import augment_mel, in_other_throats
 from model.training.config import TrainConfig
-from model.training.parallel import Draws
+from model.training.parallel import ShardedRandom
 
 BLOCK_FRAMES = 2000
 TARGETS_FORMAT = 2
@@ -83,7 +83,7 @@ def prepare_targets(
     """Compute the arrays next to those of ``data`` unless they exist, then map them to memory."""
     stem = f"{space}-{root}"
     width = AXIS_ANGLE_MOTION_DIM if space == "axis-angle" else MOTION_DIM
-    vectors, rooted = arrays_beside(
+    vectors, rooted = derived_arrays(
         data,
         f"targets-{stem}",
         {"format": TARGETS_FORMAT, "rest_joints": skeleton.rest_joints.tolist()},
@@ -114,7 +114,7 @@ def _by_clip(
         yield vectors.numpy(), np.concatenate(rooted)
 
 
-def heard(
+def augmented_speech(
     config: TrainConfig, network: nn.Module, batch: Batch, generator: torch.Generator
 ) -> Float[Tensor, "B T dim"]:
     """Return the speech features of the whole batch, augmented in training."""
@@ -130,7 +130,7 @@ def conditions(
     config: TrainConfig,
     network: nn.Module,
     batch: Batch,
-    draws: Draws,
+    draws: ShardedRandom,
     hidden: Sequence[str] = ("seed", "speaker", "speech"),
 ) -> dict[str, Tensor]:
     """Return the conditioning of this shard's windows: speech, speaker, and masks.
@@ -147,7 +147,7 @@ def conditions(
     for name in hidden:
         kept[name] = draws.keep(getattr(config, f"{name}_dropout"))
     return {
-        "speech": draws.shard.of(heard(config, network, batch, draws.generator)),
+        "speech": draws.shard.of(augmented_speech(config, network, batch, draws.generator)),
         "speaker": draws.shard.of(batch.speaker) * kept["speaker"],
         "has_seed": kept["seed"],
         "has_speech": kept["speech"],

@@ -21,7 +21,7 @@ from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into
 from model.training import losses
 from model.training.config import TrainConfig
-from model.training.parallel import WHOLE, Draws, Shard, can_compile
+from model.training.parallel import UNSHARDED, Shard, ShardedRandom, can_compile
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class TaskSetup:
     """Folder with the weights of networks that a task needs and does not train."""
     start: Path | None = None
     """Folder with initial weights of the trained network; None for random ones."""
-    shard: Shard = WHOLE
+    shard: Shard = UNSHARDED
     may_compile: bool = False
     """True to compile networks and losses if that pays (`model.training.parallel`)."""
 
@@ -117,7 +117,7 @@ class StepLoss:
     """Loss to minimise: the sum of its weighted terms."""
 
     terms: dict[str, Float[Tensor, ""]]
-    told: dict[str, Float[Tensor, ""]] = field(default_factory=dict)
+    logged: dict[str, Float[Tensor, ""]] = field(default_factory=dict)
     """Further values for the log."""
 
     @cached_property
@@ -127,7 +127,7 @@ class StepLoss:
     @property
     def parts(self) -> dict[str, Float[Tensor, ""]]:
         """Values for the log: each term, ``total`` and further values."""
-        parts = {**self.terms, "total": self.total, **self.told}
+        parts = {**self.terms, "total": self.total, **self.logged}
         return {name: part.detach() for name, part in parts.items()}
 
 
@@ -142,7 +142,7 @@ class DescentTask(ABC):
             has one.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
+    state_attributes: ClassVar[tuple[str, ...]] = ("network", "average", "optimizer")
     """Attributes that make up the state of a resumed run."""
     is_compiled: ClassVar[bool] = False
     """True if the network is worth compiling."""
@@ -174,7 +174,7 @@ class DescentTask(ABC):
             self.network.compile(dynamic=False)
 
     @abstractmethod
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         """Compute the loss of a network on the shard's share of a batch.
 
         Random numbers are drawn for the whole batch, so that several processes equal one.
@@ -184,7 +184,7 @@ class DescentTask(ABC):
         self, network: nn.Module, batch: Batch, generator: torch.Generator, shard: Shard
     ) -> StepLoss:
         """Compute `loss` with random numbers from a generator."""
-        return self.loss(network, batch, Draws(len(batch.clips), generator, shard))
+        return self.loss(network, batch, ShardedRandom(len(batch.clips), generator, shard))
 
     @property
     def shard(self) -> Shard:
@@ -241,10 +241,10 @@ class DescentTask(ABC):
         return {name: tensor.cpu() for name, tensor in found.items()}
 
     def state(self) -> dict[str, Any]:
-        return {name: getattr(self, name).state_dict() for name in self.kept}
+        return {name: getattr(self, name).state_dict() for name in self.state_attributes}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        for name in self.kept:
+        for name in self.state_attributes:
             getattr(self, name).load_state_dict(state[name])
 
 

@@ -36,7 +36,7 @@ from app.study.export import export_study, zipped
 from app.study.make.workspace import ExportRequest
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
-from model.speech.librosa_cache import librosa
+from model.speech.librosa_cache import load_librosa
 from tests.app import fakes
 from tests.app.study.made_study import draw_noise
 from tests.conftest import MadeOnce
@@ -239,7 +239,7 @@ def served_blocks(
     Args:
         does: tasks by functions of a test's own, as of `FakeWorker`.
     """
-    librosa()  # where nothing is kept it compiles, for longer than a browser waits for a run
+    load_librosa()  # where nothing is kept it compiles, for longer than a browser waits for a run
     before = os.environ.get("GRADIO_TEMP_DIR")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.page.worker.Worker", partial(fakes.FakeWorker, does=does))

@@ -21,7 +21,7 @@ from app.run.examples import CLEAN, slide
 from conventions.joints import HANDS
 from model.formats.convention_detection import RELAXED_HANDS
 from model.motion.motion import load_motion, save_motion
-from model.plan.annotation_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from model.speech.audio import write_wav
 from renderer.video.compose import band_height
 from tests.browser.conftest import (
@@ -132,7 +132,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     transcript = tmp_path / "words.TextGrid"
     hand = Interval(0.0, 0.2, "rest"), Interval(0.2, 0.4, "stroke beat")
     tiers = NamedTier("words", (Interval(0.1, 0.3, "hello"),)), NamedTier("gesture_left", hand)
-    transcript.write_text(textgrid_of(tiers, 0.4))
+    transcript.write_text(format_textgrid(tiers, 0.4))
     page.get_by_role("tab", name=TAB).click()
     press(page, "Measure and compare")
     expect(page.locator("#own-message")).to_contain_text("at least one")

@@ -15,8 +15,8 @@ from app import text
 from app.page.tabs import live as live_tab
 from app.page.tabs.study import PREVIEW
 from app.study.leaks import check_study
-from model.plan.annotation_files import Interval, NamedTier, textgrid_of
-from model.plan.editing import added, gestures
+from model.plan.annotation_files import Interval, NamedTier, format_textgrid
+from model.plan.editing import add_gesture, gestures
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan
 from model.speech.audio import write_wav
@@ -53,10 +53,10 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Speech, its words, and a plan of it."""
     folder = tmp_path_factory.mktemp("files")
     write_wav(folder / "talk.wav", made_waveform(round(16_000 * LONG_S)))
-    (folder / "said.TextGrid").write_text(textgrid_of([WORDS], LONG_S))
+    (folder / "said.TextGrid").write_text(format_textgrid([WORDS], LONG_S))
     still = (phase(0.0, LONG_S, "rest"),)
     plan = GesturePlan(LONG_S, left=still, right=still)
-    plan = added(added(plan, "offer", 2.0, "right").plan, "beat", 6.5, "right").plan
+    plan = add_gesture(add_gesture(plan, "offer", 2.0, "right").plan, "beat", 6.5, "right").plan
     (folder / "plan.json").write_text(plan.as_json())
     return {path.suffix: path for path in folder.iterdir()}
 

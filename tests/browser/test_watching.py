@@ -14,7 +14,7 @@ from app.config import AppConfig
 from app.findings.measure_rows import JERK
 from app.page.tabs import own_motion
 from model.motion.motion import save_motion
-from model.plan.annotation_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from model.speech.audio import write_wav
 from model.systems.globaldiff.config import BEST
 from tests.app import fakes
@@ -346,7 +346,7 @@ def test_a_run_of_many_beside_a_reference_with_words_and_without_videos(
     reference, words = tmp_path / "reference.npz", tmp_path / "words.TextGrid"
     save_motion(fakes.made_motion(FRAMES), reference)
     said = NamedTier("words", (Interval(1.0, 2.0, "<b>hello</b>"),))
-    words.write_text(textgrid_of([said], 2.0))
+    words.write_text(format_textgrid([said], 2.0))
     page = opened(visitor(390, 844), address)
     silence = tmp_path / "silence.wav"
     write_wav(silence, np.zeros(32_000, np.float32))

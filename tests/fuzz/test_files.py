@@ -21,7 +21,7 @@ from app.study.statistics.answers import collect
 from app.study.statistics.screening import screen
 from model.formats.read import read_unguarded
 from model.motion.motion import load_motion, save_motion
-from model.plan.annotation_files import textgrid_of
+from model.plan.annotation_files import format_textgrid
 from model.plan.files import ENDINGS, markers_csv, read_plan_file, tiers_of, write_plan_file
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript, read_words
@@ -79,7 +79,9 @@ item [2]:
  xmax = 0.5
  text = "stroke beat"
 """
-PRAAT = textgrid_of(tiers_of(made_plan(), for_praat=True), 6.0).replace("gaze", "words").encode()
+PRAAT = (
+    format_textgrid(tiers_of(made_plan(), for_praat=True), 6.0).replace("gaze", "words").encode()
+)
 DEEP = (b"[" * 100_000, b'{"answers": ' * 50_000, b"[" * 50_000 + b"]" * 50_000)
 Read = Callable[[Path], object]
 

@@ -27,7 +27,7 @@ from model.systems.planned.config import PLANNED, PLANNER
 from model.systems.registry import family_of, load_system
 from model.train import main
 from model.training.loop import TrainingError
-from model.training.parallel import WHOLE, Draws, Shard
+from model.training.parallel import UNSHARDED, Shard, ShardedRandom
 from model.training.task import DescentTask, TaskSetup
 from tests.model.training.made import (
     assert_equal_states,
@@ -160,7 +160,7 @@ def test_shares_of_processes_add_up_on_their_device_and_a_loss_is_descended(
         return task.step_loss(task.network.train(), batch, generator, shard).parts
 
     if system in EVERY:
-        whole, *shares = (parts(shard) for shard in (WHOLE, Shard(0, 2), Shard(1, 2)))
+        whole, *shares = (parts(shard) for shard in (UNSHARDED, Shard(0, 2), Shard(1, 2)))
         for name, value in whole.items():
             mean = (shares[0][name] + shares[1][name]) / 2
             torch.testing.assert_close(mean, value, rtol=1e-3, atol=1e-6)
@@ -171,7 +171,7 @@ def test_shares_of_processes_add_up_on_their_device_and_a_loss_is_descended(
         assert found[-1] < found[0]
     monkeypatch.setattr(DescentTask, "adam", lambda *_: None)
     monkeypatch.setattr(Shard, "autocast", lambda _: nullcontext())
-    shard = replace(WHOLE, device=torch.device("meta"))
+    shard = replace(UNSHARDED, device=torch.device("meta"))
     remote = family_of(system).make_task(config, data, TaskSetup(BUNDLED_WEIGHTS, shard=shard))
     assert isinstance(remote, DescentTask)
     with pytest.raises(Told) as caught:
@@ -182,7 +182,7 @@ def test_shares_of_processes_add_up_on_their_device_and_a_loss_is_descended(
 
 def test_flow_times_are_a_power_of_uniform_ones():
     one, cubed = (
-        Draws(500, torch.Generator().manual_seed(0), WHOLE).flow_times(power)
+        ShardedRandom(500, torch.Generator().manual_seed(0), UNSHARDED).flow_times(power)
         for power in (1.0, 3.0)
     )
     assert one.min() < 0.02 and one.max() > 0.98 and abs(float(one.mean()) - 0.5) < 0.05

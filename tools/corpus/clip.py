@@ -16,7 +16,7 @@ from jaxtyping import Float32
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS
 from conventions.rates import FPS
-from model.plan.annotation_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from model.speech.audio import wav_bytes
 from model.storage.files import write_atomically, write_error
 from tools.corpus.body.arms import follow_plan, move_arms
@@ -211,7 +211,7 @@ def textgrid(clip: CorpusClip) -> str:
         ),
         intervals("listening", [(s.start_s, s.end_s, "listening") for s in utterance.listening]),
     ]
-    return textgrid_of(tiers, round(duration_s, 4))
+    return format_textgrid(tiers, round(duration_s, 4))
 
 
 def hand_moves(keys: list[HandKey], duration_s: float) -> tuple[list[Span], list[Point]]:

@@ -15,7 +15,7 @@ from pydantic import ConfigDict, ValidationError, create_model
 
 from app.errors import RunError
 from app.run.requests.convert import all_names, parse_field, request_field
-from model.storage.json_validation import why
+from model.storage.json_validation import validation_message
 
 LONGEST_TEXT = 5000
 _KINDS = {
@@ -45,7 +45,7 @@ def values_of(request: type[Any], form: Fields, values: Sequence[Any]) -> dict[s
     try:
         create_model("Form", __config__=config, **kinds)(**sent)
     except ValidationError as error:
-        raise RunError(f"The field {why(error)}.") from error
+        raise RunError(f"The field {validation_message(error)}.") from error
     return {name: _read(part, sent[name], request, name) for name, part in form.items()}
 
 

@@ -28,7 +28,7 @@ from app.run.output.run_folder import (
 from app.run.requests.requests import MAX_NOISE_RAD, MIN_NOISE_RAD, RotationNoiseRequest
 from conventions.colors import colors_of
 from conventions.names import REFERENCE_NAME, file_stem
-from model.storage.json_validation import FieldError, read_checked
+from model.storage.json_validation import FieldError, read_json
 
 if TYPE_CHECKING:
     from app.run.plan_edits.edits import EditSuggestion
@@ -79,7 +79,7 @@ class Showing:
         """Return the timeline of the run, empty if there is none yet."""
         path = file_of(self.folder, self.record.timeline)
         try:
-            return {} if path is None else read_checked(path, dict[str, Any], MAX_RUN_BYTES)
+            return {} if path is None else read_json(path, dict[str, Any], MAX_RUN_BYTES)
         except FieldError as error:
             raise RunError(DAMAGED.format(name=TIMELINE, why=error)) from None
 

@@ -31,8 +31,8 @@ from app.findings.measure_rows import (
     written,
 )
 from conventions.names import REFERENCE_NAME, printable
-from model.storage.files import bytes_within, write_atomically
-from model.storage.json_validation import FieldError, read_checked
+from model.storage.files import read_capped, write_atomically
+from model.storage.json_validation import FieldError, read_json
 
 FORMAT = 2
 MAX_BYTES = 32 * 2**20
@@ -111,7 +111,7 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
         RunError: with one sentence.
     """
     path = folder / "many.json"
-    content = bytes_within(path, MAX_BYTES, RunError)
+    content = read_capped(path, MAX_BYTES, RunError)
     try:
         told = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -202,7 +202,7 @@ def write_leaderboard(entries: Iterable[Entry], path: Path) -> None:
 def read_leaderboard(path: Path) -> list[Entry]:
     """Read a leaderboard; raises RunError if it is not valid."""
     try:
-        return read_checked(path, Leaderboard, MAX_BYTES).entries
+        return read_json(path, Leaderboard, MAX_BYTES).entries
     except FieldError as error:
         raise RunError(f"{path.name} is no leaderboard of format {FORMAT}: {error}.") from None
 

@@ -23,7 +23,7 @@ from model.metrics.protocols.table import PROTOCOLS
 from model.motion.kinematics import RestSkeleton, open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
-from model.storage.escaping import markdown
+from model.storage.escaping import escape_markdown
 from model.storage.files import written_atomically
 
 DRAWS = 200
@@ -227,7 +227,14 @@ def rule_lines(
                 told = f"{change:+.3g}" if abs(change) > 1e-9 * abs(value) else "0"
                 gap = ["" if reported is None else f"{value - reported:+.3g}"] if expected else []
                 rule = protocol if variation == PLAIN else f"{protocol}, {variation}"
-                cells = name, markdown(system), rule, written(value), told if place else "", *gap
+                cells = (
+                    name,
+                    escape_markdown(system),
+                    rule,
+                    written(value),
+                    told if place else "",
+                    *gap,
+                )
                 rows.append(cells)
     if not rows:
         return []

@@ -21,7 +21,7 @@ from app.findings.verdict import ENOUGH_CLIPS
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
 from model.metrics.protocols.table import WORKBENCH, protocol_of
-from model.storage.escaping import csv_text, markdown, tex
+from model.storage.escaping import csv_text, escape_latex, escape_markdown
 
 if TYPE_CHECKING:
     from model.metrics.results import BeatSpeeds
@@ -171,7 +171,10 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
     if not worst:
         return []
     rows = (
-        map(markdown, (of["system"], of["clip"], kinds_told(of["kinds"]), written(of["jerk"])))
+        map(
+            escape_markdown,
+            (of["system"], of["clip"], kinds_told(of["kinds"]), written(of["jerk"])),
+        )
         for of in worst
     )
     title = (
@@ -184,7 +187,7 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _grid(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     """Format a Markdown table; the cells of its rows must be escaped."""
-    titles = [markdown(title) for title in head]
+    titles = [escape_markdown(title) for title in head]
     lines = [f"| {' | '.join(cells)} |" for cells in (titles, *rows)]
     return [lines[0], "|" + "---|" * len(titles), *lines[1:]]
 
@@ -212,9 +215,12 @@ def _latex(systems: list[str], clips: int, means: Cells) -> str:
         f"{clips} clips. {star_legend(systems, clips)}",
         f"\\begin{{tabular}}{{l{'c' * len(systems)}}}",
         "\\toprule",
-        " & ".join(["Measure", *map(tex, systems)]) + " \\\\",
+        " & ".join(["Measure", *map(escape_latex, systems)]) + " \\\\",
         "\\midrule",
-        *(" & ".join([tex(title), *map(tex, cells)]) + " \\\\" for title, cells in means.items()),
+        *(
+            " & ".join([escape_latex(title), *map(escape_latex, cells)]) + " \\\\"
+            for title, cells in means.items()
+        ),
         "\\bottomrule",
         "\\end{tabular}",
     ]
@@ -285,14 +291,15 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
 def _sheet(systems: list[str], told: Mapping[str, Any], means: Cells) -> list[str]:
     findings = told["clips_with_finding"]
     out = [f"Left out: {clip}: {why}" for clip, why in told["left_out"].items()]
-    noted = [f"- {markdown(note)}" for note in (*told["notes"], *out)]
+    noted = [f"- {escape_markdown(note)}" for note in (*told["notes"], *out)]
     lines = [
         f"# {len(told['clips'])} clips",
         "",
         *noted,
         *([""] if noted else []),
         "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered."
-        f" {markdown(star_legend(systems, len(told['clips'])))} Differences of all pairs are in"
+        f" {escape_markdown(star_legend(systems, len(told['clips'])))} Differences of all pairs "
+        "are in"
         " `many.csv`.",
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),

@@ -26,7 +26,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import moving_chain
 from model.motion.transforms import noisy_motions
-from model.speech.transcript import NOTHING_SAID
+from model.speech.transcript import EMPTY_TRANSCRIPT
 from renderer.video.compose import compose_videos
 from renderer.video.workers import draw_jobs
 
@@ -67,7 +67,7 @@ def compare_rotation_noise(
         tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
         run.add_notes(*found.notes, *_growth_told(growth, request.noise_rad))
         shown = run.write_viewer_files({**noisy, WITHOUT_NOISE: found.motion}, None, tip)
-        run.write_timeline(shown, NOTHING_SAID)
+        run.write_timeline(shown, EMPTY_TRANSCRIPT)
         _draw_growth(request, growth, run)
         if request.has_video:
             _draw_bodies(request, found.motion, noisy, run)

@@ -31,7 +31,7 @@ from conventions.names import (
     short_names,
 )
 from model.storage.files import opened_zip, write_atomically
-from model.storage.json_validation import FieldError, read_checked
+from model.storage.json_validation import FieldError, read_json
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
@@ -307,7 +307,7 @@ def read_run(folder: Path) -> RunRecord:
     if not (folder / RUN).is_file():
         raise RunError(NO_RUN.format(name=name, why=f"{RUN} is missing"))
     try:
-        return read_checked(folder / RUN, RunRecord, MAX_RUN_BYTES)
+        return read_json(folder / RUN, RunRecord, MAX_RUN_BYTES)
     except (FieldError, OverflowError, RecursionError) as error:
         why = f"{RUN} is damaged: {error}"
         raise RunError(NO_RUN.format(name=name, why=why)) from None

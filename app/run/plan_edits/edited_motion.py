@@ -46,7 +46,7 @@ from model.motion.transforms import filtered
 from model.plan.editing import Gesture as Which
 from model.plan.editing import partner_of
 from model.plan.files import read_plan_file
-from model.plan.kinds import BY_BOTH, HOLD_S, PLACES, PREPARATION_S, STROKE_S, strokes_of
+from model.plan.kinds import HOLD_S, PLACES, PREPARATION_S, STROKE_S, TWO_HANDED_KINDS, strokes_of
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import Speech, SpeechLimits, load_speech
@@ -184,7 +184,7 @@ def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     gestures = []
     for stroke in strokes_of(plan):
         phases = plan.hand(stroke.side)[stroke.first : stroke.last + 1]
-        lands = stroke.lands
+        lands = stroke.last_stroke
         holds = [each for each in phases if each.phase == "hold" and each.start_s >= lands.end_s]
         hold_s = sum(each.end_s - each.start_s for each in holds)
         partner = partner_of(plan, Which(stroke.side, lands.end_s))
@@ -196,7 +196,7 @@ def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     return {
         "gestures": sorted(gestures, key=lambda each: (each["lands"], each["side"])),
         "style": {name: round(value, 4) for name, value in asdict(style_of(plan)).items()},
-        "kinds": {kind: "both" if kind in BY_BOTH else "right" for kind in sorted(PLACES)},
+        "kinds": {kind: "both" if kind in TWO_HANDED_KINDS else "right" for kind in sorted(PLACES)},
         "places": dict(PLACES),
         "around": [-STROKE_S - PREPARATION_S, HOLD_S],
         "words": [[word.start_s, word.end_s, word.text] for word in words],

@@ -22,14 +22,14 @@ from model.plan.plan import (
     GesturePlan,
     Moment,
     Nod,
-    Noted,
     PlanError,
+    PlanResult,
     Side,
     Span,
 )
-from model.plan.style import LIMITS, StyleWish
+from model.plan.style import LIMITS, StyleChange
 from model.speech.transcript import Word
-from model.storage.json_validation import why
+from model.storage.json_validation import validation_message
 
 MAX_EDITS = 60
 """Maximum number of edits in one request."""
@@ -42,7 +42,7 @@ STEP_S = 0.1
 """Step (s) of the search for the nearest free place."""
 Values = Mapping[str, Any]
 Said = Sequence[Word]
-Does = Callable[[GesturePlan, Values, Said], Noted]
+Does = Callable[[GesturePlan, Values, Said], PlanResult]
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def parse_edits(told: object) -> tuple[Edit, ...]:
     return tuple(_edit(one) for one in told)
 
 
-def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
+def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> PlanResult:
     """Apply all edits in order, and return the plan with notes on corrections.
 
     Args:
@@ -124,7 +124,7 @@ def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> Noted:
     Raises:
         PlanError, RunError: if one edit cannot be done; then none is.
     """
-    done = Noted(plan)
+    done = PlanResult(plan)
     for edit in edits:
         done = done.then(lambda new, one=edit: KINDS[one.do].does(new, one.values, words))
     return done
@@ -191,7 +191,7 @@ def _edit(told: object) -> Edit:
     try:
         values = kind.reader.validate_python({k: v for k, v in told.items() if k != "do"})
     except ValidationError as error:
-        raise RunError(f"The edit {do!r} cannot be read: {why(error)}.") from error
+        raise RunError(f"The edit {do!r} cannot be read: {validation_message(error)}.") from error
     if do in ("move", "add") and ("at" in values) == ("word" in values):
         raise RunError(f"The edit {do!r} needs a time or a word.")
     return Edit(do, values)
@@ -208,7 +208,7 @@ def _place(told: Values, words: Said) -> tuple[float, str | None]:
     if told["word"] >= len(words):
         raise RunError(f"The transcript has {len(words)} words; choose one of them.")
     word = words[told["word"]]
-    return editing.on_word(word), word.text.lower()[:80]
+    return editing.stroke_time_on_word(word), word.text.lower()[:80]
 
 
 def _said_at(words: Said, at_s: float) -> str:
@@ -216,10 +216,10 @@ def _said_at(words: Said, at_s: float) -> str:
     return next((each.text.lower()[:80] for each in words if each.start_s <= at_s < each.end_s), "")
 
 
-def _of_both(change: Callable[..., Noted], *names: str) -> Does:
+def _of_both(change: Callable[..., PlanResult], *names: str) -> Does:
     """Make an edit that changes a gesture, and the other hand's part in it."""
 
-    def does(plan: GesturePlan, told: Values, words: Said) -> Noted:
+    def does(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
         gesture, values = _gesture(told), [told[name] for name in names]
         partner = editing.partner_of(plan, gesture)
         done = change(plan, gesture, *values)
@@ -228,21 +228,21 @@ def _of_both(change: Callable[..., Noted], *names: str) -> Does:
     return does
 
 
-def _move(plan: GesturePlan, told: Values, words: Said) -> Noted:
+def _move(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
     lands_s, word = _place(told, words)
     if word is None:
         word = _said_at(words, lands_s)
     by_s = lands_s - told["lands"]
-    moved = _of_both(lambda each, one: editing.moved(each, one, one.lands_s + by_s, word))
+    moved = _of_both(lambda each, one: editing.move_gesture(each, one, one.lands_s + by_s, word))
     return moved(plan, told, words)
 
 
-def _add(plan: GesturePlan, told: Values, words: Said) -> Noted:
+def _add(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
     lands_s, word = _place(told, words)
-    return editing.added(plan, told["kind"], lands_s, told.get("hands"), word or "")
+    return editing.add_gesture(plan, told["kind"], lands_s, told.get("hands"), word or "")
 
 
-def _end(plan: GesturePlan, told: Values, words: Said) -> Noted:
+def _end(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
     """Move the end of a phase, of both hands if they share it, and update words of strokes."""
     side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
     done = editing.ended(plan, side, told["ends"], told["at"])
@@ -263,14 +263,14 @@ def _end(plan: GesturePlan, told: Values, words: Said) -> Noted:
     return replace(done, plan=new)
 
 
-def _look(plan: GesturePlan, told: Values, words: Said) -> Noted:
+def _look(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
     end_s = min(plan.duration_s, told["at"] + told.get("lasts", LOOK_S))
     if end_s <= told["at"]:
         raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; a look begins before.")
     return editing.with_event(plan, Gaze(told["at"], end_s, told["yaw"], told["pitch"]))
 
 
-def _remove(plan: GesturePlan, told: Values, words: Said) -> Noted:
+def _remove(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
     def off(event: Span | Moment) -> float:
         return abs(event.start_s - told["at"])
 
@@ -279,20 +279,20 @@ def _remove(plan: GesturePlan, told: Values, words: Said) -> Noted:
     if nearest is None or off(nearest) >= AT_S:
         raise PlanError(f"The plan has none of its {told['list']} at {told['at']:.2f} s.")
     left = tuple(event for event in events if event is not nearest)
-    return Noted(replace(plan, **{told["list"]: left}))
+    return PlanResult(replace(plan, **{told["list"]: left}))
 
 
-def _style(plan: GesturePlan, told: Values, words: Said) -> Noted:
+def _style(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
     numbers = {name: value for name, value in told.items() if name != "excite"}
-    return StyleWish(numbers, excite=told.get("excite", 0.0)).done(plan, words)
+    return StyleChange(numbers, excite=told.get("excite", 0.0)).apply(plan, words)
 
 
-def _plan(plan: GesturePlan, told: Values, words: Said) -> Noted:
+def _plan(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
     """Replace the whole plan by another one of the same length."""
     name = f"plan{printable(Path(told['name']).suffix.lower())[:12]}"
     check_ending(Path(name))
     read = plan_in(told["text"].encode("utf-8", "replace"), name)
-    return Noted(check_duration(read.plan, plan.duration_s), read.notes)
+    return PlanResult(check_duration(read.plan, plan.duration_s), read.notes)
 
 
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
@@ -318,17 +318,17 @@ _where: dict[str, Any] = {
 }  # fmt: skip
 KINDS: Mapping[str, EditKind] = {
     "move": _kind(_move, **_one, **_where),
-    "delete": _kind(_of_both(editing.deleted), **_one),
+    "delete": _kind(_of_both(editing.delete_gesture), **_one),
     "add": _kind(_add, kind=_text(40), hands=NotRequired[Hands], **_where),
     "hands": _kind(
         lambda plan, told, *_: editing.with_hands(plan, _gesture(told), told["hands"]),
         **_one, hands=Hands,
     ),
-    "hold": _kind(_of_both(editing.held, "hold"), **_one, hold=_within(0, 60)),
+    "hold": _kind(_of_both(editing.set_hold, "hold"), **_one, hold=_within(0, 60)),
     "end": _kind(_end, side=Side, ends=_Second, at=_Second),
-    "size": _kind(_of_both(editing.sized, "size"), **_one, size=_within(0.1, 4)),
-    "height": _kind(_of_both(editing.raised, "by"), **_one, by=_within(-1, 1)),
-    "speed": _kind(_of_both(editing.hastened, "speed"), **_one, speed=_within(0.2, 5)),
+    "size": _kind(_of_both(editing.scale_gesture, "size"), **_one, size=_within(0.1, 4)),
+    "height": _kind(_of_both(editing.raise_gesture, "by"), **_one, by=_within(-1, 1)),
+    "speed": _kind(_of_both(editing.speed_up_gesture, "speed"), **_one, speed=_within(0.2, 5)),
     "nod": _kind(
         lambda plan, told, *_: editing.with_event(
             plan, Nod(told["at"], told.get("depth", NOD_DEG))),

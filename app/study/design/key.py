@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
 from model.storage.files import written_atomically
-from model.storage.json_validation import STRICT, FieldError, Text, adapter, read_checked
+from model.storage.json_validation import STRICT, FieldError, Text, adapter, read_json
 
 Protocol = Literal["pairwise", "matched", "ranking", "rating"]
 TrialKind = Literal["pair", "match", "rank", "rate", "attention"]
@@ -217,7 +217,7 @@ def read_key(path: Path) -> Key:
     if not path.is_file():
         raise RunError(f"There is no key at {path}; name the key.json of `researcher_only`.")
     try:
-        return read_checked(path, Key, MAX_KEY_BYTES)
+        return read_json(path, Key, MAX_KEY_BYTES)
     except FieldError as error:
         raise RunError(
             f"{path.name} is not the key of a study: {error}; use the file that the export wrote."

@@ -20,8 +20,8 @@ from app.errors import RunError
 from app.study.design.key import MAX_PANEL_IDS, MAX_SYSTEMS, PanelName, Protocol, Question
 from conventions.names import PostFilter
 from conventions.views import VIEWS, View
-from model.storage.files import bytes_within, parse_toml
-from model.storage.json_validation import FieldError, Text, checked
+from model.storage.files import parse_toml, read_capped
+from model.storage.json_validation import FieldError, Text, parse_json
 from model.systems.registry import families, planning_systems
 
 MAX_LENGTH_S = 120.0
@@ -75,12 +75,18 @@ def _by_clip(value: Any, info: Any) -> Mapping[str, Path]:
 def _style(value: Any, info: Any) -> Any:
     """Parse a style: a path of a style file, or the tables of one."""
     from model.plan.plan import PlanError
-    from model.plan.style import StyleWish, read_wish, wish_of  # import torch: only if needed
+    from model.plan.style import (  # import torch: only if needed
+        StyleChange,
+        read_style_file,
+        wish_of,
+    )
 
     try:
-        if value is None or isinstance(value, StyleWish):
+        if value is None or isinstance(value, StyleChange):
             return value
-        return wish_of(value) if isinstance(value, Mapping) else read_wish(_beside(value, info))
+        return (
+            wish_of(value) if isinstance(value, Mapping) else read_style_file(_beside(value, info))
+        )
     except PlanError as error:
         raise ValueError(f"a style cannot be used: {str(error).rstrip('.')}") from None
 
@@ -133,7 +139,7 @@ class Condition:
     """Name of a sampler of the system; by default its first."""
     post_filter: PostFilter = "none"
     style: Annotated[Any, PlainValidator(_style)] = None
-    """Style change (a `StyleWish`) of the plan that the system performs; None changes nothing."""
+    """Style change (a `StyleChange`) of the plan that the system performs; None changes nothing."""
     plan: Files | None = None
     """Plan file by clip for the system to perform; None lets it sample plans from the speech."""
 
@@ -255,7 +261,7 @@ def read_plan(path: Path) -> Plan:
     """
     if not path.exists():
         raise RunError(f"There is no plan at {path}.")
-    content = bytes_within(path, MAX_PLAN_BYTES, RunError)
+    content = read_capped(path, MAX_PLAN_BYTES, RunError)
     try:
         found = parse_toml(content.decode("utf-8"))
     except ValueError as error:
@@ -264,7 +270,7 @@ def read_plan(path: Path) -> Plan:
     tables = [clip for clip in clips if isinstance(clip, dict)] if isinstance(clips, list) else []
     names = [name for clip in tables if isinstance(name := clip.get("name"), str)]
     try:
-        return checked(
+        return parse_json(
             json.dumps(found, default=str), Plan, {"folder": path.parent, "clips": names}
         )
     except FieldError as error:

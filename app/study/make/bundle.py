@@ -22,7 +22,7 @@ from app.study.design.trials import Design, measure_balance, size_of
 from app.study.make import media
 from app.study.make.motions import Source
 from app.study.make.workspace import Workspace
-from model.storage.escaping import csv_text, markdown
+from model.storage.escaping import csv_text, escape_markdown
 
 SITE = Path(__file__).with_name("site")
 INDEX, DATA = "index.html", "study-data.js"
@@ -48,7 +48,7 @@ def templates() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
     )
-    env.filters["md"] = markdown
+    env.filters["md"] = escape_markdown
     return env
 
 

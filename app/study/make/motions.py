@@ -209,7 +209,7 @@ def _generate(
         options = replace(options, conditions=(given,))
     if system.style is not None:
         plans = options.conditions or draw_conditions(loaded, source.speech, options)
-        options = replace(options, conditions=tuple(system.style.done(p).plan for p in plans))
+        options = replace(options, conditions=tuple(system.style.apply(p).plan for p in plans))
     (motion,) = generate_motion(loaded, source.speech, options, should_cancel=should_cancel)
     return filtered(motion, system.post_filter)
 

@@ -231,10 +231,10 @@ def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
         "share_of_all_votes": "Votes in all comparisons in per cent, 95 % intervals.",
         "mean_rating": "Mean ratings, 95 % intervals.",
     }
-    table = pd.DataFrame({"System": map(escaping.tex, key.systems)})
+    table = pd.DataFrame({"System": map(escaping.escape_latex, key.systems)})
     for result in results:
         cells = [_latex_cell(result.one(result.ends, name)) for name in key.systems]
-        table[escaping.tex(result.question.id)] = cells
+        table[escaping.escape_latex(result.question.id)] = cells
     tabular = table.to_latex(index=False, escape=False, column_format="l" + "c" * len(results))
     return f"% Needs \\usepackage{{booktabs}}. {captions[results[0].ends]}\n{tabular}"
 

@@ -24,7 +24,7 @@ from app.study.design.key import (
     PanelValue,
     Question,
 )
-from model.storage.json_validation import STRICT, FieldError, Text, checked, read_checked
+from model.storage.json_validation import STRICT, FieldError, Text, parse_json, read_json
 
 TIE = "tie"
 TRUTH_NAME = "truth.json"
@@ -106,7 +106,7 @@ def collect(paths: Iterable[Path], key: Key) -> Collected:
     left_out: list[str] = []
     for path in _files(paths):
         try:
-            sent = read_checked(path, Participant, MAX_FILE_BYTES)
+            sent = read_json(path, Participant, MAX_FILE_BYTES)
             participant, refused = fitting(replace(sent, source=path.name), key)
         except FieldError as error:
             left_out.append(f"{path.name} is left out: {error}.")
@@ -148,7 +148,7 @@ def fitting(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
     refused: Counter[str] = Counter()
     for item in sent.answers:
         try:
-            answer = checked(json.dumps(item), Answer)
+            answer = parse_json(json.dumps(item), Answer)
         except FieldError as error:
             refused[str(error)] += 1
             continue

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from conventions.rates import FPS
 from model.metrics.protocols.clip import Clip, Sums
-from model.storage.files import bytes_within
+from model.storage.files import read_capped
 from model.storage.npz import MotionError
 
 MAX_BYTES, MAX_LABELS = 2**20, 5_000
@@ -28,7 +28,7 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
     """
     relevance, times = np.zeros(num_frames), np.arange(num_frames) / FPS
     is_labelled = np.zeros(num_frames, bool)
-    lines = bytes_within(path, MAX_BYTES, MotionError).decode("utf-8", "replace").splitlines()
+    lines = read_capped(path, MAX_BYTES, MotionError).decode("utf-8", "replace").splitlines()
     if len(lines) > MAX_LABELS:
         raise MotionError(f"{path.name} has {len(lines)} labels; at most {MAX_LABELS} are read.")
     for number, line in enumerate(filter(str.strip, lines), 1):

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 from model.generation.family import Family
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.sampling.samplers import titled
+from model.sampling.samplers import make_samplers
 from model.training.config import PAPER, SMOKE, TrainConfig
 
 DDIM, LCM_SYNC, LCM_ASYNC = "asynfusion/ddim", "asynfusion/lcm-sync", "asynfusion/lcm-async"
@@ -104,8 +104,8 @@ FAMILY = Family(
     package="model.systems.asynfusion",
     place=3,
     samplers={
-        DDIM: titled("ddim", steps=25, strength=2.5),
-        **dict.fromkeys((LCM_SYNC, LCM_ASYNC), titled("lcm", steps=8, strength=2.5)),
+        DDIM: make_samplers("ddim", steps=25, strength=2.5),
+        **dict.fromkeys((LCM_SYNC, LCM_ASYNC), make_samplers("lcm", steps=8, strength=2.5)),
     },
     shared_weights={LCM_ASYNC: LCM_SYNC},
     usual=dict.fromkeys(("steps", "hearing-tab"), (LCM_ASYNC,)),

@@ -149,7 +149,7 @@ class DualBranchNetwork(ConditionedNetwork):
         for which in active:
             seen = x_t[which], t[which], seed[which], has_seed
             prior = self.branches[which].prior
-            known[which] = prior.carried(*seen) if self.consistent else prior.posterior(*seen)
+            known[which] = prior.consistency(*seen) if self.consistent else prior.posterior(*seen)
             condition = self.condition(t[which], speaker)
             entered[which] = self.branches[which].enter(
                 x_t[which], known[which], heard, seed[which], has_seed, condition
@@ -167,7 +167,7 @@ class DualBranchNetwork(ConditionedNetwork):
         for which in active:
             branch = self.branches[which]
             unit = branch.leave(frames[which]).to(known[which].dtype)
-            found[which] = known[which] + branch.prior.shaped(unit, t[which], has_seed)
+            found[which] = known[which] + branch.prior.scale_by_posterior(unit, t[which], has_seed)
         return found
 
 

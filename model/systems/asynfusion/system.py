@@ -25,7 +25,7 @@ from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
 from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.trained import Trained
-from model.sampling.flow import SpeechGuide, interpolate
+from model.sampling.flow import ClassifierFreeGuidance, interpolate
 from model.systems.asynfusion.config import FACE_SHARE, FAMILY, DualBranchConfig
 from model.systems.asynfusion.network import (
     BRANCHES,
@@ -86,7 +86,7 @@ def turns(count: int, total: int) -> list[int]:
 
 def sample(
     network: DualBranchNetwork,
-    guide: SpeechGuide,
+    guide: ClassifierFreeGuidance,
     noise: Noise,
     counts: Sequence[int],
     way: Way,
@@ -106,7 +106,7 @@ def sample(
             the motion that it predicts (Luo et al. 2023).
         heard: tokens of the speech, with guidance followed by those of absent speech.
     """
-    twice = guide.twice
+    twice = guide.duplicate
     told: dict[str, Any] = {
         "heard": heard, "seed": both(twice, seed), "speaker": twice(speaker),
         "has_seed": twice(has_seed),
@@ -122,7 +122,7 @@ def sample(
         found = network.evaluate(busy, *now, buffer, **told)
         for which in busy:
             clean = found[which]
-            clean = guide.guided(clean) if which == GESTURE else clean[: len(speaker)]
+            clean = guide.combine(clean) if which == GESTURE else clean[: len(speaker)]
             done = own[which].index(k) + 1
             if done == counts[which]:
                 x[which], t[which] = clean, torch.ones_like(t[which])
@@ -163,7 +163,7 @@ class AsynFusionSystem(System):
             seed = [stream[:, -config.seed_frames :] for stream in (before.face, before.body)]
         around = speech.around(config.speech_context, config.window_frames)
         guide = draw.guide(self.streams[GESTURE].normaliser, "axis-angle")
-        heard = self.network.hear(guide.twice(around[None]), guide.hears(1))
+        heard = self.network.hear(guide.duplicate(around[None]), guide.is_conditional(1))
         found = sample(
             self.network,
             guide,

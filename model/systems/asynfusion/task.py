@@ -11,7 +11,7 @@ from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
 from model.networks.trained import Trained
-from model.sampling.flow import SpeechGuide, interpolate
+from model.sampling.flow import ClassifierFreeGuidance, interpolate
 from model.systems.asynfusion.config import DDIM, AsynFusionConfig, AsynFusionLoss, DualBranchConfig
 from model.systems.asynfusion.network import (
     BRANCHES,
@@ -26,7 +26,7 @@ from model.systems.asynfusion.network import (
 )
 from model.systems.asynfusion.system import NUM_STEPS, flow_times, noise_of
 from model.training import losses
-from model.training.parallel import Draws
+from model.training.parallel import ShardedRandom
 from model.training.targets import (
     Targets,
     conditions,
@@ -76,7 +76,7 @@ class BranchesTask(DescentTask):
             if self.compiles:
                 self.teacher.compile(dynamic=False)
 
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
             vectors = self.targets.windows(batch.rows(shard.mine))
@@ -173,11 +173,11 @@ def one_solver_step(
     times = flow_times().to(steps[0].device)
     t = both(lambda k: times[k], steps)
     clean = both(lambda x: x.float(), teacher(x_t, t, **conditions))
-    guide = SpeechGuide(config.teacher_guidance, normaliser, "axis-angle")
+    guide = ClassifierFreeGuidance(config.teacher_guidance, normaliser, "axis-angle")
     if guide.asks_twice:
         unheard = conditions | {"has_speech": torch.zeros_like(conditions["has_speech"])}
         deaf = teacher(x_t, t, **unheard)[GESTURE].float()
-        clean = clean[0], guide.guided(torch.cat([clean[GESTURE], deaf]))
+        clean = clean[0], guide.combine(torch.cat([clean[GESTURE], deaf]))
     noise = both(noise_of, x_t, clean, t)
     earlier = both(lambda k: times[k - NUM_STEPS // config.solver_steps], steps)
     return network(both(interpolate, noise, clean, earlier), earlier, **conditions)

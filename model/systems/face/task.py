@@ -10,7 +10,7 @@ from model.sampling.flow import interpolate, time_weight
 from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
-from model.training.parallel import Draws
+from model.training.parallel import ShardedRandom
 from model.training.targets import conditions, fit_face_prior
 from model.training.task import DescentTask, StepLoss, TaskSetup
 
@@ -30,7 +30,7 @@ class FaceTask(DescentTask):
         )
         self.plans = prepare_plans(data, shape.num_speakers) if config.plan_dropout < 1 else None
 
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shape, shard = self.config, self.config.expression, draws.shard
         with torch.no_grad():
             units = shard.of(batch.expression)
@@ -40,7 +40,7 @@ class FaceTask(DescentTask):
             told = conditions(config, network, batch, draws, hidden=("seed", "speaker"))
             told["seed"] = x_1[:, : shape.seed_frames]
             if self.plans is not None:
-                tracks, _ = self.plans.of(batch, shape.speech_context)
+                tracks, _ = self.plans.for_batch(batch, shape.speech_context)
                 told["tracks"] = shard.of(tracks[..., FACE_TRACKS])
                 told["has_plan"] = draws.keep(config.plan_dropout)
         with shard.autocast():

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from model.generation.family import Family
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.networks.config import BranchConfig
-from model.sampling.samplers import titled
+from model.sampling.samplers import make_samplers
 from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
 SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
@@ -99,7 +99,7 @@ FAMILY = Family(
     package="model.systems.gan",
     place=4,
     samplers={
-        name: titled("posterior", "ddim", steps=steps, strength=3.0)
+        name: make_samplers("posterior", "ddim", steps=steps, strength=3.0)
         for name, steps in SYSTEMS.items()
     },
     usual=dict.fromkeys(("steps", "hearing", "hearing-tab", "live"), (_FASTEST,)),

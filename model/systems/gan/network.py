@@ -200,7 +200,7 @@ class Generator(ConditionedNetwork):
         unit = torch.lerp(rest, fingers, self.balance.sigmoid())
         with torch.autocast(x_t.device.type, enabled=False):
             own = self.prior_deviation(tau, has_seed)
-            mean = known + self.prior.back(own * self.prior.along(unit, has_seed), has_seed)
+            mean = known + self.prior.back(own * self.prior.to_eigenbasis(unit, has_seed), has_seed)
             open_ = self.spread(torch.cat([condition.float(), has_seed[:, None].float()], dim=-1))
             by_component, by_vector = open_.T.split([x_t.shape[2], x_t.shape[1]])
             return mean, own * (by_component[:, None] + by_vector).clamp(*LOG_SPREAD).exp()
@@ -226,7 +226,7 @@ class Generator(ConditionedNetwork):
         expected = self.prior.expected(seed) * has_seed[:, None, None]
         variance = self._variance(has_seed)
         share = tau * variance / (tau**2 * variance + (1 - tau) ** 2)
-        moved = self.prior.along(x - tau[:, None, None] * expected, has_seed)
+        moved = self.prior.to_eigenbasis(x - tau[:, None, None] * expected, has_seed)
         return expected + self.prior.back(share * moved, has_seed)
 
     def _variance(self, has_seed: Bool[Tensor, " B"]) -> Float[Tensor, "C T B"]:

@@ -37,22 +37,22 @@ class GanSystem(FacedSystem):
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         guide = draw.guide(self.normaliser, "axis-angle")
-        copies, hears = guide.copies(size), guide.hears(size)
+        copies, hears = guide.copies(size), guide.is_conditional(size)
         has_seed = torch.full((size,), seed is not None)
-        tokens = self.network.hear(guide.twice(speech[None]), guide.hears(1))
+        tokens = self.network.hear(guide.duplicate(speech[None]), guide.is_conditional(1))
         conditions = {
             "tokens": tokens.repeat_interleave(size, dim=0),
             "face": shown(expression.expand(copies, -1, -1), hears),
-            "seed": guide.twice(known),
+            "seed": guide.duplicate(known),
             "speaker": torch.full((copies,), draw.speaker),
-            "has_seed": guide.twice(has_seed),
+            "has_seed": guide.duplicate(has_seed),
         }
 
         x = draw.noise((config.window_frames, config.channels))
         for k, (now, before) in enumerate(pairwise(times(draw.steps)), start=1):
             at, to = torch.full((size,), now), torch.full((size,), before)
-            answers, open_ = self.network.denoised(*map(guide.twice, (x, at, to)), **conditions)
-            mean_x_0 = guide.guided(answers)
+            answers, open_ = self.network.denoised(*map(guide.duplicate, (x, at, to)), **conditions)
+            mean_x_0 = guide.combine(answers)
             if draw.sampler == "ddim":
                 x = stepped(x, mean_x_0, before, now)
                 continue

@@ -17,7 +17,7 @@ from model.systems.gan.config import GanConfig
 from model.systems.gan.network import Discriminator, Generator, diffused, flow_time, posterior
 from model.training import losses
 from model.training.losses import geometric_terms
-from model.training.parallel import Draws, compiled
+from model.training.parallel import ShardedRandom, compiled
 from model.training.targets import conditions, fit_motion_prior, prepare_targets
 from model.training.task import DescentTask, StepLoss, TaskSetup
 
@@ -76,7 +76,7 @@ class GanTask(DescentTask):
     Losses of validation are the explicit terms, which alone can be compared from step to step.
     """
 
-    kept = (*DescentTask.kept, "discriminator", "judging")
+    state_attributes = (*DescentTask.state_attributes, "discriminator", "judging")
     is_compiled = True
     config: GanConfig
     network: Generator
@@ -100,7 +100,7 @@ class GanTask(DescentTask):
         """Update both networks at once (`Task.step`), each against the unchanged other."""
         config = self.config
         self.network.train()
-        draws = Draws(len(batch.clips), generator, self.shard)
+        draws = ShardedRandom(len(batch.clips), generator, self.shard)
         drawn = self.draw(self.network, batch, draws)
         mean, deviation = self.denoised(self.network, drawn)
         found = self.network.drawn(mean, deviation, drawn.latent, drawn.told["has_seed"])
@@ -142,13 +142,13 @@ class GanTask(DescentTask):
         )
         return logged
 
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         """Compute the explicit terms of a network's prediction."""
         drawn = self.draw(network, batch, draws)
         return StepLoss(self.explicit_terms(*self.denoised(network, drawn), drawn))
 
     @torch.no_grad()
-    def draw(self, network: nn.Module, batch: Batch, draws: Draws) -> Drawn:
+    def draw(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> Drawn:
         """Draw the random numbers of the whole batch, cut to this process's share of it."""
         config, shape, shard, chance = (
             self.config, self.config.generator, draws.shard, draws.generator
@@ -203,7 +203,7 @@ class GanTask(DescentTask):
         means = {name: (by_sample * term).mean() for name, term in terms.items()}
         has_seed = drawn.told["has_seed"]
         own = self.network.prior_deviation(flow_time(drawn.now)[0], has_seed)
-        error = self.network.prior.along(drawn.x_0 - mean, has_seed) / own
+        error = self.network.prior.to_eigenbasis(drawn.x_0 - mean, has_seed) / own
         means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)
         return means
 

@@ -6,7 +6,7 @@ from typing import Any
 from model.generation.family import Beside, Claim, ExplainedSystem, Family, Ladder
 from model.motion.spaces import Representation, RootMotion, RotationSpace
 from model.networks.config import BranchConfig
-from model.sampling.samplers import FLOW_SAMPLERS, titled
+from model.sampling.samplers import FLOW_SAMPLERS, make_samplers
 from model.training.config import PAPER, SMOKE, GeometricWeights, TrainConfig
 
 
@@ -231,7 +231,7 @@ FAMILY = Family(
         "globaldiff/skeleton": "Joint, and the skeleton structure constraint.",
         "globaldiff/full": "Skeleton, and the temporal structure constraint.",
     },
-    samplers=dict.fromkeys(SYSTEMS, titled(*FLOW_SAMPLERS, steps=10, strength=2.5)),
+    samplers=dict.fromkeys(SYSTEMS, make_samplers(*FLOW_SAMPLERS, steps=10, strength=2.5)),
     presets=presets,
     package="model.systems.globaldiff",
     place=2,

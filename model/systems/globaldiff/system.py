@@ -14,7 +14,7 @@ from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import ConditionedNetwork, MotionBranch, PriorNetwork, shown
 from model.networks.trained import Trained
-from model.sampling.flow import SpeechGuide, sample
+from model.sampling.flow import ClassifierFreeGuidance, sample
 from model.sampling.prior import GaussianPrior
 from model.sampling.samplers import FLOW_SAMPLERS
 from model.systems.face.face import BodyWindow, FacedSystem, faced
@@ -121,19 +121,19 @@ class GlobalDiffSystem(FacedSystem):
         known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
         x_1 = x_0
         guide = self.guide(draw)
-        copies, hears = guide.copies(size), guide.hears(size)
+        copies, hears = guide.copies(size), guide.is_conditional(size)
         conditions = {
             **self.heard(speech, hears),
             "expression": expression.expand(copies, -1, -1),
-            "seed": guide.twice(known),
+            "seed": guide.duplicate(known),
             "speaker": self.known_speaker(draw, hears),
             "has_seed": torch.full((copies,), seed is not None),
         }
 
         def predict(x_t: Tensor, t: float) -> Tensor:
             nonlocal x_1
-            answers = self.network(guide.twice(x_t), torch.full((copies,), t), **conditions)
-            x_1 = guide.guided(answers)
+            answers = self.network(guide.duplicate(x_t), torch.full((copies,), t), **conditions)
+            x_1 = guide.combine(answers)
             if seed is None or prior is not None or t >= INPAINT_UNTIL:
                 return x_1
             return torch.cat([seed, x_1[:, config.seed_frames :]], dim=1)
@@ -160,7 +160,7 @@ class GlobalDiffSystem(FacedSystem):
         """Draw the noise at the start of the flow."""
         return draw.noise((self.config.window_frames, self.config.motion_dim))
 
-    def guide(self, draw: Draw) -> SpeechGuide:
+    def guide(self, draw: Draw) -> ClassifierFreeGuidance:
         """Return the classifier-free guidance of the network."""
         return draw.guide(self.normaliser, self.config.rotation_space)
 

@@ -22,7 +22,7 @@ from model.systems.globaldiff.config import GlobalDiffConfig, GlobalDiffLoss
 from model.systems.globaldiff.system import MotionNetwork, make_network
 from model.training import losses
 from model.training.losses import geometric_terms, positions_of, weighted
-from model.training.parallel import Draws, compiled
+from model.training.parallel import ShardedRandom, compiled
 from model.training.targets import (
     Targets,
     conditions,
@@ -72,11 +72,11 @@ class MotionTask(DescentTask):
         """Make the network, with a prior if there is one."""
         return make_network(config.network, prior)
 
-    def told(self, batch: Batch, draws: Draws) -> dict[str, Tensor]:
+    def told(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
         """Return further inputs of the network for a batch, by name."""
         return {}
 
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, weights, shard = self.config, self.config.loss, draws.shard
         with torch.no_grad():
             needs_rotations = weights.joint > 0 or weights.motion > 0

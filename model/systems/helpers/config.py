@@ -7,7 +7,7 @@ from model.generation.family import Family
 from model.motion.spaces import Representation
 from model.networks.config import AutoencoderConfig, MatchingConfig
 from model.speech.encoder import SPEECH_ENCODER, CodesConfig
-from model.training.config import SMOKE, THROATS, GeometricWeights, TrainConfig
+from model.training.config import SMOKE, VOCAL_TRACT_RANGE, GeometricWeights, TrainConfig
 
 MOTION_VAE = "motion-vae"
 FGD_ENCODER, FMD_ENCODER, FED_ENCODER = "fgd-encoder", "fmd-encoder", "fed-encoder"
@@ -70,7 +70,7 @@ def presets(system: str) -> Mapping[str, TrainConfig]:
     if system == SPEECH_ENCODER:
         encoder = SpeechEncoderConfig(
             system=system, steps=4000, batch_size=16, learning_rate=3e-3, ema_decay=0.995,
-            save_every=500, validate_every=1000, throats=THROATS,
+            save_every=500, validate_every=1000, throats=VOCAL_TRACT_RANGE,
         )  # fmt: skip
         small = replace(encoder.codes, width=16, codes=8, dilations=(1, 2))
         return {

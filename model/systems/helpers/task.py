@@ -12,7 +12,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Normaliser, decode
 from model.networks.autoencoder import MotionAutoencoder, input_vectors
 from model.networks.speech_codes import CodesNetwork, SpeechReading
-from model.speech.encoder import TOLD
+from model.speech.encoder import SPEECH_LABELS
 from model.systems.helpers.config import (
     AutoencoderTrainConfig,
     MatchingTrainConfig,
@@ -28,8 +28,8 @@ from model.systems.helpers.matching import (
 from model.training import losses
 from model.training.config import TrainConfig
 from model.training.losses import geometric_terms
-from model.training.parallel import Draws
-from model.training.targets import fit_features, heard, statistics_batch
+from model.training.parallel import ShardedRandom
+from model.training.targets import augmented_speech, fit_features, statistics_batch
 from model.training.task import DescentTask, StepLoss, TaskSetup
 
 
@@ -55,7 +55,7 @@ class AutoencoderTask(DescentTask):
         super().__init__(setup, config, given, network, normaliser, frames)
         self.skeleton = open_body_skeleton()
 
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shape, shard = self.config, self.config.autoencoder, draws.shard
         space, body = shape.rotation_space, slice(shape.motion_channels)
         face = slice(shape.motion_channels, None)
@@ -144,7 +144,7 @@ class MatchingTask(DescentTask):
             setup, config, given, network, normaliser, config.pieces * config.piece_frames
         )
 
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
 
         def pieces(x: Float[Tensor, "B T C"]) -> Float[Tensor, "N P C"]:
@@ -152,7 +152,7 @@ class MatchingTask(DescentTask):
 
         with torch.no_grad():
             tracks = self.normaliser.normalise(motion_tracks(shard.of(batch.poses)))
-            speech = shard.of(heard(config, network, batch, draws.generator))
+            speech = shard.of(augmented_speech(config, network, batch, draws.generator))
         with shard.autocast():
             heard_tracks, seen_tracks, told, log_scale = network(pieces(speech), pieces(tracks))
         terms, shares = {}, {}
@@ -186,7 +186,7 @@ def share_right(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
 
 
 _NUMBERS = ("strength", "speed")
-"""Entries of `TOLD` that are no logits."""
+"""Entries of `SPEECH_LABELS` that are no logits."""
 
 
 class CodesTask(DescentTask):
@@ -203,12 +203,12 @@ class CodesTask(DescentTask):
             setup, config, given, network, normaliser, config.window_frames, shape.context
         )
 
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
-            features = shard.of(heard(config, network, batch, draws.generator))
+            features = shard.of(augmented_speech(config, network, batch, draws.generator))
             speech = self.normaliser.normalise(features)
-            phone, told = (shard.of(part) for part in self.spoken.of(batch))
+            phone, told = (shard.of(part) for part in self.spoken.for_batch(batch))
         with shard.autocast():
             reading = network(speech)
         inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
@@ -222,12 +222,16 @@ def reading_terms(
 ) -> dict[str, Float[Tensor, ""]]:
     """Compute cross-entropies, and squared errors of strength (at accents) and speed."""
     losses = {"phone": F.cross_entropy(found.phone.flatten(0, 1), phone.flatten())}
-    for number, name in enumerate(TOLD):
+    for number, name in enumerate(SPEECH_LABELS):
         said, wanted = found.told[..., number], told[..., number]
         if name not in _NUMBERS:
             losses[name] = F.binary_cross_entropy_with_logits(said, wanted)
             continue
-        counts = told[..., TOLD.index("accent")] if name == "strength" else torch.ones_like(said)
+        counts = (
+            told[..., SPEECH_LABELS.index("accent")]
+            if name == "strength"
+            else torch.ones_like(said)
+        )
         losses[name] = ((said - wanted).square() * counts).sum() / counts.sum().clamp_min(1)
     return losses
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from model.generation.family import Family, FileFlag, FileReport
-from model.sampling.samplers import titled
+from model.sampling.samplers import make_samplers
 from model.storage.cards import Card, load_card
 from model.systems.official.checkpoints import (
     FOLDER_VARIABLE,
@@ -97,7 +97,7 @@ FAMILY = OfficialFamily(
     },
     samplers=dict.fromkeys(
         (FILTERED, UNFILTERED),
-        titled("reinterpolate", steps=5),
+        make_samplers("reinterpolate", steps=5),
     ),
     presets=lambda system: {},
     package="model.systems.official",

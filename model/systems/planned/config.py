@@ -6,11 +6,11 @@ A planner draws gestures, nods and gaze from speech, and a motion network follow
 from dataclasses import dataclass, field, replace
 
 from model.generation.family import Family
-from model.sampling.samplers import titled
+from model.sampling.samplers import make_samplers
 from model.speech.encoder import CodesConfig
 from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.config import presets as globaldiff_presets
-from model.training.config import SMOKE, THROATS, TrainConfig
+from model.training.config import SMOKE, VOCAL_TRACT_RANGE, TrainConfig
 
 PLANNED = "workbench/planned"
 PLANNER = "planner"
@@ -72,7 +72,7 @@ def presets(system: str) -> dict[str, TrainConfig]:
     if system == PLANNER:
         planner = PlannerTrainConfig(
             system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,
-            speech_dropout=0.15, save_every=250, throats=THROATS,
+            speech_dropout=0.15, save_every=250, throats=VOCAL_TRACT_RANGE,
             planner=PlannerConfig(codes=CodesConfig.codes),
         )  # fmt: skip
         shape = replace(planner.planner, codes=0, width=16, head_width=16, window_frames=60)
@@ -97,7 +97,7 @@ FAMILY = Family(
             "motion that follows the plan."
         ),
     },
-    samplers={PLANNED: titled("euler", "heun", steps=6, strength=2.5)},
+    samplers={PLANNED: make_samplers("euler", "heun", steps=6, strength=2.5)},
     presets=presets,
     package="model.systems.planned",
     place=1,

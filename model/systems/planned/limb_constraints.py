@@ -30,7 +30,7 @@ from model.motion.kinematics import (
 from model.motion.motion import Motion
 from model.motion.tracks import OUTWARD
 from model.motion.two_bone_ik import HingedLimb, minimum_jerk, unit
-from model.plan.plan import SIDES, GesturePlan, PlannedAhead, Planted, Side, without_gaps
+from model.plan.plan import SIDES, FootContact, GesturePlan, Side, StreamedPlan, without_gaps
 from model.plan.plan_features import goal_path
 
 ANKLE_M = 0.074
@@ -63,7 +63,7 @@ class Limbs:
     ) -> None:
         self.margin = SOFT_MARGIN
         known = {
-            Planted(start_s, end_s, SIDES[int(foot)]): Footing(x, z, turn)
+            FootContact(start_s, end_s, SIDES[int(foot)]): Footing(x, z, turn)
             for start_s, end_s, foot, x, z, turn in (kept[_STOOD].tolist() if kept else ())
         }
         self._hands = LedHands(plan or GesturePlan(1.0))
@@ -72,7 +72,7 @@ class Limbs:
     def follow(self, motion: Motion) -> Motion:
         return self._feet.hold(self._hands.lead(motion))
 
-    def go_on_with(self, ahead: PlannedAhead, first_frame: int) -> None:
+    def go_on_with(self, ahead: StreamedPlan, first_frame: int) -> None:
         self._hands.go_on_with(ahead.condition, first_frame)
         self._feet.go_on_with(ahead.planted)
 
@@ -99,15 +99,15 @@ class Footing(NamedTuple):
 class HeldFeet:
     """Foot lock for a motion that arrives in pieces."""
 
-    planted: Sequence[Planted]
+    planted: Sequence[FootContact]
     """Times at which feet stand, from a plan. A foot without any is not changed."""
-    known: Mapping[Planted, Footing] = field(default_factory=dict)
+    known: Mapping[FootContact, Footing] = field(default_factory=dict)
     """Footings from an earlier version, which stay."""
-    found: dict[Planted, Footing] = field(default_factory=dict, init=False)
+    found: dict[FootContact, Footing] = field(default_factory=dict, init=False)
     """Footings of all feet that have landed so far."""
     _frames: int = field(default=0, init=False)
 
-    def go_on_with(self, planted: Sequence[Planted]) -> None:
+    def go_on_with(self, planted: Sequence[FootContact]) -> None:
         """Continue with other times; those that began before have the same footing."""
         stood = {(event.foot, event.start_s): place for event, place in self.found.items()}
         self.planted = planted
@@ -186,14 +186,14 @@ class HeldFeet:
         sole = np.stack([turn, np.radians(TIPTOE_DEG) * lift], axis=1)
         return ankle, Rotation.from_euler("YX", sole).as_matrix()
 
-    def _stands(self, side: Side) -> Iterator[tuple[Planted, int | None]]:
+    def _stands(self, side: Side) -> Iterator[tuple[FootContact, int | None]]:
         """Yield each time that the foot stands, and the frame at which it stands again."""
         events = [event for event in self.planted if event.foot == side]
         for event, later in zip(events, [*events[1:], None], strict=True):
             yield event, None if later is None else _frames_of(later)[0]
 
 
-def _frames_of(event: Planted) -> tuple[int, int]:
+def _frames_of(event: FootContact) -> tuple[int, int]:
     """Return the first frame of a stand, and the one after its last."""
     first = max(round(event.start_s * FPS), 0)
     return first, max(round(event.end_s * FPS), first + 1)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from model.networks.branch import AddedTokens, PriorNetwork
-from model.plan.plan_features import BY_NAME, NUM_TRACKS, TIERS, Tier
+from model.plan.plan_features import BY_NAME, NUM_TRACKS, TIERS, EventChain
 from model.sampling.prior import GaussianPrior
 from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 
@@ -82,10 +82,10 @@ class MarkMixture:
 class TierHead(nn.Module):
     """Predictor of one tier's next event."""
 
-    def __init__(self, tier: Tier, config: PlannerConfig) -> None:
+    def __init__(self, tier: EventChain, config: PlannerConfig) -> None:
         super().__init__()
         self.tier, self.mixtures = tier, config.mixtures
-        seen = tier.seen + (BY_NAME[tier.beside].seen if tier.beside else 0)
+        seen = tier.state_dim + (BY_NAME[tier.coupled_chain].state_dim if tier.coupled_chain else 0)
         hidden = config.head_width
         self.heard = nn.Linear(config.width + SPEAKER_WIDTH, hidden)
         self.seen = nn.Linear(seen, hidden, bias=False)

@@ -20,7 +20,7 @@ from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import Trained
 from model.plan.kinds import KindTable, drawn_by, kinds_of
 from model.plan.plan import GesturePlan
-from model.plan.plan_features import BY_NAME, TIERS, Begun, plan_of, seen_of, tracks_of
+from model.plan.plan_features import BY_NAME, TIERS, EventOnset, chains_to_plan, seen_of, tracks_of
 from model.speech.encoder import SPEECH_ENCODER
 from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead
@@ -30,7 +30,9 @@ HOLD_BACK = 1.0
 trained: speech shall decide when things happen, not how often."""
 
 
-Leaning = Callable[[str, int, Begun, Mapping[str, Begun]], Float[np.ndarray, " events"] | None]
+Leaning = Callable[
+    [str, int, EventOnset, Mapping[str, EventOnset]], Float[np.ndarray, " events"] | None
+]
 """Function of a tier's name, the frame, the tier's state and all states, which returns log odds to
 add to its events; None adds nothing."""
 
@@ -46,7 +48,7 @@ class Drawer:
         head: TierHead,
         heard: Float[np.ndarray, "copies T hidden"],
         strength: float,
-        begun: Begun,
+        begun: EventOnset,
         rng: np.random.Generator,
     ) -> None:
         self.chain = [begun]
@@ -56,7 +58,7 @@ class Drawer:
         self._excess = 0.0
         """Number of events expected so far, less that expected as trained."""
         self._excess_then = 0.0
-        self._forced: Begun | None = None
+        self._forced: EventOnset | None = None
         """Event that begins next, whatever is drawn until then."""
         self._chances = _Chances(rng, len(head.tier.units))
 
@@ -72,9 +74,9 @@ class Drawer:
         head = self._head
         now = self.chain[-1]
         told = [seen_of(head.tier, now, frame)]
-        if head.tier.beside:
-            other = others[head.tier.beside].chain[-1]
-            told.append(seen_of(BY_NAME[head.tier.beside], other, frame))
+        if head.tier.coupled_chain:
+            other = others[head.tier.coupled_chain].chain[-1]
+            told.append(seen_of(BY_NAME[head.tier.coupled_chain], other, frame))
         heard = self._heard[:, frame - self._first]
         state, logs = self._events(heard, np.concatenate(told))
         log = logs[-1] + self._strength * (logs[0] - logs[-1])
@@ -100,9 +102,9 @@ class Drawer:
             k = drawn_by(torch.softmax(marks.logits[0], 0).numpy(), which)
             mean, spread = marks.mean[0, k].numpy(), marks.spread[0, k].numpy()
             mark = tuple((mean + spread * normal).tolist())
-        self.chain.append(Begun(frame, event - 1, mark))
+        self.chain.append(EventOnset(frame, event - 1, mark))
 
-    def chain_at(self, frame: int) -> Begun:
+    def chain_at(self, frame: int) -> EventOnset:
         """Return the state before a frame."""
         return next(begun for begun in reversed(self.chain) if begun.frame < frame)
 
@@ -212,7 +214,9 @@ class Planner:
                 drawer.draw(frame, drawers)
         chains = {name: drawer.chain for name, drawer in drawers.items()}
         rng = np.random.default_rng([*draw.key, KINDS])
-        plan = self.kinds.drawn(plan_of(chains, num_frames), draw.speaker, draw.words, rng)
+        plan = self.kinds.sample_kinds(
+            chains_to_plan(chains, num_frames), draw.speaker, draw.words, rng
+        )
         chances = np.random.default_rng([*draw.key, _CALLED])
         return self.kinds.with_called_strokes(plan, draw.words, chances)
 
@@ -223,16 +227,16 @@ class Planner:
         heard = self.hear(features[rows], draw)
         goals = self.first_goals[draw.speaker].tolist()
         begins = {
-            "left": Begun(0, 0, tuple(goals[0])),
-            "right": Begun(0, 0, tuple(goals[1])),
-            **{f"{side} foot": Begun(0, 1) for side in ("left", "right")},
+            "left": EventOnset(0, 0, tuple(goals[0])),
+            "right": EventOnset(0, 0, tuple(goals[1])),
+            **{f"{side} foot": EventOnset(0, 1) for side in ("left", "right")},
         }
         drawers = {}
         for number, tier in enumerate(TIERS):
             head = self.network.heads[tier.name]
             assert isinstance(head, TierHead)
             rng = np.random.default_rng([*draw.key, number])
-            begun = begins.get(tier.name, Begun(0, 0, (0.0,) * len(tier.units)))
+            begun = begins.get(tier.name, EventOnset(0, 0, (0.0,) * len(tier.units)))
             drawers[tier.name] = Drawer(head, heard[tier.name], draw.guidance, begun, rng)
         return drawers
 

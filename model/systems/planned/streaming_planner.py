@@ -27,11 +27,11 @@ from model.plan.plan import (
     STILL,
     GesturePlan,
     HandPhase,
-    PlannedAhead,
     Side,
+    StreamedPlan,
 )
-from model.plan.plan_features import BY_NAME, Begun, plan_of
-from model.plan.style import Manner
+from model.plan.plan_features import BY_NAME, EventOnset, chains_to_plan
+from model.plan.style import LiveStyle
 from model.systems.planned.planner import KINDS, Planner
 
 BEFORE_FRAMES = 90
@@ -50,7 +50,7 @@ class CausalPlanner:
     """Streaming planner of one speaker with constant memory."""
 
     def __init__(self, planner: Planner, draw: Draw) -> None:
-        self.manner = Manner()
+        self.manner = LiveStyle()
         """Style; may be changed at any time, without effect on final events."""
         self._planner, self._asked = planner, draw
         nothing = torch.zeros(1, planner.config.speech_dim)
@@ -69,7 +69,7 @@ class CausalPlanner:
         first: int,
         final: int,
         stop: int,
-    ) -> PlannedAhead:
+    ) -> StreamedPlan:
         """Plan further (`ConditionStream.go_on`)."""
         final = max(final, self._final)
         self._draw(speech, final, stop)
@@ -81,16 +81,16 @@ class CausalPlanner:
             name: [replace(one, frame=one.frame - origin) for one in chain]
             for name, chain in chains.items()
         }
-        plan = self._told(plan_of(shifted, stop - origin), origin, final)
+        plan = self._told(chains_to_plan(shifted, stop - origin), origin, final)
         planted = tuple(
             replace(one, start_s=one.start_s + origin / FPS, end_s=one.end_s + origin / FPS)
             for one in plan.planted
         )
         self._go_back(final, origin)
-        return PlannedAhead(plan, origin, planted)
+        return StreamedPlan(plan, origin, planted)
 
     def heard(
-        self, features: Float[Tensor, "n speech_dim"], ahead: PlannedAhead, first: int
+        self, features: Float[Tensor, "n speech_dim"], ahead: StreamedPlan, first: int
     ) -> Float[Tensor, "n heard_dim"]:
         """Return the motion network's input for frames from ``first`` on."""
         return self._planner.with_plan(features, ahead.condition, first - ahead.origin)
@@ -130,10 +130,10 @@ class CausalPlanner:
         table, kinds = self._planner.kinds, {}
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
-        for stroke in sorted(strokes_of(plan), key=lambda one: one.lands.end_s):
+        for stroke in sorted(strokes_of(plan), key=lambda one: one.last_stroke.end_s):
             begins = round(plan.hand(stroke.side)[stroke.first].start_s * FPS) + origin
             kind = self._kind(table, stroke, begins, landed)
-            landed[stroke.lands.end_s] = kind
+            landed[stroke.last_stroke.end_s] = kind
             kinds[stroke.side, begins] = kind
             for k in range(stroke.first, stroke.last + 1):
                 hands[stroke.side][k] = replace(hands[stroke.side][k], kind=kind)
@@ -152,8 +152,8 @@ class CausalPlanner:
         known = self._kinds.get((stroke.side, begins))
         if known is not None:
             return known
-        if stroke.both:
-            partner = table.partner(landed, stroke.lands.end_s)
+        if stroke.is_bimanual:
+            partner = table.partner(landed, stroke.last_stroke.end_s)
             if partner:
                 return partner
         side = SIDES.index(stroke.side)
@@ -166,7 +166,7 @@ class CausalPlanner:
         found: list[HandPhase] = []
         for phase in phases:
             begins = round(phase.start_s * FPS) + origin
-            shaped = self.manner.done(phase)
+            shaped = self.manner.apply(phase)
             if phase.phase in STILL and found:  # its end is not known yet, so it leads nowhere
                 shaped = replace(shaped, goal=found[-1].goal)
             if begins < final:
@@ -179,7 +179,7 @@ class CausalPlanner:
 
 
 def _leans(
-    manner: Manner, tier: str, frame: int, now: Begun, others: Mapping[str, Begun]
+    manner: LiveStyle, tier: str, frame: int, now: EventOnset, others: Mapping[str, EventOnset]
 ) -> Float[np.ndarray, " events"] | None:
     """Compute the style's changes of log odds; see `Leaning`."""
     if tier == "smile" and manner.smile > 0:

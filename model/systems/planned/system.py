@@ -14,7 +14,7 @@ from model.generation.base import Draw
 from model.networks.trained import Trained
 from model.plan.plan import GesturePlan
 from model.plan.plan_features import FACE_TRACKS, NUM_TRACKS, at_rest
-from model.sampling.flow import SpeechGuide
+from model.sampling.flow import ClassifierFreeGuidance
 from model.storage.cards import CheckpointError
 from model.systems.face.face import faced
 from model.systems.globaldiff.system import GlobalDiffSystem
@@ -92,10 +92,10 @@ class PlannedSystem(GlobalDiffSystem):
         channels = [3 * JOINT_INDEX[name] + k for name in TRUNK for k in range(3)]
         return noise @ unmix[:, channels] @ mix[channels]
 
-    def guide(self, draw: Draw) -> SpeechGuide:
+    def guide(self, draw: Draw) -> ClassifierFreeGuidance:
         """Return the motion's guidance, which is constant: the requested scale is the plan's."""
         space = self.config.rotation_space
-        return SpeechGuide(STRENGTH, self.normaliser, space, of_head=HEAD_STRENGTH)
+        return ClassifierFreeGuidance(STRENGTH, self.normaliser, space, of_head=HEAD_STRENGTH)
 
     def heard(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]

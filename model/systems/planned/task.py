@@ -12,8 +12,8 @@ from model.systems.globaldiff.task import MotionTask
 from model.systems.planned.config import PlannedConfig, PlannerConfig, PlannerTrainConfig
 from model.systems.planned.network import PlannedNetwork, PlannerNetwork
 from model.systems.planned.planner import heard_by_planner
-from model.training.parallel import Draws
-from model.training.targets import fit_features, heard
+from model.training.parallel import ShardedRandom
+from model.training.targets import augmented_speech, fit_features
 from model.training.task import DescentTask, StepLoss, TaskSetup
 
 
@@ -43,18 +43,18 @@ class PlannerTask(DescentTask):
             {**self.plans.table.tensors(), "begins.goals": first_goals(data, self.plans, shape)},
         )  # fmt: skip
 
-    def loss(self, network: nn.Module, batch: Batch, draws: Draws) -> StepLoss:
+    def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
             events = self.plans.events(batch.rows(shard.mine)).to(shard.device)
             has_speech = draws.keep(config.speech_dropout)
             knows = draws.keep(config.speaker_dropout)
             knows &= has_speech | draws.keep(config.speakerless)
-            features = shard.of(heard(config, network, batch, draws.generator))
+            features = shard.of(augmented_speech(config, network, batch, draws.generator))
             speech = heard_by_planner(features, self.normaliser, self.codes)
             speaker = shard.of(batch.speaker) * knows
         with shard.autocast():
-            told = events.seen, events.event, events.mark
+            told = events.chain_states, events.event, events.mark
             return StepLoss(network(speech, speaker, has_speech, *told))
 
 
@@ -87,7 +87,7 @@ class PlannedTask(MotionTask):
     def untrained(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:
         return PlannedNetwork(config.network, prior)
 
-    def told(self, batch: Batch, draws: Draws) -> dict[str, Tensor]:
-        parts = self.plans.of(batch, self.config.network.speech_context)
+    def told(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
+        parts = self.plans.for_batch(batch, self.config.network.speech_context)
         tracks, kinds = (draws.shard.of(part) for part in parts)
         return {"tracks": tracks, "kinds": kinds, "has_plan": draws.keep(self.config.plan_dropout)}

@@ -21,7 +21,7 @@ from app.commands import doctor
 from app.commands.cli import main, parse
 from app.run.display import Display
 from model.motion.motion import save_motion
-from model.plan.annotation_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from renderer.video.compose import band_height
 from tests.helpers import ROOT, smooth_motion_example
 
@@ -106,7 +106,7 @@ def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
     eight_channels, weights, tmp_path, capsys
 ):
     out, words = tmp_path / "out", tmp_path / "speech.TextGrid"
-    words.write_text(textgrid_of([NamedTier("words", (Interval(0.1, 0.4, "hello"),))], 2.0))
+    words.write_text(format_textgrid([NamedTier("words", (Interval(0.1, 0.4, "hello"),))], 2.0))
     flags = f"--systems globaldiff/global --tracked-point left_wrist --start 5 --transcript {words}"
     argv = generate(eight_channels, out, weights, *flags.split(), "--max-minutes", "0.04")
     assert main(argv) == 0

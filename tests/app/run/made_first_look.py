@@ -17,7 +17,7 @@ from conventions.names import file_stem
 from conventions.rates import SAMPLE_RATE
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech, write_wav
-from model.speech.transcript import NOTHING_SAID
+from model.speech.transcript import EMPTY_TRANSCRIPT
 from model.systems.globaldiff.config import BEST
 from tests.app.requests import generate_request
 
@@ -44,7 +44,7 @@ def make_first_look(out: Path) -> None:
     with open_run_writer(out, record) as run:
         shown, _ = picture_motions(motions)
         run.write_timeline(
-            run.write_viewer_files(shown, speech, tip, ask.sampling.weights), NOTHING_SAID
+            run.write_viewer_files(shown, speech, tip, ask.sampling.weights), EMPTY_TRANSCRIPT
         )
         run.detect_plans(shown)
         facts = {"provenance": provenance}

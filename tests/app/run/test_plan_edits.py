@@ -18,7 +18,7 @@ from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
 from model.motion.motion import load_motion
 from model.plan import editing
-from model.plan.editing import Gesture, added, gestures
+from model.plan.editing import Gesture, add_gesture, gestures
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
@@ -39,8 +39,8 @@ FIRST = {"side": "right", "lands": 2.0}
 def plan() -> GesturePlan:
     still = (phase(0.0, SECONDS, "rest"),)
     made = GesturePlan(SECONDS, left=still, right=still)
-    made = added(made, "offer", 2.0, "right").plan
-    return added(made, "frame", 6.0, "both", "all").plan
+    made = add_gesture(made, "offer", 2.0, "right").plan
+    return add_gesture(made, "frame", 6.0, "both", "all").plan
 
 
 def done(plan, *told):
@@ -79,10 +79,10 @@ def test_a_point_is_added_on_a_word_with_the_hand_that_is_asked_for(plan):
 def test_size_height_speed_and_hold_are_what_editing_makes_of_them(plan):
     first = Gesture("right", 2.0)
     for told, made in (
-        ({"do": "size", "size": 1.3}, editing.sized(plan, first, 1.3)),
-        ({"do": "height", "by": 0.1}, editing.raised(plan, first, 0.1)),
-        ({"do": "speed", "speed": 0.8}, editing.hastened(plan, first, 0.8)),
-        ({"do": "hold", "hold": 1.0}, editing.held(plan, first, 1.0)),
+        ({"do": "size", "size": 1.3}, editing.scale_gesture(plan, first, 1.3)),
+        ({"do": "height", "by": 0.1}, editing.raise_gesture(plan, first, 0.1)),
+        ({"do": "speed", "speed": 0.8}, editing.speed_up_gesture(plan, first, 0.8)),
+        ({"do": "hold", "hold": 1.0}, editing.set_hold(plan, first, 1.0)),
     ):
         assert done(plan, told | FIRST) == made
 
@@ -128,7 +128,7 @@ def test_sliders_change_the_whole(plan):
 
 
 def test_a_plan_from_a_file_takes_its_place(plan):
-    other = added(plan, "point_up", 10.0, "right").plan
+    other = add_gesture(plan, "point_up", 10.0, "right").plan
     made = done(plan, {"do": "plan", "name": "x.json", "text": other.as_json()})
     assert lands(made.plan, "right") == [2.0, 6.0, 10.0]
     short = GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),))
@@ -207,7 +207,7 @@ def run(tmp_path_factory: pytest.TempPathFactory, planned_weights: Path) -> AnyR
     folder = tmp_path_factory.mktemp("take")
     write_wav(folder / "talk.wav", made_waveform(round(16_000 * SPOKEN)))
     still = (phase(0.0, SPOKEN, "rest"),)
-    plan = added(GesturePlan(SPOKEN, left=still, right=still), "offer", 9.0, "right").plan
+    plan = add_gesture(GesturePlan(SPOKEN, left=still, right=still), "offer", 9.0, "right").plan
     write_plan_file(plan, folder / "plan.json")
     request = generate_request(
         speech=folder / "talk.wav", out=folder / "run", weights=planned_weights,

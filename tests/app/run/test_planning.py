@@ -13,7 +13,7 @@ from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
 from model.motion.motion import load_motion, save_motion
-from model.plan.editing import added, gestures
+from model.plan.editing import add_gesture, gestures
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import SIDES, Blink, GesturePlan, Nod, PlanError
 from model.speech.audio import write_wav
@@ -109,7 +109,9 @@ def test_a_style_file_is_done_to_drawn_and_to_given_plans(
     style, more, given = (tmp_path / name for name in ("style.toml", "more.toml", "given.json"))
     style.write_text("[times]\nsmile = 0\ngestures_per_min = 0\n")
     more.write_text("gestures_per_min = 90")
-    write_plan_file(added(GesturePlan(4.0, right=(), left=()), "offer", 2.0, "right").plan, given)
+    write_plan_file(
+        add_gesture(GesturePlan(4.0, right=(), left=()), "offer", 2.0, "right").plan, given
+    )
     for plan in (None, given):
         made = run(replace_fields(asked, out=tmp_path / f"{plan is None}", plan=plan, style=style))
         performed = read_plan_file(made.out / f"{STEM}.plan.json").plan
@@ -141,7 +143,7 @@ def test_files_for_3d_software_carry_the_plan_as_markers(
     motion, plan = tmp_path / "made.npz", tmp_path / "made.plan.json"
     save_motion(made_motion(90), motion)
     still = GesturePlan(3.0, nods=(Nod(1.5, 4.0),))
-    write_plan_file(added(still, "offer", 2.0, "right").plan, plan)
+    write_plan_file(add_gesture(still, "offer", 2.0, "right").plan, plan)
     for ending in (".glb", ".bvh", ".blender.npz"):
         assert main(["render", str(motion), "--out", str(tmp_path / f"out{ending}")]) == 0
     assert str(tmp_path / "out.markers.csv") in capsys.readouterr().out.split()

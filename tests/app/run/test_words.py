@@ -12,7 +12,7 @@ from app.run.examples import CLEAN
 from app.run.pipeline import run
 from app.run.timeline import WordSearch
 from model.speech.audio import load_speech, write_wav
-from model.speech.transcript import NOTHING_SAID, TranscriptError, read_transcript
+from model.speech.transcript import EMPTY_TRANSCRIPT, TranscriptError, read_transcript
 
 GRID = CLEAN.with_suffix(".TextGrid")
 SAID = EXAMPLES / "three_reasons.wav"
@@ -24,7 +24,7 @@ def never() -> None:
 
 def test_a_textgrid_wins_and_unasked_nothing_is_looked_for() -> None:
     for given, asked in [(GRID, "recognise"), (None, "none")]:
-        expected = NOTHING_SAID if given is None else read_transcript(given)
+        expected = EMPTY_TRANSCRIPT if given is None else read_transcript(given)
         with WordSearch(given, asked) as words:
             assert not words.needs_speech
             words.begin(load_speech(SAID).waveform)
@@ -36,7 +36,7 @@ def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
 ) -> None:
     text = SAID.with_suffix(".txt")
     with WordSearch(text, "recognise") as words:
-        assert words.needs_speech and words.provided == NOTHING_SAID  # not yet
+        assert words.needs_speech and words.provided == EMPTY_TRANSCRIPT  # not yet
         words.begin(load_speech(SAID).waveform)
         said, notes = words.wait(lambda: None)
     assert (said.origin, notes) == ("aligned", ())

@@ -20,7 +20,7 @@ from app.study.design.key import (
 )
 from app.study.simulate import RaterModel, made_answers
 from app.study.statistics.answers import Participant, fitting
-from model.storage.json_validation import checked
+from model.storage.json_validation import parse_json
 
 SYSTEMS = ("local", "global", "rival")
 STRENGTHS = {"local": 0.0, "global": 1.0, "rival": -0.8}
@@ -89,7 +89,7 @@ def made_participants(
 ) -> list[Participant]:
     """The same, read."""
     files = made_files(key, count, model, seed)
-    sent = [checked(json.dumps(content), Participant) for content in files]
+    sent = [parse_json(json.dumps(content), Participant) for content in files]
     return [fitting(replace(one, source="made.json"), key)[0] for one in sent]
 
 

@@ -19,7 +19,7 @@ from app.study.make import media
 from app.study.make.bundle import genea_tables
 from app.study.make.motions import Source, read_sources, shown_motions
 from model.generation.windows import GenerateOptions, generate_motion
-from model.plan.editing import Gesture, added, deleted
+from model.plan.editing import Gesture, add_gesture, delete_gesture
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
 from model.sampling.samplers import clip_seed
@@ -188,7 +188,7 @@ def condition(name: str, more: str) -> str:
 def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_path):
     (tmp_path / "plans").mkdir()
     file = tmp_path / "plans" / "one.json"
-    write_plan_file(added(GesturePlan(3.0), "offer", 1.5, "right").plan, file)
+    write_plan_file(add_gesture(GesturePlan(3.0), "offer", 1.5, "right").plan, file)
     given = read_plan_file(file).plan
     by_hand = 'plan = "plans/{clip}.json"'
     none = "style = { times = { gestures_per_min = 0 } }"
@@ -202,7 +202,7 @@ def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_
     assert source.plans == {"given": given, "none of it": given}
     assert source.files["plan of given"] == source.files["plan of none of it"]
     made = shown_motions(plan, source, planned_weights, None, lambda: False)
-    empty = deleted(given, Gesture("right", 1.5)).plan
+    empty = delete_gesture(given, Gesture("right", 1.5)).plan
     expected = (
         expected_poses(planned_weights, source, given),
         expected_poses(planned_weights, source, empty),

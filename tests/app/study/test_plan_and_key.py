@@ -8,7 +8,7 @@ import pytest
 from app.errors import RunError
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Condition, Plan, read_plan
-from model.plan.style import StyleWish
+from model.plan.style import StyleChange
 from tests.app.study.made import made_key
 
 MINIMAL = """
@@ -84,7 +84,7 @@ def test_one_system_can_take_part_with_several_settings(tmp_path):
 def test_a_condition_may_be_a_plan_or_a_change_of_it(tmp_path):
     plan = read(tmp_path, PLANNED_STUDY)
     styles = [system.style for system in plan.systems]
-    half, wrong = StyleWish(times={"gestures_per_min": 0.5}), StyleWish(wrong_words=True)
+    half, wrong = StyleChange(times={"gestures_per_min": 0.5}), StyleChange(wrong_words=True)
     assert styles == [None, half, wrong, None]
     plans = [system.plan for system in plan.systems]
     assert plans == [None, None, None, {"one": tmp_path / "plans" / "one.eaf"}]

@@ -17,7 +17,7 @@ from app.study.simulate import RaterModel, made_answers
 from app.study.statistics.answers import Participant, fitting
 from app.study.statistics.results import QuestionResult, analyse_participants
 from app.study.statistics.shares import Number
-from model.storage.json_validation import checked
+from model.storage.json_validation import parse_json
 from tests.app.study.made import SYSTEMS, made_key
 from tests.app.study.test_report import plain, say
 
@@ -34,7 +34,7 @@ def results_of(
     model = RaterModel(taste_sd=1.0, tie=ties, lapse=0)
     taste = dict(zip(SYSTEMS, strengths, strict=True))
     files = made_answers(key, taste, count, model, np.random.default_rng(seed))
-    sent = [checked(json.dumps(content), Participant) for content in files]
+    sent = [parse_json(json.dumps(content), Participant) for content in files]
     people = [fitting(replace(one, source="made.json"), key)[0] for one in sent]
     (result,) = analyse_participants(people, key)
     return result

@@ -26,7 +26,7 @@ from model.evaluation.plan_detection import (
 )
 from model.plan import detection
 from model.plan.detection import PhaseNetwork
-from model.plan.editing import Gesture, added, gestures, sized
+from model.plan.editing import Gesture, add_gesture, gestures, scale_gesture
 from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan
 from model.plan.plan_features import hand_tracks, tracks_of
@@ -40,7 +40,7 @@ STILL = GesturePlan(10.0, left=(phase(0.0, 10.0, "rest"),), right=(phase(0.0, 10
 def plan() -> GesturePlan:
     made = STILL
     for at, hand in ((2.0, "right"), (5.0, "right"), (8.0, "left")):
-        made = added(made, "stop", at, hand).plan
+        made = add_gesture(made, "stop", at, hand).plan
     return made
 
 
@@ -76,7 +76,7 @@ def test_the_asked_hand_moves_and_the_other_stays(plan):
     assert moves_alone({**places, "left": drifting}, plan, gesture) is True
     gone = places["left"] + np.arange(FRAMES)[:, None] * [0.15 / 30, 0, 0]
     assert moves_alone({**places, "left": gone}, plan, gesture) is False
-    both = added(plan, "stop", 5.0, "left").plan
+    both = add_gesture(plan, "stop", 5.0, "left").plan
     assert moves_alone(planned_places(both), both, gesture) is None
 
 
@@ -84,7 +84,7 @@ def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
     gesture = Gesture("right", 5.0)
     usual = math.dist(PLACES["stop"], REST_PLACE)
     for size in (0.6, 1.0, 1.4):
-        larger = sized(plan, gesture, size).plan
+        larger = scale_gesture(plan, gesture, size).plan
         measured = gesture_size(planned_places(larger), gesture)
         assert measured == pytest.approx(size * usual, rel=0.05)
 

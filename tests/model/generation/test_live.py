@@ -7,7 +7,7 @@ import torch
 from model.generation.base import SpeechWindow
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain
-from model.motion.motion import put_together
+from model.motion.motion import concatenate
 from model.systems.globaldiff.config import BEST
 
 PACE = Pace(hop=10, heard_ahead=12)
@@ -59,7 +59,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
         offline += motion.go_on(window.part(slice(hop)))
         start += hop
     assert len(pieces) == len(offline) > 6
-    one, other = put_together(pieces), put_together(offline)
+    one, other = concatenate(pieces), concatenate(offline)
     for field in ("poses", "trans", "expressions"):
         np.testing.assert_allclose(getattr(one, field), getattr(other, field), atol=1e-5)
 
@@ -70,7 +70,7 @@ def test_memory_does_not_grow_and_place_does_not_drift(loaded):
     pieces = streamed(live, FEATURES.repeat(2, 1).split(52))
     assert len(live._speech) < 4 * 60 + 2 * 2 * system.windowing.context + 60 < 600
     assert system.root_motion == "place"
-    assert np.abs(put_together(pieces).trans[:, [0, 2]]).max() < 3.0
+    assert np.abs(concatenate(pieces).trans[:, [0, 2]]).max() < 3.0
 
 
 @pytest.mark.parametrize("pace", [Pace(hop=7), Pace(hop=53), Pace(heard_ahead=7)])

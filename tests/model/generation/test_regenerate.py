@@ -16,8 +16,8 @@ from model.generation.regenerate import (
 )
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
-from model.motion.motion import Motion, put_together
-from model.plan.editing import Gesture, added, deleted, with_event
+from model.motion.motion import Motion, concatenate
+from model.plan.editing import Gesture, add_gesture, delete_gesture, with_event
 from model.plan.plan import GesturePlan, Nod
 from model.systems.planned.config import PLANNED
 from model.systems.registry import load_system
@@ -30,8 +30,8 @@ FRAMES = 30 * SECONDS
 SPEECH = made_speech(16_000 * SECONDS)
 PLAN = resting(float(SECONDS))
 for at in (2.0, 6.0, 12.0):
-    PLAN = added(PLAN, "offer", at, "right").plan
-WITHOUT = deleted(PLAN, Gesture("right", 6.0)).plan
+    PLAN = add_gesture(PLAN, "offer", at, "right").plan
+WITHOUT = delete_gesture(PLAN, Gesture("right", 6.0)).plan
 
 
 def options(plan: GesturePlan) -> GenerateOptions:
@@ -70,7 +70,7 @@ def test_a_performance_is_the_motion_that_is_generated_and_again_the_same(system
 def test_only_what_was_changed_is_performed_anew(system, first, changed, where):
     at, plan = {
         "middle": (6.0, WITHOUT),
-        "start": (1.0, added(PLAN, "you", 1.0, "left").plan),
+        "start": (1.0, add_gesture(PLAN, "you", 1.0, "left").plan),
         "end": (13.8, with_event(PLAN, Nod(13.8, 6.0)).plan),
     }[where]
     again = changed if plan is WITHOUT else perform(system, SPEECH, options(plan), first)
@@ -114,9 +114,9 @@ def test_pieces_put_together_are_the_motion_and_what_did_not_change_comes_first(
         asked_after.append(len(pieces))
         return False
 
-    plan = deleted(PLAN, Gesture("right", 12.0)).plan
+    plan = delete_gesture(PLAN, Gesture("right", 12.0)).plan
     again = perform(system, SPEECH, options(plan), first, should_cancel, pieces.append)
-    np.testing.assert_array_equal(arrays(put_together(pieces)), arrays(again.motion))
+    np.testing.assert_array_equal(arrays(concatenate(pieces)), arrays(again.motion))
     assert asked_after[0] == again.fresh[0].start // 52 > 0
 
 

@@ -18,7 +18,7 @@ from model.generation.windows import (
     one_thread,
 )
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
-from model.motion.motion import Motion, put_together
+from model.motion.motion import Motion, concatenate
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
 from model.sampling.samplers import clip_seed
 from model.systems.globaldiff.config import BEST
@@ -129,7 +129,7 @@ def test_pieces_are_the_whole(loaded, name, num_frames):
         assert motion.num_frames == num_frames == round(30 * speech.duration_s)
         assert motion.expression_basis == "arkit52" and (motion.expressions[:, 52:] == 0).all()
         assert (motion.trans[0, [0, 2]] == 0).all()
-        made = put_together([piece.motions[k] for piece in pieces])
+        made = concatenate([piece.motions[k] for piece in pieces])
         np.testing.assert_array_equal(arrays(made), arrays(motion))
 
 

@@ -1,15 +1,15 @@
 """A plan with something of everything, and tiers as the corpus has them."""
 
-from model.plan.annotation_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from model.plan.plan import (
     Blink,
     Brow,
+    FootContact,
     Gaze,
     GesturePlan,
     HandPhase,
     Nod,
     Phase,
-    Planted,
     Smile,
     Stand,
 )
@@ -46,7 +46,11 @@ def made_plan() -> GesturePlan:
         smiles=(Smile(3.0, 5.0, 0.4),),
         blinks=(Blink(0.8), Blink(4.0)),
         stands=(Stand(0.0, 3.0, "left"), Stand(3.0, 6.0, "right")),
-        planted=(Planted(0.0, 6.0, "left"), Planted(0.0, 2.5, "right"), Planted(3.0, 6.0, "right")),
+        planted=(
+            FootContact(0.0, 6.0, "left"),
+            FootContact(0.0, 2.5, "right"),
+            FootContact(3.0, 6.0, "right"),
+        ),
     )
 
 
@@ -69,7 +73,7 @@ def tier(name: str, *rows: tuple) -> NamedTier:
 
 def grid(*tiers: NamedTier) -> str:
     """A TextGrid of three seconds."""
-    return textgrid_of(tiers, 3.0)
+    return format_textgrid(tiers, 3.0)
 
 
 HANDS = (

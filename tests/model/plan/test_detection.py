@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 from conventions.joints import JOINT_NAMES
 from model.motion.kinematics import face_unit_names, open_body_skeleton
 from model.motion.motion import Motion
-from model.plan.detection import found_plan, hand_phases
+from model.plan.detection import hand_phases, plan_from_motion
 from model.plan.plan import PHASES, GesturePlan
 from model.plan.plan_features import hand_tracks, tracks_of
 from tests.model.motion.made import about, posed
@@ -81,7 +81,7 @@ def made_motion(frames: int, basis="arkit52") -> Motion:
 
 
 def test_heads_and_faces_are_found():
-    plan = found_plan(made_motion(150), open_body_skeleton())
+    plan = plan_from_motion(made_motion(150), open_body_skeleton())
     (nod,) = plan.nods
     assert nod.time_s == pytest.approx(2.0, abs=0.05) and 3 < nod.depth_deg < 7
     assert [b.time_s for b in plan.blinks] == pytest.approx([1.0, 4.0], abs=0.03)
@@ -99,14 +99,14 @@ def test_heads_and_faces_are_found():
 
 def test_a_body_stands_on_the_foot_that_is_below_its_pelvis():
     lean = about(2, 0.15 * np.repeat([-1, 1], 45))  # both feet go to its right, then to its left
-    plan = found_plan(posed(90, left_hip=lean, right_hip=lean), open_body_skeleton())
+    plan = plan_from_motion(posed(90, left_hip=lean, right_hip=lean), open_body_skeleton())
     assert [one.leg for one in plan.stands] == ["left", "right"]
 
 
 def test_faces_in_another_basis_and_eyes_that_never_stay_are_left_out():
-    plan = found_plan(made_motion(60, "flame100"), open_body_skeleton())
+    plan = plan_from_motion(made_motion(60, "flame100"), open_body_skeleton())
     assert plan.blinks == plan.brows == plan.smiles == ()
     # The whole body turns at 115 degrees a second.
     turning = posed(90, basis="flame100", pelvis=about(1, np.linspace(0, 6, 90)))
     for count in (1, 2, 90):
-        assert found_plan(turning.part(slice(count)), open_body_skeleton()).looks == ()
+        assert plan_from_motion(turning.part(slice(count)), open_body_skeleton()).looks == ()

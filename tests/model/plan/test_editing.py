@@ -11,22 +11,22 @@ from model.plan.editing import (
     ARM_M,
     LEAST_S,
     Gesture,
-    added,
+    add_gesture,
     counterpart,
-    deleted,
+    delete_gesture,
     ended,
     gestures,
-    hastened,
-    held,
-    moved,
-    on_word,
-    raised,
-    sized,
+    move_gesture,
+    raise_gesture,
+    scale_gesture,
+    set_hold,
+    speed_up_gesture,
+    stroke_time_on_word,
     with_event,
     with_hands,
 )
 from model.plan.kinds import PLACES, REST_PLACE, strokes_of
-from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, Noted, PlanError, Smile
+from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, PlanResult, Smile
 from tests.model.plan.made import LOW, made_plan, phase, resting, said
 
 STILL = resting(10.0)
@@ -43,12 +43,12 @@ def lands(plan: GesturePlan, side="right") -> list[float]:
 BUSY = STILL
 """The right hand lands at 2, 4.5 and 8, the left at 8."""
 for at_s, kind, hands in ((2.0, "you", "right"), (4.5, "offer", "right"), (8.0, "big", "both")):
-    BUSY = added(BUSY, kind, at_s, hands).plan
+    BUSY = add_gesture(BUSY, kind, at_s, hands).plan
 MIDDLE = Gesture("right", 4.5)
 
 
 def test_a_gesture_is_added_with_preparation_hold_and_the_way_back():
-    edited = added(STILL, "you", 4.0, word="you")
+    edited = add_gesture(STILL, "you", 4.0, word="you")
     assert told(edited.plan) == [
         ("rest", 0.0, 3.2), ("preparation", 3.2, 3.69), ("stroke", 3.69, 4.0), ("hold", 4.0, 4.3),
         ("retraction", 4.3, 5.1), ("rest", 5.1, 10.0),
@@ -56,32 +56,32 @@ def test_a_gesture_is_added_with_preparation_hold_and_the_way_back():
     stroke = edited.plan.right[2]
     assert (stroke.goal, stroke.kind, stroke.word) == (PLACES["you"], "you", "you")
     assert edited.plan.left == STILL.left and edited.notes == ()
-    both = added(STILL, "big", 4.0).plan
+    both = add_gesture(STILL, "big", 4.0).plan
     assert lands(both, "left") == lands(both, "right") == [4.0]
-    assert on_word(said("you", 3.0, 4.0)) == 3.3
+    assert stroke_time_on_word(said("you", 3.0, 4.0)) == 3.3
 
 
 def test_a_hand_without_time_to_go_back_stays_where_it_was():
-    plan = added(BUSY, "you", 5.7, "right").plan  # the offer holds to 4.8 and is back at 5.6
+    plan = add_gesture(BUSY, "you", 5.7, "right").plan  # the offer holds to 4.8 and is back at 5.6
     (hold,) = (one for one in plan.right if 4.5 <= one.start_s < 4.9)
     assert (hold.phase, hold.goal, hold.end_s) == ("hold", PLACES["offer"], 4.9)
 
 
 def test_a_moved_gesture_lands_where_it_is_asked_to():
-    plan = moved(BUSY, MIDDLE, 6.0, word="now").plan
+    plan = move_gesture(BUSY, MIDDLE, 6.0, word="now").plan
     assert lands(plan) == [2.0, 6.0, 8.0] and plan.left == BUSY.left
     assert next(p for p in plan.right if p.end_s == 6.0).word == "now"
-    assert told(moved(plan, Gesture("right", 6.0), 4.5).plan) == told(BUSY)
+    assert told(move_gesture(plan, Gesture("right", 6.0), 4.5).plan) == told(BUSY)
     short = STILL.with_hand("right", (
         phase(0.0, 1.0, "rest"), phase(1.0, 1.5, "preparation"), phase(1.5, 1.6, "stroke", LOW),
     ))  # fmt: skip
-    mended = moved(short, Gesture("right", 1.6), 5.0)
+    mended = move_gesture(short, Gesture("right", 1.6), 5.0)
     assert ("stroke", 4.8, 5.0) in told(mended.plan)
     assert mended.notes == ("Its stroke was shorter than 0.2 s and begins earlier.",)
 
 
 def test_a_deleted_gesture_leaves_the_hand_at_rest_or_in_the_hold_before():
-    plan = deleted(BUSY, MIDDLE).plan
+    plan = delete_gesture(BUSY, MIDDLE).plan
     assert lands(plan) == [2.0, 8.0]
     rest = next(p for p in plan.right if p.start_s > 2.2 and p.phase == "rest")
     assert rest.end_s == pytest.approx(7.2)
@@ -90,7 +90,7 @@ def test_a_deleted_gesture_leaves_the_hand_at_rest_or_in_the_hold_before():
         phase(2.0, 2.5, "hold", LOW), phase(2.5, 3.0, "preparation"), phase(3.0, 3.4, "stroke"),
         phase(3.4, 4.0, "retraction"), phase(4.0, 10.0, "rest"),
     )  # fmt: skip
-    plan = deleted(STILL.with_hand("right", chained), Gesture("right", 3.4)).plan
+    plan = delete_gesture(STILL.with_hand("right", chained), Gesture("right", 3.4)).plan
     assert told(plan)[3:] == [("hold", 2.0, 3.4), ("retraction", 3.4, 4.0), ("rest", 4.0, 10.0)]
 
 
@@ -104,53 +104,56 @@ def test_other_hands_make_it():
 
 
 def test_holds_stretch_until_the_next_gesture_and_say_so():
-    plan = held(BUSY, MIDDLE, 1.5)
+    plan = set_hold(BUSY, MIDDLE, 1.5)
     assert ("hold", 4.5, 6.0) in told(plan.plan) and plan.notes == ()
-    far = held(BUSY, MIDDLE, 9.0)
+    far = set_hold(BUSY, MIDDLE, 9.0)
     assert ("hold", 4.5, 7.2) in told(far.plan)
     assert far.notes == ("The hold ends at 7.20 s, where the next gesture begins.",)
-    assert ("retraction", 4.5, 5.3) in told(held(BUSY, MIDDLE, 0.0).plan)
+    assert ("retraction", 4.5, 5.3) in told(set_hold(BUSY, MIDDLE, 0.0).plan)
 
 
 def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
-    def goal(edited: Noted) -> tuple[float, float, float]:
+    def goal(edited: PlanResult) -> tuple[float, float, float]:
         return next(p.goal for p in edited.plan.right if p.end_s == 4.5)
 
     small, same, large = (
-        goal(sized(BUSY, MIDDLE, size))[1] - REST_PLACE[1] for size in (0.5, 1.0, 1.5)
+        goal(scale_gesture(BUSY, MIDDLE, size))[1] - REST_PLACE[1] for size in (0.5, 1.0, 1.5)
     )
     assert same == pytest.approx(2 * small, abs=1e-3) and large == pytest.approx(
         3 * small, abs=1e-3
     )
-    assert goal(raised(BUSY, MIDDLE, 0.2))[1] == pytest.approx(PLACES["offer"][1] + 0.2)
+    assert goal(raise_gesture(BUSY, MIDDLE, 0.2))[1] == pytest.approx(PLACES["offer"][1] + 0.2)
     for speed, start_s in ((1.3, round(4.5 - 0.31 / 1.3, 3)), (0.5, 3.88), (5.0, 4.3)):
-        fast = hastened(BUSY, MIDDLE, speed)
+        fast = speed_up_gesture(BUSY, MIDDLE, speed)
         assert ("stroke", start_s, 4.5) in told(fast.plan)
     assert "Its stroke lasts 0.20 s; hands need as long." in fast.notes
-    high = raised(BUSY, MIDDLE, 0.9)
+    high = raise_gesture(BUSY, MIDDLE, 0.9)
     assert sum(n * n for n in goal(high)) ** 0.5 == pytest.approx(ARM_M, abs=1e-3)
     assert high.notes == (f"A place out of reach was brought to {ARM_M:g} m from the chest.",)
     inside = STILL.with_hand("right", (
         phase(0.0, 1.0, "rest"), phase(1.0, 1.5, "preparation", (0.05, -0.1, 0.3)),
         phase(1.5, 2.0, "stroke", (0.05, -0.1, 0.02)),
     ))  # fmt: skip
-    mended = raised(inside, Gesture("right", 2.0), 0.0)
+    mended = raise_gesture(inside, Gesture("right", 2.0), 0.0)
     assert mended.notes == ("A place inside the body was brought before it.",)
 
 
 @pytest.mark.parametrize(
     ("edit", "says"),
     [
-        (lambda p: moved(p, MIDDLE, 2.1), r"makes a preparation \(you\).*no time"),
-        (lambda p: moved(p, MIDDLE, 0.1), "must lie between 0.2 s"),
-        (lambda p: moved(p, MIDDLE, 10.2), "the end at 10.00 s"),
-        (lambda p: added(p, "offer", 8.1), r"The right hand makes a preparation \(big\)"),
-        (lambda p: added(p, "whistle", 6.0), "There is no gesture 'whistle'; choose one of all"),
-        (lambda p: deleted(p, Gesture("left", 4.5)), "left hand makes no gesture.*4.50 s"),
-        (lambda p: held(p, MIDDLE, -1.0), "0 s or longer; got -1 s"),
-        (lambda p: sized(p, MIDDLE, 9.0), ".1 to 4 times as large; got 9"),
-        (lambda p: raised(p, MIDDLE, 2.0), "at most 1 m"),
-        (lambda p: hastened(p, MIDDLE, 0.0), ".2 to 5 times as fast"),
+        (lambda p: move_gesture(p, MIDDLE, 2.1), r"makes a preparation \(you\).*no time"),
+        (lambda p: move_gesture(p, MIDDLE, 0.1), "must lie between 0.2 s"),
+        (lambda p: move_gesture(p, MIDDLE, 10.2), "the end at 10.00 s"),
+        (lambda p: add_gesture(p, "offer", 8.1), r"The right hand makes a preparation \(big\)"),
+        (
+            lambda p: add_gesture(p, "whistle", 6.0),
+            "There is no gesture 'whistle'; choose one of all",
+        ),
+        (lambda p: delete_gesture(p, Gesture("left", 4.5)), "left hand makes no gesture.*4.50 s"),
+        (lambda p: set_hold(p, MIDDLE, -1.0), "0 s or longer; got -1 s"),
+        (lambda p: scale_gesture(p, MIDDLE, 9.0), ".1 to 4 times as large; got 9"),
+        (lambda p: raise_gesture(p, MIDDLE, 2.0), "at most 1 m"),
+        (lambda p: speed_up_gesture(p, MIDDLE, 0.0), ".2 to 5 times as fast"),
         (lambda p: with_event(p, Nod(11.0, 3.0)), "The speech goes from 0 to 10.00 s"),
         (lambda p: ended(p, "right", 4.0, 4.2), "right hand does nothing that ends at 4.00 s"),
         (lambda p: ended(p, "left", 10.0, 9.0), "left hand's rest ends with the speech"),
@@ -189,20 +192,20 @@ EDITS = st.tuples(
 )
 
 
-def edited(plan: GesturePlan, edit: tuple[str, float, str, str, float]) -> Noted:
+def edited(plan: GesturePlan, edit: tuple[str, float, str, str, float]) -> PlanResult:
     what, at, kind, hands, by = edit
     there = [g for side in SIDES for g in gestures(plan, side)]
     if what == "add" or not there:
-        return added(plan, kind, at, hands)
+        return add_gesture(plan, kind, at, hands)
     gesture = there[int(at * 1e6) % len(there)]
     return {
-        "move": lambda: moved(plan, gesture, at),
-        "delete": lambda: deleted(plan, gesture),
+        "move": lambda: move_gesture(plan, gesture, at),
+        "delete": lambda: delete_gesture(plan, gesture),
         "hands": lambda: with_hands(plan, gesture, hands),
-        "hold": lambda: held(plan, gesture, by),
-        "size": lambda: sized(plan, gesture, by),
-        "raise": lambda: raised(plan, gesture, by - 1.3),
-        "speed": lambda: hastened(plan, gesture, by),
+        "hold": lambda: set_hold(plan, gesture, by),
+        "size": lambda: scale_gesture(plan, gesture, by),
+        "raise": lambda: raise_gesture(plan, gesture, by - 1.3),
+        "speed": lambda: speed_up_gesture(plan, gesture, by),
     }[what]()
 
 
@@ -227,15 +230,18 @@ def test_whatever_is_edited_hands_can_do_it(edits):
                 assert one.end_s > one.start_s
             for stroke in strokes_of(new):
                 first = new.hand(stroke.side)[stroke.first]
-                is_new = stroke.lands not in plan.hand(stroke.side)
+                is_new = stroke.last_stroke not in plan.hand(stroke.side)
                 if is_new and first.phase == "preparation":
-                    assert stroke.lands.end_s - stroke.lands.start_s >= LEAST_S["stroke"] - 1e-6
+                    assert (
+                        stroke.last_stroke.end_s - stroke.last_stroke.start_s
+                        >= LEAST_S["stroke"] - 1e-6
+                    )
             assert len(before[side] - set(lands(new, side))) <= 1  # no other gesture is lost
         assert (new.nods, new.looks, new.planted) == (plan.nods, plan.looks, plan.planted)
         plan = new
 
 
-ENDS = added(added(STILL, "you", 2.0, "right").plan, "offer", 6.5, "right").plan
+ENDS = add_gesture(add_gesture(STILL, "you", 2.0, "right").plan, "offer", 6.5, "right").plan
 """The right hand rests to 1.2, gets ready to 1.69, strikes to 2, holds to 2.3, goes back to 3.1,
 rests to 5.7, and strikes again to 6.5."""
 
@@ -266,7 +272,7 @@ def test_a_way_back_that_has_no_room_goes_and_that_is_said():
         ("hold", 2.0, 4.0), ("retraction", 4.0, 4.8), ("rest", 4.8, 5.7),
     ]  # fmt: skip
     assert again.plan.right[4].goal == again.plan.right[5].goal == ENDS.right[4].goal
-    last = held(ENDS, Gesture("right", 6.5), 1.0).plan
+    last = set_hold(ENDS, Gesture("right", 6.5), 1.0).plan
     until_end = ended(last, "right", 7.5, 9.8)
     assert told(until_end.plan)[-1] == ("hold", 6.5, 10.0)
     assert "until the speech ends, 10.00 s" in until_end.notes[0]
@@ -288,7 +294,7 @@ def test_what_follows_gives_way_but_for_what_a_hand_needs():
 
 
 def test_both_hands_parts_of_a_gesture_are_found_together():
-    both = added(STILL, "big", 4.0, "both").plan
+    both = add_gesture(STILL, "big", 4.0, "both").plan
     assert counterpart(both, "left", 4.3) == 4.3 and counterpart(both, "left", 4.0) == 4.0
     assert counterpart(both, "left", both.left[0].end_s) is None, "rests are no part of a gesture"
     assert counterpart(ended(both, "left", 4.3, 5.0).plan, "left", 5.0) is None

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from model.plan.annotation_files import Interval, NamedTier, textgrid_of, textgrid_tiers
+from model.plan.annotation_files import Interval, NamedTier, format_textgrid, parse_textgrid
 from model.plan.files import (
     ENDINGS,
     USUAL_NOD_DEG,
@@ -29,13 +29,13 @@ from model.plan.plan import (
     SIDES,
     Blink,
     Brow,
+    FootContact,
     Gaze,
     GesturePlan,
     HandPhase,
     Nod,
-    Noted,
     PlanError,
-    Planted,
+    PlanResult,
     Smile,
     Stand,
 )
@@ -86,7 +86,7 @@ def plans(draw: st.DrawFn) -> GesturePlan:
         smiles=tuple(Smile(a, b, draw(_numbers(0, 1))) for a, b in spans(2)),
         blinks=tuple(Blink(at) for at in draw(_times(3))),
         stands=tuple(Stand(a, b, draw(st.sampled_from(["left", "both"]))) for a, b in spans(2)),
-        planted=tuple(Planted(a, b, side) for side in SIDES for a, b in spans(2)),
+        planted=tuple(FootContact(a, b, side) for side in SIDES for a, b in spans(2)),
     )
 
 
@@ -203,7 +203,7 @@ def test_what_a_form_cannot_hold_is_refused_and_leaves_no_file(tmp_path: Path) -
             write_plan_file(replace(bad, smiles=()), tmp_path / "a.eaf")
 
 
-def told(*tiers: NamedTier) -> Noted:
+def told(*tiers: NamedTier) -> PlanResult:
     return plan_of_tiers(tiers, 5.0)
 
 
@@ -326,7 +326,7 @@ def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
         (Blink(0.5),),
         (Stand(0.0, 2.0, "left"), Stand(2.0, 3.0, "both")),
         tuple(
-            Planted(a, b, side)
+            FootContact(a, b, side)
             for a, b, side in ((0.0, 3.0, "left"), (0.0, 1.0, "right"), (1.5, 3.0, "right"))
         ),
     )
@@ -341,7 +341,7 @@ LABELS = 'say "x"', "two\nlines", "see item [3]:", "intervals [1]:", "TextTier",
 def test_a_textgrid_comes_back_whatever_its_labels_hold() -> None:
     spans = tier("of", *((k, k + 1, label) for k, label in enumerate(LABELS)))
     told = [spans, tier("none"), tier('a "b"', *((k, label) for k, label in enumerate(LABELS)))]
-    assert textgrid_tiers(textgrid_of(told, 7.0), "a", PlanError) == (
+    assert parse_textgrid(format_textgrid(told, 7.0), "a", PlanError) == (
         [spans, NamedTier("none", (Interval(0.0, 7.0, ""),)), told[2]],
         7.0,
     )
@@ -378,7 +378,7 @@ SHORT = """File type = "ooTextFile short"
 def test_praats_short_format_exponents_and_times_before_zero_are_read_as_they_stand() -> None:
     words = (Interval(0.0, 0.5, 'so "it" now'), Interval(0.5, 2.0, "goes"))
     apex = NamedTier("apex", (Interval(-1.0, -1.0, "here"),), has_points=True)
-    assert textgrid_tiers(SHORT, "a", PlanError) == ([NamedTier("words", words), apex], 2.0)
+    assert parse_textgrid(SHORT, "a", PlanError) == ([NamedTier("words", words), apex], 2.0)
 
 
 def eaf(body: str, head: str = "") -> str:
@@ -463,7 +463,7 @@ HOSTILE = [
 ]  # fmt: skip
 
 
-GRID = textgrid_of(tiers_of(made_plan(), for_praat=True), 6.0)
+GRID = format_textgrid(tiers_of(made_plan(), for_praat=True), 6.0)
 NO_GRID = [
     (GRID.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is no time of a plan"),
     (GRID.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is no time of a plan"),

@@ -46,7 +46,7 @@ def test_kinds_go_by_speaker_place_and_hands(table):
     def drawn(goal, speaker: int, both: bool = False) -> Counter[str]:
         plan = one_stroke("", goal, both=both)
         rng = np.random.default_rng(3)
-        found = [table.drawn(plan, speaker, (), rng).right[1].kind for _ in range(50)]
+        found = [table.sample_kinds(plan, speaker, (), rng).right[1].kind for _ in range(50)]
         return Counter(found)
 
     assert drawn(HERE, 1).most_common(1)[0][0] == "here"
@@ -56,33 +56,35 @@ def test_kinds_go_by_speaker_place_and_hands(table):
 
 def test_a_word_that_calls_gets_its_gesture_and_its_place(table):
     plan = one_stroke("", THERE)
-    told = table.drawn(plan, 2, (said("Huge", 0.8, 1.1),), np.random.default_rng(0))
+    told = table.sample_kinds(plan, 2, (said("Huge", 0.8, 1.1),), np.random.default_rng(0))
     assert [p.kind for p in told.right] == ["big", "big", "big", ""]
     assert told.right[1].word == "huge"
     moved = np.linalg.norm(np.subtract(told.right[1].goal, HERE))
     assert moved < 0.4 * np.linalg.norm(np.subtract(THERE, HERE))
-    far = table.drawn(plan, 2, (said("huge", 1.6, 1.9),), np.random.default_rng(0))
+    far = table.sample_kinds(plan, 2, (said("huge", 1.6, 1.9),), np.random.default_rng(0))
     assert far.right[1].word == "" and far.right[1].goal == THERE
 
 
 def test_both_hands_that_land_together_make_one_gesture(table):
     for seed in range(20):
-        told = table.drawn(one_stroke("", HERE, both=True), 1, (), np.random.default_rng(seed))
+        told = table.sample_kinds(
+            one_stroke("", HERE, both=True), 1, (), np.random.default_rng(seed)
+        )
         assert told.left[1].kind == told.right[1].kind != ""
 
 
 def test_beats_outside_gestures_follow(table):
     hand = (phase(0.0, 1.0, "rest"), phase(1.0, 1.2, "beat"), phase(1.2, 2.0, "rest"))
-    told = table.drawn(GesturePlan(2.0, right=hand), 1, (), np.random.default_rng(0))
+    told = table.sample_kinds(GesturePlan(2.0, right=hand), 1, (), np.random.default_rng(0))
     assert [p.kind for p in told.right] == ["", "follow", ""]
 
 
 def test_strokes_hold_what_follows_them():
     (stroke,) = strokes_of(made_plan())
-    assert (stroke.side, stroke.first, stroke.last, stroke.both) == ("right", 1, 6, False)
-    assert stroke.lands.word == "whole"
+    assert (stroke.side, stroke.first, stroke.last, stroke.is_bimanual) == ("right", 1, 6, False)
+    assert stroke.last_stroke.word == "whole"
     plan = replace(made_plan(), left=made_plan().right)
-    assert [s.both for s in strokes_of(plan)] == [True, True]
+    assert [s.is_bimanual for s in strokes_of(plan)] == [True, True]
 
 
 STILL = resting(8.0)
@@ -113,7 +115,7 @@ def test_how_often_a_word_is_struck_is_counted_once_for_both_hands_and_weights_c
         calling.names, calling.calls, calling.struck,
     )  # fmt: skip
     np.testing.assert_allclose(again.goal, calling.goal, rtol=1e-6)
-    assert [again.place(name) for name in ("", "none", "big", "point")] == [0, 0, 1, 4]
+    assert [again.index_of(name) for name in ("", "none", "big", "point")] == [0, 0, 1, 4]
 
 
 def test_a_word_on_a_still_hand_gets_its_gesture_and_the_hand_its_rest_again(calling):

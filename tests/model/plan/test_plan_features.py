@@ -11,13 +11,13 @@ from model.plan.plan_features import (
     LONGEST_S,
     NUM_TRACKS,
     TIERS,
-    Begun,
+    EventOnset,
     at_rest,
     body_track,
     chains_of,
+    chains_to_plan,
     frames_of,
     hand_tracks,
-    plan_of,
     seen_of,
     seen_together,
     tracks_of,
@@ -95,7 +95,7 @@ CHAINS = chains_of(PLAN)
 def test_a_plan_becomes_chains_and_a_plan_again():
     """But for words and kinds, and to the frame."""
     plan = PLAN
-    again = plan_of(CHAINS, 180)
+    again = chains_to_plan(CHAINS, 180)
     for side in SIDES:
         assert len(again.hand(side)) == len(plan.hand(side))
         for one, other in zip(again.hand(side), plan.hand(side), strict=True):
@@ -113,14 +113,16 @@ def test_a_plan_becomes_chains_and_a_plan_again():
 def test_a_chain_is_told_frame_by_frame():
     tier = BY_NAME["right"]
     found = frames_of(tier, CHAINS["right"], ALL)
-    assert found.seen.shape == (180, tier.seen) == (180, 11)
+    assert found.state_before.shape == (180, tier.state_dim) == (180, 11)
     begins = np.flatnonzero(found.event)
     assert begins.tolist() == [30, 45, 57, 72, 78, 84, 105, 126]
     assert found.event[30] == 1 + 1 and found.event[45] == 1 + 2  # preparation, stroke
     np.testing.assert_allclose(found.mark[30] * 0.2, HIGH, atol=1e-6)
-    assert found.seen[30, 0] == 1 and found.seen_now[30, 1] == 1  # rest before, now preparation
-    assert found.seen[30, 6] == pytest.approx(1.0) and found.seen_now[30, 6] == 0.0
-    assert found.seen[29, 7] == pytest.approx(np.log(29 / 30 + 0.1))
+    assert (
+        found.state_before[30, 0] == 1 and found.seen_now[30, 1] == 1
+    )  # rest before, now preparation
+    assert found.state_before[30, 6] == pytest.approx(1.0) and found.seen_now[30, 6] == 0.0
+    assert found.state_before[29, 7] == pytest.approx(np.log(29 / 30 + 0.1))
     assert not found.mark[31:45].any()
 
 
@@ -128,16 +130,16 @@ def test_what_is_drawn_next_and_some_frames_see_what_training_saw():
     for tier in TIERS:
         chain = CHAINS[tier.name]
         found, some = frames_of(tier, chain, ALL), frames_of(tier, chain, ALL[40:90])
-        np.testing.assert_array_equal(some.seen, found.seen[40:90])
+        np.testing.assert_array_equal(some.state_before, found.state_before[40:90])
         np.testing.assert_array_equal(some.event, found.event[40:90])
         for frame in (1, 30, 31, 57, 100, 179):
             last = [begun for begun in chain if begun.frame < frame][-1]
-            np.testing.assert_array_equal(seen_of(tier, last, frame), found.seen[frame])
+            np.testing.assert_array_equal(seen_of(tier, last, frame), found.state_before[frame])
 
 
 def test_long_states_look_alike():
     tier = BY_NAME["blink"]
-    late, later = (seen_of(tier, Begun(0, 0), round(30 * s)) for s in (LONGEST_S, 60))
+    late, later = (seen_of(tier, EventOnset(0, 0), round(30 * s)) for s in (LONGEST_S, 60))
     np.testing.assert_array_equal(late, later)
 
 
@@ -159,5 +161,5 @@ def test_the_second_hand_sees_what_the_first_has_just_begun():
 
 def test_what_cannot_be_reached_is_brought_near():
     chains = CHAINS | {"right": list(CHAINS["right"])}
-    chains["right"][1] = Begun(30, 1, (9.0, -9.0, 0.5))
-    assert plan_of(chains, 180).right[1].goal == (0.99, -0.99, 0.1)
+    chains["right"][1] = EventOnset(30, 1, (9.0, -9.0, 0.5))
+    assert chains_to_plan(chains, 180).right[1].goal == (0.99, -0.99, 0.1)

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.plan.editing import Gesture, added, gestures, on_word
-from model.plan.plan import GesturePlan, Noted, PlanError
+from model.plan.editing import Gesture, add_gesture, gestures, stroke_time_on_word
+from model.plan.plan import GesturePlan, PlanError, PlanResult
 from model.plan.style import (
     AWAY_S,
-    StyleWish,
+    StyleChange,
     excited,
     on_wrong_words,
-    read_wish,
+    read_style_file,
     style_of,
     wish_of,
     with_style,
@@ -29,7 +29,7 @@ WORDS = [said(f"W{k}", 0.5 * k, 0.5 * k + 0.4) for k in range(40)]
 def test_sliders_stand_where_the_plan_is_and_leave_it_there():
     style = style_of(BUSY)
     assert style.gestures_per_min == 18 and style.both == pytest.approx(1 / 3)
-    assert with_style(BUSY, style, FEW_WORDS) == Noted(BUSY)
+    assert with_style(BUSY, style, FEW_WORDS) == PlanResult(BUSY)
 
 
 @pytest.mark.parametrize(
@@ -67,36 +67,36 @@ def test_excitement_moves_all_sliders_one_way():
 def plan_of(lands: tuple[float, ...], kind: str = "beat") -> GesturePlan:
     plan = resting(20.0)
     for at_s in lands:
-        plan = added(plan, kind, at_s, "both" if kind == "shrug" else "right", "here").plan
+        plan = add_gesture(plan, kind, at_s, "both" if kind == "shrug" else "right", "here").plan
     return plan
 
 
-def written(tmp_path: Path, text: str) -> StyleWish:
+def written(tmp_path: Path, text: str) -> StyleChange:
     path = tmp_path / "style.toml"
     path.write_text(text)
-    return read_wish(path)
+    return read_style_file(path)
 
 
 def test_numbers_are_as_told_or_so_many_times_what_each_plan_asks_for(tmp_path):
     wish = written(tmp_path, "height_m = 0.05\n[times]\ngestures_per_min = 0.5\nsize_m = 1.5\n")
     for times in ((2.0, 5.0, 8.0, 11.0), (3.0, 6.0)):
-        done = wish.done(plan_of(times)).plan
+        done = wish.apply(plan_of(times)).plan
         assert len(lands(done)) == len(times) / 2
         assert style_of(done).height_m == pytest.approx(0.05, abs=1e-3)
         assert style_of(plan_of(times)).height_m < 0
     plan = plan_of((2.0, 5.0))
-    bare = style_of(written(tmp_path, "[times]\nsize_m = 1.5").done(plan).plan)
+    bare = style_of(written(tmp_path, "[times]\nsize_m = 1.5").apply(plan).plan)
     assert bare.size_m == pytest.approx(1.5 * style_of(plan).size_m, rel=0.02)
     assert bare.gestures_per_min == style_of(plan).gestures_per_min
-    assert written(tmp_path, "").done(plan) == Noted(plan)  # nothing changes nothing
-    wild = style_of(written(tmp_path, "size_m = 0.2\nexcite = 1").done(plan).plan)
+    assert written(tmp_path, "").apply(plan) == PlanResult(plan)  # nothing changes nothing
+    wild = style_of(written(tmp_path, "size_m = 0.2\nexcite = 1").apply(plan).plan)
     assert wild.size_m == pytest.approx(0.26, abs=0.02)  # done after the numbers
 
 
 def test_more_gestures_go_onto_words_and_without_words_that_is_said(tmp_path):
     wish, plan = written(tmp_path, "gestures_per_min = 24"), plan_of((3.0, 15.0))
-    assert len(lands(wish.done(plan, WORDS).plan)) == 8
-    assert wish.done(plan).notes == ("There is room for 6 gestures a minute.",)
+    assert len(lands(wish.apply(plan, WORDS).plan)) == 8
+    assert wish.apply(plan).notes == ("There is room for 6 gestures a minute.",)
 
 
 @pytest.mark.parametrize("kind", ["beat", "shrug"])
@@ -112,7 +112,7 @@ def test_on_wrong_words_no_stroke_lands_where_one_was_called_for(kind, words):
         assert [one.lands_s for one in gestures(made.plan, "left")] == found
     old, new = ([p for p in each.right if p.phase == "stroke"] for each in (plan, made.plan))
     if words:
-        assert all(any(abs(on_word(w) - at) < 1e-6 for w in words) for at in found)
+        assert all(any(abs(stroke_time_on_word(w) - at) < 1e-6 for w in words) for at in found)
         assert all(one.word.startswith("w") for one in new)
     else:
         assert [one.word for one in new] == [""] * 5
@@ -155,6 +155,6 @@ def test_what_is_no_style_is_refused_in_a_sentence(tmp_path, text, sentence):
 
 def test_a_missing_file_is_refused_and_tables_are_read_alike(tmp_path):
     with pytest.raises(PlanError, match=r"there\.toml could not be read: no such file"):
-        read_wish(tmp_path / "there.toml")
+        read_style_file(tmp_path / "there.toml")
     told = {"times": {"gestures_per_min": 0.5}, "wrong_words": True, "excite": -0.5}
-    assert wish_of(told) == StyleWish({}, {"gestures_per_min": 0.5}, -0.5, True)
+    assert wish_of(told) == StyleChange({}, {"gestures_per_min": 0.5}, -0.5, True)

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import FACE, JOINT_INDEX
 from model.motion.packing import Normaliser, joint_channels
 from model.motion.rotations import matrix_from_rot6d, rot6d_from_matrix
-from model.sampling.flow import SpeechGuide, interpolate, sample, time_weight
+from model.sampling.flow import ClassifierFreeGuidance, interpolate, sample, time_weight
 from model.sampling.samplers import FLOW_SAMPLERS
 
 
@@ -105,8 +105,8 @@ def test_the_body_moves_along_what_speech_changes_and_the_jaw_stays(
 ):
     numbers = normaliser(channels, mixed=space == "axis-angle")
     heard, deaf = torch.randn(2, 3, 7, channels)
-    guide = SpeechGuide(strength, numbers, space)
-    found = numbers.restore(guide.guided(torch.cat([heard, deaf])))
+    guide = ClassifierFreeGuidance(strength, numbers, space)
+    found = numbers.restore(guide.combine(torch.cat([heard, deaf])))
     with_speech, without = numbers.restore(heard), numbers.restore(deaf)
     wanted = without + strength * (with_speech - without)
     wanted[..., face] = with_speech[..., face]
@@ -119,12 +119,14 @@ def test_neck_and_head_may_hear_at_a_strength_of_their_own():
     both = torch.cat([heard, deaf])
     head = [3 * JOINT_INDEX[joint] + k for joint in ("neck", "head") for k in range(3)]
     body, stronger, mixed = (
-        numbers.restore(SpeechGuide(strength, numbers, "axis-angle", of_head).guided(both))
+        numbers.restore(
+            ClassifierFreeGuidance(strength, numbers, "axis-angle", of_head).combine(both)
+        )
         for strength, of_head in ((1.4, None), (2.4, None), (1.4, 2.4))
     )
     body[..., head] = stronger[..., head]
     torch.testing.assert_close(mixed, body, atol=1e-4, rtol=1e-4)
-    assert SpeechGuide(1.0, numbers, "axis-angle", 2.0).asks_twice
+    assert ClassifierFreeGuidance(1.0, numbers, "axis-angle", 2.0).asks_twice
 
 
 def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
@@ -142,8 +144,8 @@ def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
 
     turned = Rotation.from_rotvec([[0.0, 0.02, 0.0], [0.0, -0.02, 0.01]]).as_matrix()
     told = [numbers.normalise(vectors(heads))[None] for heads in (turned, np.eye(3)[None])]
-    guide = SpeechGuide(2.5, numbers, "global")
-    found = numbers.restore(guide.guided(torch.cat(told)))[0]
+    guide = ClassifierFreeGuidance(2.5, numbers, "global")
+    found = numbers.restore(guide.combine(torch.cat(told)))[0]
     rotations = matrix_from_rot6d(found[:, :330].unflatten(-1, (55, 6))).numpy()
     in_head = np.swapaxes(rotations[:, head], -1, -2) @ rotations[:, jaw]
     wanted = Rotation.from_rotvec([[0.2, 0.0, 0.1], [0.4, 0.1, 0.0]]).as_matrix()
@@ -154,10 +156,12 @@ def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
 
 def test_what_is_asked_twice_hears_first_and_then_does_not_and_as_trained_nothing_is():
     numbers, batch = normaliser(168, mixed=True), torch.randn(2, 4, 168)
-    once, twice = (SpeechGuide(strength, numbers, "axis-angle") for strength in (1.0, 2.0))
-    assert once.copies(2) == 2 and once.hears(2).tolist() == [True, True]
-    assert once.twice(batch) is batch and once.guided(batch) is batch
-    assert twice.hears(2).tolist() == [True, True, False, False]
-    assert torch.equal(twice.twice(batch), torch.cat([batch, batch]))
+    once, twice = (
+        ClassifierFreeGuidance(strength, numbers, "axis-angle") for strength in (1.0, 2.0)
+    )
+    assert once.copies(2) == 2 and once.is_conditional(2).tolist() == [True, True]
+    assert once.duplicate(batch) is batch and once.combine(batch) is batch
+    assert twice.is_conditional(2).tolist() == [True, True, False, False]
+    assert torch.equal(twice.duplicate(batch), torch.cat([batch, batch]))
     with pytest.raises(ValueError, match="steps is 0"):
         sample(lambda x, t: x, torch.zeros(1, 1), steps=0)

@@ -53,7 +53,9 @@ def test_the_posterior_is_that_of_one_large_gaussian(prior, t, with_seed):
     torch.testing.assert_close(found.double(), expected, atol=2e-3, rtol=2e-3)
     # A unit vector comes back as a deviation: shaping twice is a product with the covariance.
     unit = torch.randn(1, FRAMES, CHANNELS, generator=generator)
-    twice = prior.shaped(prior.shaped(unit, time, has_seed), time, has_seed)[0]
+    twice = prior.scale_by_posterior(
+        prior.scale_by_posterior(unit, time, has_seed), time, has_seed
+    )[0]
     wanted = (covariance @ unit[0].double().flatten()).reshape(FRAMES, CHANNELS)
     torch.testing.assert_close(twice.double(), wanted, atol=3e-3, rtol=3e-3)
 
@@ -74,13 +76,13 @@ def test_without_a_network_any_number_of_steps_gives_the_same_motion(prior, with
 
 @pytest.mark.parametrize("with_seed", [False, True])
 def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_seed):
-    """`carried` against steps by the midpoint along the posterior's own velocity."""
+    """`consistency` against steps by the midpoint along the posterior's own velocity."""
     generator = torch.Generator().manual_seed(5)
     x = torch.randn(1, FRAMES, CHANNELS, generator=generator)
     seed = torch.randn(1, SEED, CHANNELS, generator=generator) * 0.3
     has_seed = torch.tensor([with_seed])
     start, steps = 0.2, 100
-    found = prior.carried(x, torch.tensor([start]), seed, has_seed)
+    found = prior.consistency(x, torch.tensor([start]), seed, has_seed)
     walked, length = x, (1 - start) / steps
 
     def velocity(x_t, t):
@@ -92,7 +94,9 @@ def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_se
     torch.testing.assert_close(found, walked, atol=0.02, rtol=0.02)
     if not with_seed:
         now = torch.tensor([1.0])
-        torch.testing.assert_close(prior.carried(x, now, seed, has_seed), x, atol=1e-3, rtol=1e-3)
+        torch.testing.assert_close(
+            prior.consistency(x, now, seed, has_seed), x, atol=1e-3, rtol=1e-3
+        )
 
 
 def test_a_constant_pull_of_the_network_turns_by_the_whole_angle(prior):
@@ -103,10 +107,10 @@ def test_a_constant_pull_of_the_network_turns_by_the_whole_angle(prior):
     def predict(x_t, t):
         time, none = torch.full((1,), t), torch.zeros(1, dtype=torch.bool)
         known = prior.posterior(x_t, time, x_t[:, :SEED], none)
-        return known + prior.shaped(ones, time, none)
+        return known + prior.scale_by_posterior(ones, time, none)
 
     for steps in (1, 10):
-        z = prior.along(prior.sample(predict, x_0, None, steps=steps), 0)
+        z = prior.to_eigenbasis(prior.sample(predict, x_0, None, steps=steps), 0)
         wanted = math.pi / 2 * prior.variance[0].sqrt()[..., None]
         large = prior.variance[0, :, :, None] > 1e-4
         torch.testing.assert_close(z[large], wanted[large], rtol=1e-2, atol=1e-3)
@@ -157,8 +161,8 @@ def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_see
     flags = torch.full((4,), has_seed)
     for call in (
         lambda: prior.posterior(x_t, t, seed, flags),
-        lambda: prior.carried(x_t, t, seed, flags),
-        lambda: prior.shaped(x_t, t, flags),
+        lambda: prior.consistency(x_t, t, seed, flags),
+        lambda: prior.scale_by_posterior(x_t, t, flags),
     ):
         prior.train()
         both = call()

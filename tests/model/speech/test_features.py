@@ -15,7 +15,7 @@ from model.speech.features import (
     CausalMel,
     MelEncoder,
     RunningVoice,
-    Voice,
+    VoiceReference,
     analysed,
     augment_mel,
     in_other_throats,
@@ -120,14 +120,14 @@ def test_another_throat_stretches_the_mel_bands_and_leaves_the_rest():
     assert len({round(float(one[0, 40]), 4) for one in drawn}) == 4
 
 
-VOICE = Voice(level_db=25.0, pitch=7.0)
+VOICE = VoiceReference(level_db=25.0, pitch=7.0)
 
 
 def heard(waveform, sizes):
     causal, start, rows = CausalMel(), 0, []
     while start < len(waveform):
         size = sizes[len(rows) % len(sizes)]
-        rows.append(causal.hear(waveform[start : start + size]))
+        rows.append(causal.add_samples(waveform[start : start + size]))
         start += size
     return np.concatenate(rows)
 
@@ -150,15 +150,15 @@ def test_sound_to_come_changes_nothing_and_a_block_is_known_27_ms_after_it():
         longer = np.concatenate([first, made_waveform(20_000, seed)])
         np.testing.assert_array_equal(heard(longer, [640])[: len(known)], known)
     causal = CausalMel()
-    assert len(causal.hear(first[: BLOCK_SAMPLES + LOOK_AHEAD - 1])) == 0
-    assert len(causal.hear(first[BLOCK_SAMPLES + LOOK_AHEAD - 1 :][:1])) == BLOCK_FRAMES
+    assert len(causal.add_samples(first[: BLOCK_SAMPLES + LOOK_AHEAD - 1])) == 0
+    assert len(causal.add_samples(first[BLOCK_SAMPLES + LOOK_AHEAD - 1 :][:1])) == BLOCK_FRAMES
     assert LOOK_AHEAD == 432  # 27 ms
 
 
 def test_memory_does_not_grow():
     causal = CausalMel()
     for _ in range(40):
-        causal.hear(made_waveform(640))
+        causal.add_samples(made_waveform(640))
     assert len(causal._sound) < 2 * BLOCK_SAMPLES
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from app.run.examples import CLEAN
 from model.motion.motion import load_motion
-from model.plan.annotation_files import Interval, NamedTier, textgrid_of
+from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from model.speech.audio import load_speech
 from model.speech.transcript import (
     MAX_GESTURE_TIERS,
@@ -27,7 +27,7 @@ PHONES = [(0.1, 0.2, "h"), (0.2, 0.4, "o")]
 
 def grid(*tiers: tuple[str, list]) -> str:
     named = [NamedTier(name, tuple(Interval(*row) for row in rows)) for name, rows in tiers]
-    return textgrid_of(named, 2.0)
+    return format_textgrid(named, 2.0)
 
 
 def refusal(path: Path) -> str:
@@ -308,7 +308,10 @@ def test_words_keep_their_letters_and_lose_what_is_around_them():
     ):
         found = words_to_say(written, KNOWN.get)
         assert [word.text for word in found] == words
-        assert all(word.known in KNOWN and word.phones == KNOWN[word.known] for word in found)
+        assert all(
+            word.dictionary_form in KNOWN and word.phones == KNOWN[word.dictionary_form]
+            for word in found
+        )
 
 
 def test_what_no_dictionary_has_is_said_by_rules_and_numbers_are_read_out():
@@ -320,7 +323,7 @@ def test_what_no_dictionary_has_is_said_by_rules_and_numbers_are_read_out():
         "phight": "F AY T",
     }.items():
         (word,) = words_to_say(written, KNOWN.get)
-        assert (word.text, word.known, word.phones) == (written, None, phones)
+        assert (word.text, word.dictionary_form, word.phones) == (written, None, phones)
     for digits, said in {
         "0": "zero",
         "13": "thirteen",

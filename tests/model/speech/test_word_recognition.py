@@ -14,18 +14,18 @@ from app.run.examples import CLEAN
 from conventions.rates import SAMPLE_RATE
 from model.speech import word_recognition
 from model.speech.audio import load_speech
-from model.speech.transcript import NOTHING_SAID, Transcript, Word, read_transcript
+from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript, Word, read_transcript
 from model.speech.word_alignment import PIECE_S, pieces
-from model.speech.word_recognition import SURE, Heard, Hearing, _judged
+from model.speech.word_recognition import SURE, RecognitionResult, WordRecognition, _judged
 from tests.helpers import ROOT, foreign_folder
 
 EXAMPLES = ROOT / "examples"
 PHONE = re.compile(r"[A-Z]{1,3}")
 
 
-def heard(waveform: np.ndarray, text: str | None = None) -> Heard:
-    with Hearing(waveform, text) as hearing:
-        return hearing.heard()
+def heard(waveform: np.ndarray, text: str | None = None) -> RecognitionResult:
+    with WordRecognition(waveform, text) as hearing:
+        return hearing.result()
 
 
 def example(name: str) -> tuple[np.ndarray, str]:
@@ -71,7 +71,7 @@ def test_a_sentence_that_nobody_has_said_spoils_its_neighbourhood_only():
 @pytest.mark.slow
 def test_speech_of_another_language_is_told_so_and_no_words_are_used():
     said = heard(load_speech(foreign_folder() / "talkshow_french.wav").waveform)
-    assert said.transcript == NOTHING_SAID
+    assert said.transcript == EMPTY_TRANSCRIPT
     assert "probably in another language than English" in said.notes[0]
 
 
@@ -95,7 +95,7 @@ def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says):
     doubted[:1] = [Word(50.0, 52.6, "?", 1.0)] if doubted else []  # too long for a word
     found = _judged([(word, ()) for word in words + doubted], is_aligned)
     assert says in "".join(found.notes) and len(found.notes) == bool(says)
-    is_used = found.transcript != NOTHING_SAID
+    is_used = found.transcript != EMPTY_TRANSCRIPT
     assert is_used == (sure > 0 and not ("language" in says or "not used" in says))
     if is_used:
         assert found.transcript.words == tuple(words)
@@ -115,7 +115,7 @@ def test_a_text_that_is_not_said_is_not_used():
     waveform, (_, other) = example("a_long_drive")[0], example("three_reasons")
     for text in (other, "中文"):
         said = heard(waveform[: 3 * SAMPLE_RATE], text)
-        assert said.transcript == NOTHING_SAID
+        assert said.transcript == EMPTY_TRANSCRIPT
         assert len(said.notes) == 1 and "Its words are not used; give what is said" in said.notes[0]
 
 
@@ -129,7 +129,7 @@ def test_a_tone_holds_no_words_and_no_length_is_a_failure(seconds):
 
 def test_it_is_ended_when_nobody_waits_any_more():
     waveform, _ = example("a_long_drive")
-    with Hearing(np.tile(waveform, 20)) as hearing:
+    with WordRecognition(np.tile(waveform, 20)) as hearing:
         assert not hearing.is_over(0.0)
         child = hearing._child
     assert child is not None and not child.is_alive()
@@ -137,10 +137,10 @@ def test_it_is_ended_when_nobody_waits_any_more():
 
 def test_whatever_goes_wrong_is_one_note(monkeypatch, tmp_path):
     waveform, _ = example("a_long_drive")
-    with Hearing(waveform) as hearing:
+    with WordRecognition(waveform) as hearing:
         assert hearing._child is not None
         os.kill(hearing._child.pid, signal.SIGTERM)
-        (note,) = hearing.heard().notes
+        (note,) = hearing.result().notes
     assert note.endswith("the recogniser ended by signal 15 (SIGTERM).")
     monkeypatch.setattr(word_recognition, "PATIENCE", (0.0, 0.0))
     (note,) = heard(waveform).notes

@@ -6,7 +6,7 @@ import io
 import pytest
 
 from conventions.names import printable
-from model.storage.escaping import csv_cell, csv_text, markdown, tex
+from model.storage.escaping import csv_cell, csv_text, escape_latex, escape_markdown
 
 FORMULAS = [
     *("=cmd|' /C calc'!A0", "+1+cmd|' /C calc'!A0", "-2+3+cmd|' /C calc'!A0", "\t=1+1", "\r=1+1"),
@@ -43,7 +43,7 @@ HOSTILE = '\\input{/etc/passwd} % & $x$ #1 _a ^b ~ <>|" [3in] *\x1b[31m\u202e\n'
 
 
 def test_every_special_character_of_latex_is_escaped():
-    found = tex(HOSTILE)
+    found = escape_latex(HOSTILE)
     assert found == (
         r"\textbackslash{}input\{/etc/passwd\} \% \& \$x\$ \#1 \_a \textasciicircum{}b"
         r" \textasciitilde{} \textless{}\textgreater{}\textbar{}'' {[}3in{]} {*}?{[}31m??"
@@ -51,7 +51,9 @@ def test_every_special_character_of_latex_is_escaped():
 
 
 def test_markdown_gets_one_cell_without_markup():
-    assert markdown("a|b\n<script>[x](y)`c`*d*\\") == (r"a\|b?\<script\>\[x\](y)\`c\`\*d\*" "\\\\")
+    assert escape_markdown("a|b\n<script>[x](y)`c`*d*\\") == (
+        r"a\|b?\<script\>\[x\](y)\`c\`\*d\*" "\\\\"
+    )
 
 
 def test_what_a_terminal_obeys_and_what_turns_text_is_replaced():

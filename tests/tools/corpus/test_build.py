@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from model.motion.motion import load_motion
-from model.plan.annotation_files import textgrid_tiers
+from model.plan.annotation_files import parse_textgrid
 from tests.tools.corpus.conftest import CLIP_S, TWO_CLIPS_H
 from tools.corpus import build
 from tools.corpus.build import CorpusError, build_corpus, plan_jobs
@@ -53,7 +53,7 @@ def test_the_layout_is_beat2s(corpus):
 
 
 def tiers(path: Path) -> dict[str, list[tuple[float, float, str]]]:
-    found, _ = textgrid_tiers(path.read_text(), path.name, ValueError)
+    found, _ = parse_textgrid(path.read_text(), path.name, ValueError)
     return {each.name: [(r.start_s, r.end_s, r.text) for r in each.rows] for each in found}
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.two_bone_ik import HingedLimb
-from model.plan.plan import Leg, Planted, Side, Stand
+from model.plan.plan import FootContact, Leg, Side, Stand
 from tools.corpus.body.signals import (
     bump,
     frame_times,
@@ -39,7 +39,7 @@ class Legs:
     trans: Float[np.ndarray, "T 3"]
     stances: tuple[Stand, ...]
     """Stances, which cover the clip."""
-    planted: tuple[Planted, ...]
+    planted: tuple[FootContact, ...]
     """Spans in which each foot is on the floor."""
 
 
@@ -112,7 +112,7 @@ class _Feet:
     lift: dict[str, Float[np.ndarray, " T"]]
     shift: Float[np.ndarray, "T 3"]
     stances: tuple[Stand, ...]
-    planted: tuple[Planted, ...]
+    planted: tuple[FootContact, ...]
 
 
 def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.Generator) -> _Feet:
@@ -128,7 +128,7 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
         lift[side] = np.zeros(num_frames)
     shift = np.zeros((num_frames, 3))
     centre, weight = np.zeros(3), np.zeros(3)
-    planted: list[Planted] = []
+    planted: list[FootContact] = []
     stands_s: dict[Side, float] = {"left": 0.0, "right": 0.0}
     other: dict[str, Leg] = {"left": "right", "right": "left"}
     changes: list[tuple[float, Leg]] = [(0.0, "both")]
@@ -144,7 +144,7 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
             stride, turn = goal - centre, rng.normal(0, 7)
             order: list[Side] = ["left", "right"] if stride[0] > 0 else ["right", "left"]
             for side, delay in zip(order, (0.0, rng.uniform(0.55, 0.8)), strict=True):
-                planted.append(Planted(stands_s[side], at_s + delay, side))
+                planted.append(FootContact(stands_s[side], at_s + delay, side))
                 stands_s[side] = at_s + delay + STEP_S
                 changes.append((at_s + delay, other[side]))
                 changes.append((at_s + delay + STEP_S, "both"))
@@ -164,7 +164,7 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
         weight = goal
         at_s += rng.gamma(2.5, 0.5) + 0.5
     end_s = (num_frames + 1) / FPS
-    planted += [Planted(start_s, end_s, side) for side, start_s in stands_s.items()]
+    planted += [FootContact(start_s, end_s, side) for side, start_s in stands_s.items()]
     return _Feet(place, yaw, lift, shift, _stances(changes, end_s), tuple(planted))
 
 

@@ -22,7 +22,7 @@ from sklearn.preprocessing import StandardScaler
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.motion import load_motion
-from model.plan.annotation_files import textgrid_tiers
+from model.plan.annotation_files import parse_textgrid
 from tools.corpus.clip import ClipPaths
 from tools.corpus.people.rig import Rig, axis_angles, forward_kinematics, matrices
 
@@ -243,7 +243,7 @@ def measure_clip(clip_id: str, paths: ClipPaths, rig: Rig) -> MeasuredClip:
 
 def read_listening(path: Path) -> tuple[tuple[float, float], ...]:
     """Read starts and ends (s) of listening from a TextGrid; none without such a tier."""
-    tiers, _ = textgrid_tiers(path.read_text(), path.name, ValueError)
+    tiers, _ = parse_textgrid(path.read_text(), path.name, ValueError)
     rows = next((tier.rows for tier in tiers if tier.name == "listening"), ())
     return tuple((row.start_s, row.end_s) for row in rows if row.text)
 

@@ -11,7 +11,7 @@ from app.run.output.run_folder import RunRecord
 from app.run.run_writer import open_run_writer
 from conventions.names import REFERENCE_NAME
 from model.diagnostics import Diagnostics
-from model.speech.transcript import NOTHING_SAID, Transcript
+from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 from tests.app.fakes import made_motion, measures
 from tests.app.measured import diagnostics_of
 from tests.model.made import made_waveform
@@ -26,7 +26,7 @@ def made_run(
     jerk: dict[str, float] | None = None,
     settings: dict[str, str] | None = None,
     duration_s: float = 2.0,
-    said: Transcript = NOTHING_SAID,
+    said: Transcript = EMPTY_TRANSCRIPT,
     out: str = "results",
     **changes: Any,
 ) -> Showing:

@@ -23,7 +23,7 @@ from app.run.display import Display
 from app.run.generated_motions import row_names
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from app.study.design.plan import Plan, read_plan
-from model.plan.style import StyleWish
+from model.plan.style import StyleChange
 from model.systems.globaldiff.config import BEST, SYSTEMS
 from model.systems.planned.config import PLANNED
 from tests.app import fakes
@@ -351,7 +351,7 @@ def test_changes_of_gestures_become_systems(study_form, tmp_path, question):
     assert names == [PLANNED, *(f"{PLANNED} {name}" for name in changed)]
     assert {each.system for each in plan.systems} == {PLANNED}
     styles = [each.style for each in plan.systems]
-    assert styles[0] is None and all(each not in (None, StyleWish()) for each in styles[1:])
+    assert styles[0] is None and all(each not in (None, StyleChange()) for each in styles[1:])
 
 
 def test_uploads_are_put_beside_the_plan(tmp_path):

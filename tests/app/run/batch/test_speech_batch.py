@@ -19,7 +19,7 @@ from app.run.output.console import ProgressBars
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
-from model.plan.editing import added, gestures
+from model.plan.editing import add_gesture, gestures
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, Nod
 from model.sampling.samplers import clip_seed
@@ -280,7 +280,7 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
     with pytest.raises(RunError, match="is no folder; many pieces of speech take a folder"):
         run_batch(clip_requests(replace_fields(asked, plan=style)), HERE)
     write_plan_file(GesturePlan(1.0, nods=(Nod(0.5, 4.0),)), plans / "a.json")
-    busy = added(GesturePlan(4.0, nods=(Nod(1.5, 4.0),)), "offer", 2.0, "right").plan
+    busy = add_gesture(GesturePlan(4.0, nods=(Nod(1.5, 4.0),)), "offer", 2.0, "right").plan
     write_plan_file(busy, plans / "d.TextGrid")
     runs = run_batch(clip_requests(asked), HERE)
     assert runs.failed == {} and runs.clips == ("a", "d")

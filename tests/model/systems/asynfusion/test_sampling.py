@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from conventions.joints import FACE as FACE_JOINTS
-from model.sampling.flow import SpeechGuide, interpolate, seeded_noise
+from model.sampling.flow import ClassifierFreeGuidance, interpolate, seeded_noise
 from model.systems.asynfusion.network import (
     BRANCHES,
     EXPRESSION,
@@ -72,8 +72,8 @@ def test_a_ddim_step_is_that_of_the_variance_preserving_process(step, earlier):
 NORMALISER = made_streams()[GESTURE].normaliser
 
 
-def guide_of(strength: float) -> SpeechGuide:
-    return SpeechGuide(strength, NORMALISER, "axis-angle")
+def guide_of(strength: float) -> ClassifierFreeGuidance:
+    return ClassifierFreeGuidance(strength, NORMALISER, "axis-angle")
 
 
 AS_TRAINED = guide_of(1.0)
@@ -172,10 +172,10 @@ def test_speech_moves_the_body_further_and_leaves_jaw_and_face(strength):
     torch.testing.assert_close(body, wanted, atol=1e-4, rtol=1e-4)
 
 
-def asked(network: DualBranchNetwork, guide: SpeechGuide = AS_TRAINED) -> dict:
+def asked(network: DualBranchNetwork, guide: ClassifierFreeGuidance = AS_TRAINED) -> dict:
     conditions, seed = made_conditions(), made_pair(seed=2)
     del conditions["has_speech"]
-    heard = network.hear(guide.twice(conditions.pop("speech")), guide.hears(2))
+    heard = network.hear(guide.duplicate(conditions.pop("speech")), guide.is_conditional(2))
     return {"heard": heard, "seed": (seed[0][:, :8], seed[1][:, :8]), **conditions}
 
 

@@ -20,7 +20,7 @@ from model.systems.gan.config import (
 from model.systems.gan.network import Discriminator, Generator
 from model.systems.gan.task import Drawn, GanTask, make_task
 from model.systems.registry import load_system
-from model.training.parallel import WHOLE, Draws
+from model.training.parallel import UNSHARDED, ShardedRandom
 from model.training.task import Task, TaskSetup
 from tests.model.training.made import (
     assert_equal_states,
@@ -58,7 +58,7 @@ def networks_of(task: GanTask) -> tuple[Generator, Discriminator]:
 
 
 def drawn_by(task: GanTask, batch: Batch, seed: int) -> Drawn:
-    draws = Draws(len(batch.clips), torch.Generator().manual_seed(seed), WHOLE)
+    draws = ShardedRandom(len(batch.clips), torch.Generator().manual_seed(seed), UNSHARDED)
     return task.draw(task.network, batch, draws)
 
 

@@ -12,7 +12,7 @@ from model.data.annotations import annotated_speech, prepare_plans
 from model.data.prepared import prepare
 from model.data.recordings import DataError
 from model.networks.speech_codes import SpeechReading, load_codes
-from model.speech.encoder import PHONES, SPEECH_ENCODER, TOLD
+from model.speech.encoder import PHONES, SPEECH_ENCODER, SPEECH_LABELS
 from model.speech.features import MelEncoder
 from model.systems.helpers.task import reading_terms
 from tests.model.systems.helpers.made_spoken import SPOKEN, make_spoken_folder
@@ -37,7 +37,9 @@ def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
     named = [PHONES[number - 1] if number else "" for number in phone[:60]]
     wanted = [""] * 6 + ["hh"] * 6 + ["ow"] * 9 + [""] * 24 + ["er"] * 15
     assert named == wanted
-    told = {name: spoken.told[plain.start : plain.stop, k] for k, name in enumerate(TOLD)}
+    told = {
+        name: spoken.labels[plain.start : plain.stop, k] for k, name in enumerate(SPEECH_LABELS)
+    }
     assert np.flatnonzero(told["accent"]).tolist() == [14, 15, 16, 53, 54, 55]
     np.testing.assert_allclose(told["strength"][[15, 54]], [0.8, 0.3], atol=1e-6)
     assert np.flatnonzero(told["voice"]).tolist() == [*range(6, 30), *range(45, 60)]
@@ -62,7 +64,7 @@ def test_an_encoder_that_was_trained_gives_codes_beside_features(root, tmp_path)
     assert not torch.allclose(codes.of(later)[:, 20 - reach], found[:, 20 - reach], atol=1e-6)
     card = json.loads((root / "encoder" / "weights" / "speech-encoder.json").read_text())
     assert 0 <= card["validation"]["phones_right"] <= 1
-    assert set(card["validation"]) == {"phone", *TOLD, "phones_right", "total"}
+    assert set(card["validation"]) == {"phone", *SPEECH_LABELS, "phones_right", "total"}
 
 
 def test_losses_are_those_of_what_is_right():

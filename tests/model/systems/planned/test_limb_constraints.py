@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
-from model.motion.motion import Motion, put_together
-from model.motion.tracks import track_points, wrist_places
-from model.plan.editing import added
-from model.plan.plan import SIDES, GesturePlan, Planted, Side, without_gaps
+from model.motion.motion import Motion, concatenate
+from model.motion.tracks import track_points, wrist_positions_in_chest
+from model.plan.editing import add_gesture
+from model.plan.plan import SIDES, FootContact, GesturePlan, Side, without_gaps
 from model.plan.plan_features import goal_path
 from model.systems.planned.limb_constraints import (
     ANKLE_M,
@@ -31,7 +31,11 @@ BODY = open_body_skeleton()
 FRAMES = 150
 ANKLES = [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]]
 LEG = [JOINT_INDEX[f"{side}_{joint}"] for side in SIDES for joint in ("hip", "knee", "ankle")]
-STANDS = (Planted(0.0, 2.0, "left"), Planted(2.5, 5.0, "left"), Planted(0.0, 5.0, "right"))
+STANDS = (
+    FootContact(0.0, 2.0, "left"),
+    FootContact(2.5, 5.0, "left"),
+    FootContact(0.0, 5.0, "right"),
+)
 
 
 def by_name(poses: np.ndarray) -> dict[str, np.ndarray]:
@@ -110,14 +114,14 @@ def test_feet_in_pieces_of_any_length_are_held_as_in_the_whole(cuts, seed):
     whole = HeldFeet(STANDS).hold(motion)
     held = HeldFeet(STANDS)
     edges = [0, *sorted(cuts), FRAMES]
-    pieces = put_together([held.hold(motion.part(slice(*edge))) for edge in pairwise(edges)])
+    pieces = concatenate([held.hold(motion.part(slice(*edge))) for edge in pairwise(edges)])
     np.testing.assert_allclose(pieces.poses, whole.poses, atol=1e-6)
     np.testing.assert_allclose(pieces.trans, whole.trans, atol=1e-6)
 
 
 @pytest.mark.parametrize("side", SIDES)
 def test_a_known_footing_is_kept(before, side):
-    stand = Planted(1.0, 4.0, side)
+    stand = FootContact(1.0, 4.0, side)
     held = HeldFeet((stand,), {stand: Footing(0.3, 0.1, 0.2)})
     at = joints(held.hold(before))[40:110, JOINT_INDEX[f"{side}_ankle"]]
     np.testing.assert_allclose(at, np.tile([0.3, ANKLE_M, 0.1], (70, 1)), atol=1e-4)
@@ -125,13 +129,13 @@ def test_a_known_footing_is_kept(before, side):
 
 
 def test_stands_that_round_to_no_frame_or_lie_behind_the_motion_do_no_harm(before):
-    stands = (Planted(1.0, 1.001, "left"), Planted(40.0, 50.0, "left"))
+    stands = (FootContact(1.0, 1.001, "left"), FootContact(40.0, 50.0, "left"))
     assert np.isfinite(HeldFeet(stands).hold(before).poses).all()
 
 
 LONG = 240
 ARMS = [JOINT_INDEX[f"{side}_{name}"] for side in SIDES for name in ("shoulder", "elbow")]
-PLAN = added(added(resting(8.0), "offer", 2.0, "right").plan, "stop", 5.0, "left").plan
+PLAN = add_gesture(add_gesture(resting(8.0), "offer", 2.0, "right").plan, "stop", 5.0, "left").plan
 
 
 def swaying() -> Motion:
@@ -159,7 +163,7 @@ def led(swayed) -> Motion:
 def off(motion: Motion, side: Side) -> np.ndarray:
     """Metres from the planned path."""
     path = goal_path(without_gaps(PLAN.hand(side), PLAN.duration_s), (np.arange(LONG) + 0.5) / 30)
-    return np.linalg.norm(wrist_places(track_points(motion, BODY))[side] - path, axis=1)
+    return np.linalg.norm(wrist_positions_in_chest(track_points(motion, BODY))[side] - path, axis=1)
 
 
 def test_wrists_are_led_their_share_of_the_way_and_no_frame_jumps(swayed, led):
@@ -206,10 +210,10 @@ def test_hands_that_no_plan_tells_of_are_left_alone(swayed):
 def test_pieces_are_led_as_the_whole(swayed, led):
     hands = LedHands(PLAN)
     parts = [hands.lead(swayed.part(slice(a, b))) for a, b in ((0, 52), (52, 60), (60, LONG))]
-    np.testing.assert_allclose(put_together(parts).poses, led.poses, atol=1e-6)
+    np.testing.assert_allclose(concatenate(parts).poses, led.poses, atol=1e-6)
 
 
 def test_what_lies_far_from_a_change_of_the_plan_stays_bit_for_bit(swayed, led):
-    other = LedHands(added(PLAN, "you", 4.0, "right").plan).lead(swayed)
+    other = LedHands(add_gesture(PLAN, "you", 4.0, "right").plan).lead(swayed)
     same = (led.poses == other.poses).all(axis=1)
     assert same[:80].all() and same[180:].all() and not same[100:115].any()

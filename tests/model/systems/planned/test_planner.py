@@ -10,7 +10,7 @@ from model.generation.base import Draw
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, draw_of
 from model.motion.kinematics import open_body_skeleton
-from model.motion.tracks import track_points, wrist_places
+from model.motion.tracks import track_points, wrist_positions_in_chest
 from model.plan.editing import within_reach
 from model.plan.kinds import REST_PLACE
 from model.plan.plan import SIDES, STILL, HandPhase, PlanError
@@ -22,7 +22,7 @@ from model.plan.plan_features import (
     seen_together,
     tracks_of,
 )
-from model.plan.style import Manner
+from model.plan.style import LiveStyle
 from model.systems.planned.config import PLANNED
 from model.systems.planned.network import MarkMixture
 from model.systems.planned.planner import Drawer, Planner, _Events, load_planner
@@ -142,7 +142,7 @@ def test_events_without_torch_are_those_of_the_network(planner):
         np.testing.assert_allclose(logs, head.events(wanted).numpy(), atol=1e-5)
 
 
-DRAW, HOP, AHEAD, LONG, USUAL = draw(4), 15, 30, 120, Manner()
+DRAW, HOP, AHEAD, LONG, USUAL = draw(4), 15, 30, 120, LiveStyle()
 OPTIONS = GenerateOptions("ann", seed=3, steps=2)
 SPEECH = features(LONG + 200)
 
@@ -151,7 +151,7 @@ def known(speech: torch.Tensor):
     return lambda first, stop: speech[torch.arange(first, stop).clamp(0, len(speech) - 1)]
 
 
-def told(planner: Planner, speech, manner: Manner = USUAL, long: int = LONG):
+def told(planner: Planner, speech, manner: LiveStyle = USUAL, long: int = LONG):
     """What is planned with each hop of some speech, or, of a function, of what is supposed then."""
     stream = CausalPlanner(planner, DRAW)
     stream.manner = manner
@@ -160,7 +160,7 @@ def told(planner: Planner, speech, manner: Manner = USUAL, long: int = LONG):
         yield first, stream.go_on(known(now), first, first + HOP, first + HOP + AHEAD)
 
 
-def began(planner: Planner, speech, manner: Manner = USUAL, long: int = LONG):
+def began(planner: Planner, speech, manner: LiveStyle = USUAL, long: int = LONG):
     """Each phase as it was told when it had begun: hand, first frame -> end, name, goal."""
     found: dict[tuple[str, int], set[tuple]] = {}
     for first, plan in told(planner, speech, manner, long):
@@ -238,11 +238,11 @@ def test_sliders_act_on_what_has_not_begun(planner):
         ends = ((at, next(iter(each))) for (_, at), each in found.items())
         return [end - at for at, (end, phase, _) in ends if phase == name]
 
-    seldom, often = (began(planner, SPEECH, Manner(often=times), 60) for times in (0.2, 4.0))
+    seldom, often = (began(planner, SPEECH, LiveStyle(often=times), 60) for times in (0.2, 4.0))
     assert len(lengths(seldom, "preparation")) < len(lengths(often, "preparation"))
-    fast, slow = (began(planner, SPEECH, Manner(fast=times), 60) for times in (2.0, 0.5))
+    fast, slow = (began(planner, SPEECH, LiveStyle(fast=times), 60) for times in (2.0, 0.5))
     assert np.mean(lengths(fast, "stroke")) < np.mean(lengths(slow, "stroke"))
-    changed = Manner(large=1.5, high_m=0.1, smile=0.0)
+    changed = LiveStyle(large=1.5, high_m=0.1, smile=0.0)
     plans = []
     for manner in (changed, USUAL):
         stream = CausalPlanner(planner, DRAW)
@@ -273,8 +273,8 @@ def test_sliders_act_on_what_has_not_begun(planner):
 )
 def test_manners_that_cannot_be_are_refused(wrong):
     with pytest.raises(PlanError):
-        Manner.of(wrong)
-    assert Manner.of({"often": 2, "high_m": -0.1}) == Manner(often=2.0, high_m=-0.1)
+        LiveStyle.parse(wrong)
+    assert LiveStyle.parse({"often": 2, "high_m": -0.1}) == LiveStyle(often=2.0, high_m=-0.1)
 
 
 def streamed(planned_weights, speech: torch.Tensor, size: int, pace: Pace):
@@ -313,7 +313,7 @@ def test_live_hands_are_led_to_their_plan(planned_weights):
         for name in ("poses", "trans", "expressions")
     }
     whole = replace(pieces[0], **joined)
-    places = wrist_places(track_points(whole, open_body_skeleton()))
+    places = wrist_positions_in_chest(track_points(whole, open_body_skeleton()))
     for side in SIDES:
         path = np.concatenate(wished[side])
         off, mixed = (
@@ -328,6 +328,6 @@ def test_what_performs_no_plans_is_led_by_nobody(weights):
     live = LiveMotion(system, GenerateOptions("ann", steps=1), Pace(hop=10, heard_ahead=12))
     assert live.ahead is None
     with pytest.raises(ValueError, match="follows speech alone"):
-        live.lead(Manner())
+        live.lead(LiveStyle())
     with pytest.raises(ValueError, match="follows speech alone"):
         system.condition_stream(draw_of(system, OPTIONS))

@@ -151,14 +151,14 @@ def test_windows_of_plans_are_those_of_their_clips_and_keep_time_with_faster_cop
     plans = prepare_plans(data, 4)
     clips = data.of_split("train")
     batch = data.window_batch(clips, 60, 8, np.random.default_rng(0), context=5)
-    tracks, kinds = plans.of(batch, 5)
+    tracks, kinds = plans.for_batch(batch, 5)
     assert tracks.shape == (8, 70, 29) and kinds.shape == (8, 70, 2)
     np.testing.assert_array_equal(tracks[:, 5:-5], plans.tracks[batch.frames])
     at_start = batch.frames.copy()
     at_start[0] = clips[-1].start + np.arange(60)
-    held, _ = plans.of(replace(batch, frames=at_start), 5)
+    held, _ = plans.for_batch(replace(batch, frames=at_start), 5)
     np.testing.assert_array_equal(held[0, :6], np.repeat(plans.tracks[[clips[-1].start]], 6, 0))
-    assert set(np.unique(plans.kinds[: data.clips[0].stop])) == {0, plans.table.place("offer")}
+    assert set(np.unique(plans.kinds[: data.clips[0].stop])) == {0, plans.table.index_of("offer")}
     events = plans.events(batch)
     assert events.event["right"].shape == (8, 60)
     for row, frames in enumerate(batch.frames):
