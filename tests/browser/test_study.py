@@ -238,7 +238,7 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     assert findings(desk) == []
     said = desk.locator("#main").inner_text()
     assert f"it: {CONTACT}" in said and "Ethics approval: Board 7" in said
-    assert re.search(r"takes about \d+ minutes: a short practice, then \d+ pages", said)
+    assert re.search(r"takes about \d+ minutes: a short practice page, then \d+ pages", said)
     for key in ("Tab", "Space", "Tab", "Enter"):
         desk.keyboard.press(key)
     practise(desk, by_key)
@@ -276,7 +276,7 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     assert place(phone) == before
     expect(phone.locator(".card.seen")).to_have_count(2)
     expect(phone.locator(".choices input").nth(2)).to_be_checked()
-    expect(phone.get_by_label("Motion smoothness")).to_be_checked()
+    expect(phone.get_by_label("Smoothness of the movements")).to_be_checked()
     expect_fit(phone)
     go_on(phone)
     answer_pairs(phone)

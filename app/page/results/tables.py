@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import groupby
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 from app import text
@@ -28,8 +28,11 @@ from app.page.parts import markup
 from app.run.batch.table import cells_of, interval, star_legend
 from app.run.output.run_folder import FindingRecord, RunRecord
 from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, pluralise, short_names
-from model.metrics.protocols.table import protocol_of
+from model.metrics.protocols.table import PROTOCOLS, WORKBENCH, protocol_of
 from model.storage.escaping import csv_text
+
+if TYPE_CHECKING:
+    from model.metrics.results import BeatSpeeds
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ def table_of(
         for group, measures in groupby(shown, key=lambda measure: measure.group)
     )
     has_reference = any(column.kind == "reference" for column in columns)
-    speeds = "reference" if has_reference else "own"
+    speeds: BeatSpeeds = "reference" if has_reference else "own"
     speeds = "emage" if has_published_speeds else speeds
     # All numbers of the table, raw and filtered, one per line.
     lines = [
@@ -136,8 +139,20 @@ def table_of(
         f'<a class="csv" download="measures.csv" href="data:text/csv;charset=utf-8,{quote(csv)}">'
         f"{text.CSV_LABEL}</a></div>"
         f"{markup.table(text.NUMBERS_HEADING, 'Metric', head, body)}"
-        f"{'' if all(each.is_first for each in shown) else more}</div>"
+        f"{'' if all(each.is_first for each in shown) else more}{_rules(shown, speeds)}</div>"
     )
+
+
+def _rules(measures: Sequence[Measure], speeds: BeatSpeeds) -> str:
+    """Format the rule of each metric, folded: that of its protocol, or its own definition."""
+    rows = ""
+    for measure in measures:
+        protocol = protocol_of(measure.key, speeds)
+        rule = measure.about if protocol == WORKBENCH else PROTOCOLS[protocol].rule
+        title = escape(measure.full_title)
+        rows += f"<dt>{title}</dt><dd>{escape(rule)} <code>{protocol}</code></dd>"
+    summary = "Definitions and protocols"
+    return f'<details class="rules"><summary>{summary}</summary><dl>{rows}</dl></details>'
 
 
 def _row(measure: Measure, columns: Sequence[Column]) -> str:

@@ -230,7 +230,7 @@ def _diagnose_clips(
         speeds=speeds,
         below=rule_lines(systems, compared, here.metrics.expected),
     )
-    drawn, said = draw_spread(request.output.out, list(files), list(numbers.values()))
+    drawn, said = draw_spread(request.output.out, systems, list(numbers.values()), speeds)
     return SetResults(
         request,
         files=(*written, *drawn),

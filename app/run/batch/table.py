@@ -319,12 +319,13 @@ LEAST_CLIPS = 5
 
 
 def draw_spread(
-    out: Path, systems: list[str], numbers: list[dict[str, Any]]
+    out: Path, systems: list[str], numbers: list[dict[str, Any]], speeds: BeatSpeeds = "own"
 ) -> tuple[tuple[Path, ...], list[str]]:
     """Draw ``distributions.png`` in all formats, and return the files with notes.
 
     Args:
         numbers: records as for `write_tables`.
+        speeds: source of the mean speeds of BeatAlign.
     """
     if len(numbers) < LEAST_CLIPS:
         return (), []
@@ -350,7 +351,8 @@ def draw_spread(
     if values.empty:
         return (), []
     draw = partial(draw_distributions, values, shown, REFERENCE_NAME)
-    files = save_figure(draw, out / "distributions", DISTRIBUTIONS_CAPTION)
+    told = f"Numbers by protocol {WORKBENCH}, BeatAlign by {protocol_of('beat_align', speeds)}."
+    files = save_figure(draw, out / "distributions", f"{DISTRIBUTIONS_CAPTION} {told}")
     if not left_out:
         return tuple(files), []
     return tuple(files), [f"distributions.png leaves out {', '.join(left_out)}: too many systems."]

@@ -138,9 +138,12 @@ def headline(result: QuestionResult) -> str:
     if matches := result.all("right_choices"):
         good = [str(one.first) for one in matches if one.beyond > 0]
         if not good:
-            return f"{name}for no system was the matching speech told from another's beyond chance."
+            return (
+                f"{name}for no system was the matching speech chosen significantly more often "
+                "than chance."
+            )
         return (
-            f"{name}the matching speech was told from another's beyond chance for "
+            f"{name}the matching speech was chosen significantly more often than chance for "
             f"{join_names(good)} ({len(good)} of {pluralise(len(matches), 'system')})."
         )
     ranks, ratings = result.all("mean_rank"), result.all("mean_rating")
@@ -160,26 +163,26 @@ def headline(result: QuestionResult) -> str:
     best, *others = order
     beaten = [other for other in others if lead(best, other) > 0]
     if beaten == others:
-        return f"{name}{best} came first, ahead of every other system beyond chance."
+        return f"{name}{best} was significantly better than every other system."
     ahead_of_best = [other for other in others if lead(best, other) < 0]
     alike = [best, *(other for other in others if lead(best, other) == 0)]
     told = []
     if any(lead(*pair) for pair in combinations(alike, 2)):
-        told.append(f"{best} is not told apart from {join_names(alike[1:])}")
+        told.append(f"{best} does not differ significantly from {join_names(alike[1:])}")
     elif len(alike) > 1:
-        told.append(f"{join_names(alike)} are not told apart")
+        told.append(f"{join_names(alike)} do not differ significantly")
     if len(order) == 2 and measure == "share" and (votes := result.one("share", *order)):
         ties = f", {pluralise(votes.ties, 'tie')}" if votes.ties else ""
         told[:1] = [f"{told[0]}: {votes.wins} and {votes.losses} votes{ties}"] if told else []
     if beaten:
-        told.append(f"{best} is ahead of {join_names(beaten)} beyond chance")
+        told.append(f"{best} is significantly better than {join_names(beaten)}")
     if ahead_of_best:
         told.append(
-            f"{join_names(ahead_of_best)} ahead of {best} beyond chance, yet not over all pairs"
+            f"{join_names(ahead_of_best)} significantly better than {best} directly, not overall"
         )
     friedman = result.one("friedman")
     if alike == order and friedman and friedman.is_significant:
-        told.append("that all are equal is unlikely all the same (Friedman)")
+        told.append("yet not all systems are equal (Friedman)")
     return f"{name}{'; '.join(told)}."
 
 
@@ -226,7 +229,9 @@ def _digits(value: float) -> str | None:
 def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
     """Return a table of systems by questions with the bar chart's numbers (needs booktabs)."""
     captions = {
-        "right_choices": "Right choices in per cent, ties half, 95 % intervals.",
+        "right_choices": (
+            "Correct choices in per cent (ties count half) with 95 % confidence intervals."
+        ),
         "first_places": "First places in per cent, 95 % intervals.",
         "share_of_all_votes": "Votes in all comparisons in per cent, 95 % intervals.",
         "mean_rating": "Mean ratings, 95 % intervals.",

@@ -141,7 +141,7 @@ def doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
         if len(one.answers) >= COPY_FROM:
             first = seen.setdefault(_content(one), one.source)
             if first != one.source:
-                why = why or f"the same answers in the same times as {first}"
+                why = why or f"identical answers and response times as {first}"
         if why:
             found[one.id] = why
     return found
@@ -160,7 +160,7 @@ def _doubt(participant: Participant, key: Key) -> str | None:
     lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.shown) for one in judged}
     hasty = sum(spent[trial] < TOLERANCE * lasts[trial] for trial in spent)
     if hasty > HASTY_SHARE * len(spent):
-        return f"{hasty} of {len(spent)} trials answered sooner than their videos last"
+        return f"{hasty} of {len(spent)} trials answered faster than the videos last"
     if finished is not None:
         spent_s, whole_s = sum(spent.values()), (finished - started).total_seconds()
         if whole_s < TOLERANCE * spent_s:
@@ -175,7 +175,7 @@ def _doubt(participant: Participant, key: Key) -> str | None:
     if len(judged) >= ALIKE_FROM and len(places) == 1 and None not in places and (failed or hasty):
         evidence = [pluralise(failed, "attention check") + " failed"] if failed else []
         evidence += [f"{hasty} of {len(spent)} trials answered too soon"] if hasty else []
-        return f"every answer on the same place, and {join_names(evidence)}"
+        return f"always the same position chosen, and {join_names(evidence)}"
     return None
 
 

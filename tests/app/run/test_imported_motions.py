@@ -3,6 +3,7 @@
 import csv
 import json
 import wave
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,12 @@ import pytest
 from app.commands.cli import main
 from app.config import EXAMPLES
 from app.errors import Cancelled, RunError
-from app.run.bodies import TrackedPoint
+from app.run.bodies import TrackedPoint, body_motion
 from app.run.callbacks import RunStage
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.display import Display
 from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, faulty_example_files, tremble, with_faults
+from app.run.imported_motions import protocol_inputs
 from app.run.output.provenance import motion_labels
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import read_run
@@ -35,6 +37,7 @@ from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import Interval
 from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import Transcript, Word
+from renderer.body.body import load_body
 from renderer.video.encoder import probe_video
 from tests.app.heard import Heard
 from tests.app.measured import both, diagnostics_of
@@ -42,6 +45,7 @@ from tests.app.requests import diagnose_request
 from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.formats.made import BODY_JOINTS, FROM_Y, Person, turned
 from tests.model.made import made_waveform
+from tests.renderer.body.test_body import smplx_file
 
 FIGURES = ("figure6", "jitter")
 
@@ -259,6 +263,30 @@ def test_every_number_carries_the_id_of_its_protocol(tmp_path: Path) -> None:
     (dice,) = (row for row in rows if row["measure"] == "dice")
     assert (dice["name"], dice["protocol"]) == ("a", "gac/unicamp")
     assert float(dice["value"]) == raw["protocols"]["gac/unicamp"]["dice"]
+
+
+def test_faces_are_those_of_a_licensed_body_that_only_jaw_and_expressions_move(tmp_path: Path):
+    path = smplx_file(tmp_path / "SMPLX_NEUTRAL.npz")
+    request = diagnose_request(motions=(tmp_path / "a.npz",), out=tmp_path / "out", body=path)
+    inputs = protocol_inputs(request, None, 40)
+    motions = {
+        name: smooth_motion_example(40, seed, expression_basis="flame100")
+        for name, seed in (("a", 0), ("reference", 1))
+    }
+    assert inputs.face_vertices is not None
+    face = inputs.face_vertices(motions["a"])
+    assert face is not None
+    still = motions["a"].poses.copy().reshape(40, 55, 3)
+    still[:, [joint for joint in range(55) if joint != JOINT_INDEX["jaw"]]] = 0
+    moved = replace(
+        motions["a"], poses=still.reshape(40, 165), trans=np.zeros_like(motions["a"].trans)
+    )
+    wanted = np.concatenate(list(load_body(path).vertices(body_motion(moved))))
+    np.testing.assert_allclose(face(slice(5, 30)), wanted[5:30], atol=1e-6)
+    found = measure_motions(motions, TrackedPoint(), inputs=inputs).systems["a"].raw.published
+    assert found is not None and found.protocols["mse_face/emage"]["mse_m2"] > 0
+    assert found.protocols["lvd/emage"]["lvd_m"] > 0
+    assert inputs.face_vertices(smooth_motion_example(40)) is None  # ARKit's blendshapes
 
 
 def test_each_motion_can_be_stopped_at_as_it_is_and_filtered() -> None:

@@ -144,7 +144,7 @@ def test_who_and_what_is_left_out_is_told(tmp_path):
 def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_path):
     page, _, _ = made_report(tmp_path / "two", made_key(), count=2)
     assert "2 participants cannot make the sign test significant" in page
-    assert "this is beyond chance" not in page
+    assert "difference is significant" not in page
     assert "2 of 2 participants count;" in page
     page, _, _ = made_report(tmp_path / "one", made_key("ranking"), count=1)
     assert "(95 % interval unknown)" in plain(page)
@@ -158,7 +158,7 @@ def test_measured_jitter_is_joined(pairwise):
     """The smoother system is also the stronger one in the simulation, so it must win."""
     page = pairwise[0]
     assert re.search(r"that named motion smoothness, \d+.% went to the video with less", page)
-    assert "more often than by chance" in page
+    assert "more often than chance" in page
 
 
 def pair_of(wins: int, losses: int, ties: int = 0, *names: str) -> Number:
@@ -179,21 +179,23 @@ def plain(sentence: str) -> str:
 
 def test_the_sentence_of_a_pair_follows_its_numbers():
     won = plain(say("pair", pair_of(24, 4), False))
-    assert won.startswith("local has 86 % of 28 votes against global (95 % interval 67 to 96 %)")
-    assert won.endswith("this is beyond chance (p < .001 after Holm).")
+    assert won.startswith(
+        "local received 86 % of 28 votes against global (95 % interval 67 to 96 %)"
+    )
+    assert won.endswith("the difference is significant (p < .001 after Holm).")
     lost = plain(say("pair", pair_of(4, 24), False))
     assert lost == won.replace("local", "?").replace("global", "local").replace("?", "global")
     close = plain(say("pair", pair_of(15, 13), False))
-    assert close.endswith("this does not tell them apart (p = .851 after Holm).")
-    assert "evenly" in say("pair", pair_of(5, 5), False)
-    assert "has 100 % of 1 vote against" in plain(say("pair", pair_of(1, 0), False))
+    assert close.endswith("the difference is not significant (p = .851 after Holm).")
+    assert "each received half" in say("pair", pair_of(5, 5), False)
+    assert "received 100 % of 1 vote against" in plain(say("pair", pair_of(1, 0), False))
 
 
 def test_the_sentence_of_a_match_follows_its_numbers():
     for wins, losses, told in (
-        (24, 4, "its motion fits its speech beyond chance"),
-        (4, 24, "another's speech fits its motion better"),
-        (15, 13, "was not told from another's"),
+        (24, 4, "its motion fits its speech significantly better"),
+        (4, 24, "another's speech fits its motion significantly better"),
+        (15, 13, "no significant preference for the matching speech"),
     ):
         assert told in plain(say("match", pair_of(wins, losses)))
 
@@ -201,15 +203,13 @@ def test_the_sentence_of_a_match_follows_its_numbers():
 def test_headline_and_power_say_who_came_first_and_how_surely():
     key = made_key(num_clips=10)
     (strong,) = analyse_participants(made_participants(key, 28, ALIKE), key)
-    assert headline(strong) == (
-        "realism: global came first, ahead of every other system beyond chance."
-    )
+    assert headline(strong) == ("realism: global was significantly better than every other system.")
     share = smallest_share_detected(28)
     assert share is not None
     said = say("power", share, strong.share_strictest, strong.num_raters, strong.comparisons)
-    assert f"a side that {percent(share)} of participants lean to; at Holm's strictest" in said
+    assert f"a preference of {percent(share)} of the participants; at Holm's strictest" in said
     (weak,) = analyse_participants(made_participants(key, 4, ALIKE), key)
-    assert headline(weak) == "realism: global, local and rival are not told apart."
+    assert headline(weak) == "realism: global, local and rival do not differ significantly."
 
 
 @pytest.mark.parametrize("is_ranking", [True, False])
@@ -224,9 +224,17 @@ def test_agreement_is_told_by_krippendorffs_marks() -> None:
     for alpha, low, told in [
         (0.8, 0.7, "(95 % interval 0.70 to 0.90): raters agree well"),
         (0.667, 0.5, "agree fairly"),
-        (0.1, 0.01, "agree little"),
-        (0.8, -0.1, "\N{MINUS SIGN}0.10 to 0.90): agreement is not told from chance"),
-        (0.8, -math.inf, "(95 % interval unknown): agreement is not told from chance"),
+        (0.1, 0.01, "agreement is low"),
+        (
+            0.8,
+            -0.1,
+            "\N{MINUS SIGN}0.10 to 0.90): agreement does not differ significantly",
+        ),
+        (
+            0.8,
+            -math.inf,
+            "(95 % interval unknown): agreement does not differ significantly",
+        ),
     ]:
         one = Number("krippendorff_alpha_ordinal", value=alpha, low=low, high=0.9)
         assert told in plain(say("agreement", one, "ordinal", 9))
@@ -244,18 +252,22 @@ def test_a_tie_has_no_winner_in_its_first_line() -> None:
         ]
         return headline(replace(result, numbers=(pair_of(wins, losses, ties), *strengths)))
 
-    assert said(2, 0, 2) == "realism: local and global are not told apart: 2 and 2 votes."
-    assert said(1, 0, 0) == "realism: local and global are not told apart: 1 and 0 votes."
-    assert said(1, 1, 3) == "realism: global and local are not told apart: 3 and 1 votes, 1 tie."
-    assert said(0, 5, 0) == "realism: local and global are not told apart: 0 and 0 votes, 5 ties."
-    assert said(2, 0, 20).startswith("realism: global came first")
+    assert said(2, 0, 2) == "realism: local and global do not differ significantly: 2 and 2 votes."
+    assert said(1, 0, 0) == "realism: local and global do not differ significantly: 1 and 0 votes."
+    assert said(1, 1, 3) == (
+        "realism: global and local do not differ significantly: 3 and 1 votes, 1 tie."
+    )
+    assert said(0, 5, 0) == (
+        "realism: local and global do not differ significantly: 0 and 0 votes, 5 ties."
+    )
+    assert said(2, 0, 20).startswith("realism: global was significantly better")
 
 
 def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths():
     for protocol in ("ranking", "rating"):
         key = made_key(protocol, num_clips=10)
         (result,) = analyse_participants(made_participants(key, 28, ALIKE), key)
-        assert headline(result).startswith("realism: global came first")
+        assert headline(result).startswith("realism: global was significantly better")
         measure = "mean_rank_gap" if protocol == "ranking" else "mean_rating_gap"
         gaps = result.all(measure)
         sentences = [plain(say("mean_gap", gap, protocol == "ranking")) for gap in gaps]
@@ -289,7 +301,7 @@ def test_battles_that_were_written_read_back_to_the_same_numbers(tmp_path, proto
     )
     analyse(AnalysisRequest([theirs], None, tmp_path / "theirs"))
     page = plain((tmp_path / "theirs" / "report.html").read_text("utf-8"))
-    assert "AMUSE and HoloGest are not told apart: 1 and 0 votes, 1 tie." in page
+    assert "AMUSE and HoloGest do not differ significantly: 1 and 0 votes, 1 tie." in page
     theirs.write_text("user,input_code,model_a,model_b\n1,2,3,4\n")
     with pytest.raises(RunError, match="no table of battles: it has no winner"):
         analyse(AnalysisRequest([theirs], None, tmp_path / "none"))

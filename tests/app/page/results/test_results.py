@@ -248,6 +248,9 @@ def test_the_table_has_both_and_their_difference(run):
     values = re.findall('class="raw[^"]*">([^<]*)<', jerk)
     assert values == ["104", "120", "100", "\N{MINUS SIGN}20", "90"]
     assert "raw%2C-20.0%2Cworkbench/1%0D" in table, "saved as it is shown"
+    rules = table[table.index('<details class="rules">') :]
+    assert rules.count("<dt>") == len(re.findall("<tr data-measure", table))
+    assert "Jerk</dt>" in rules and "<code>workbench/1</code>" in rules
     near = ["near" in cell for cell in re.findall("<td.*?</td>", jerk)]
     assert near == [False, False, True, False, False]
     assert "<button" not in jerk  # columns keep their places
