@@ -155,11 +155,11 @@ class _Character:
     def _vrm_bones(self) -> dict[str, int]:
         extensions = self._gltf.document.get("extensions", {})
         if "VRMC_vrm" in extensions:
-            found = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
+            matches = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
             return {
-                joint: int(found[bone]["node"])
+                joint: int(matches[bone]["node"])
                 for bone, joint in _VRM_BONES.items()
-                if bone in found and 0 <= int(found[bone]["node"]) < len(self._gltf.nodes)
+                if bone in matches and 0 <= int(matches[bone]["node"]) < len(self._gltf.nodes)
             }
         joints = _VRM_BONES | _VRM0_THUMBS
         return {
@@ -196,7 +196,7 @@ class _Character:
 
     def _face_bones(self, names: list[str], head: int, taken: set[int]) -> dict[str, int]:
         """Find jaw and eyes by name among the nodes below the head."""
-        found: dict[str, int] = {}
+        matches: dict[str, int] = {}
         for node in self._gltf.order if head >= 0 else ():
             up = node
             while up >= 0 and up != head:
@@ -205,11 +205,11 @@ class _Character:
             if up < 0 or node in taken or "mesh" in self._gltf.nodes[node]:
                 continue
             if "jaw" in plain:
-                found.setdefault("jaw", node)
+                matches.setdefault("jaw", node)
             side = side_of(names[node])
             if side and _EYE.search(plain):
-                found.setdefault(f"{side}_eye", node)
-        return found
+                matches.setdefault(f"{side}_eye", node)
+        return matches
 
     def _similarity(self) -> tuple[Float64[np.ndarray, "3 3"], float]:
         """Return the rotation of the file's axes to ours, and the factor of its lengths."""
@@ -454,10 +454,10 @@ def _shares(weights: np.ndarray) -> np.ndarray:
     return np.maximum(weights.astype(np.float64), 0)
 
 
-def _frame(along: np.ndarray, beside: np.ndarray) -> Float64[np.ndarray, "3 3"]:
+def _frame(along: np.ndarray, across: np.ndarray) -> Float64[np.ndarray, "3 3"]:
     """Return an orthonormal frame whose first column points along a vector, as columns."""
     x = along / np.linalg.norm(along)
-    y = beside - x * (beside @ x)
+    y = across - x * (across @ x)
     y /= np.linalg.norm(y)
     return np.stack([x, y, np.cross(x, y)], axis=1)
 

@@ -83,44 +83,44 @@ class FaceShapes:
                 binds.setdefault(_plain(str(name)), []).append((mesh, target, 1.0))
         extensions = self._gltf.document.get("extensions", {})
         groups = extensions.get("VRM", {}).get("blendShapeMaster", {}).get("blendShapeGroups", ())
-        found: dict[str, list[tuple[int, int, float]]] = {}
+        matches: dict[str, list[tuple[int, int, float]]] = {}
         for group in groups:
             bound = [(b["mesh"], b["index"], b["weight"] / 100) for b in group.get("binds") or ()]
             for name in (group.get("presetName", ""), group.get("name", "")):
-                found[_plain(str(name))] = bound
+                matches[_plain(str(name))] = bound
         expressions = extensions.get("VRMC_vrm", {}).get("expressions", {})
         for kind in ("custom", "preset"):
             for name, each in (expressions.get(kind) or {}).items():
-                found[_plain(name)] = [
+                matches[_plain(name)] = [
                     (self._gltf.item("nodes", b["node"])["mesh"], b["index"], b["weight"])
                     for b in each.get("morphTargetBinds") or ()
                 ]
-        return binds | {name: bound for name, bound in found.items() if bound and name}
+        return binds | {name: bound for name, bound in matches.items() if bound and name}
 
     def _assign(self) -> str:
         """Choose the shapes of each component; return the sentence on what moves the face."""
-        found = {name: ((name, 1.0),) for name in self._names if _plain(name) in self._binds}
-        kind = f"{len(found)} of ARKit's 52 blendshapes"
-        if len(found) < 10:
+        matches = {name: ((name, 1.0),) for name in self._names if _plain(name) in self._binds}
+        kind = f"{len(matches)} of ARKit's 52 blendshapes"
+        if len(matches) < 10:
             for title, table in _FALLBACKS.items():
-                found = {
+                matches = {
                     name: next(((n, w),) for n, w in each if _plain(n) in self._binds)
                     for name, each in table.items()
                     if any(_plain(n) in self._binds for n, _ in each)
                 }
                 kind = title
-                if len(found) >= 3:
+                if len(matches) >= 3:
                     break
-        if len(found) < 3:
+        if len(matches) < 3:
             self._driven: frozenset[str] = frozenset()
             return "Its face has no blendshapes that are known; jaw and eyes move if it has bones"
-        for name, shapes in found.items():
+        for name, shapes in matches.items():
             for shape, share in shapes:
                 for mesh, target, weight in self._binds[_plain(shape)]:
                     of_target = self._weights.setdefault(mesh, {}).setdefault(target, {})
                     component = self._names.index(name)
                     of_target[component] = of_target.get(component, 0.0) + share * weight
-        self._driven = frozenset(found)
+        self._driven = frozenset(matches)
         return f"Its face moves by {kind}"
 
     def drives(self, name: str) -> bool:

@@ -86,7 +86,7 @@ def _local_transforms(
     rest = Rotation.from_matrix(_rotations(gltf.world))
     local = Rotation.from_matrix(_rotations(gltf.local))
     moved: dict[int, Rotation] = {}
-    found: dict[int, tuple[Rotation, np.ndarray | None]] = {}
+    result: dict[int, tuple[Rotation, np.ndarray | None]] = {}
     for node in gltf.order:
         parent = gltf.parents[node]
         above = moved.get(parent)
@@ -104,8 +104,8 @@ def _local_transforms(
             place = (positions[:, 0] + motion.trans) @ rig.axes / rig.scale
             frame = np.linalg.inv(gltf.world[parent]) if parent >= 0 else np.eye(4)
             translations = (place @ frame[:3, :3].T + frame[:3, 3]).astype(np.float32)
-        found[node] = above.inv() * moved[node], translations
-    return found
+        result[node] = above.inv() * moved[node], translations
+    return result
 
 
 def _rotations(matrices: np.ndarray) -> np.ndarray:
@@ -128,7 +128,7 @@ def _target_weights(gltf: Gltf, body: Body, motion: BodyMotion) -> dict[int, np.
     """Return weights (T, targets) of each node whose mesh has blendshapes that the face drives."""
     assert body.rig is not None
     expressions = body.expression_weights(motion, slice(0, motion.num_frames))
-    found: dict[int, np.ndarray] = {}
+    result: dict[int, np.ndarray] = {}
     for node, described in enumerate(gltf.nodes):
         of_targets = body.rig.shapes.get(described.get("mesh", -1))
         if not of_targets:
@@ -141,5 +141,5 @@ def _target_weights(gltf: Gltf, body: Body, motion: BodyMotion) -> dict[int, np.
                 for component, share in shares.items():
                     weights[:, target] += share * expressions[:, component]
         if weights.any():
-            found[node] = weights
-    return found
+            result[node] = weights
+    return result
