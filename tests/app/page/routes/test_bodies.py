@@ -13,7 +13,7 @@ from app.page.routes.bodies import MAX_BODY_BYTES, MAX_ITEMS, BodyError, check_v
 from tests.app.page.conftest import UPLOAD, Served
 
 FILE = {"path": "/up/a.wav", "meta": {"_type": "gradio.FileData"}}
-UPLOAD_ROUTES = ("/gradio_api/upload",)
+UPLOAD_ROUTES = ("/gradio_api/upload", "/stage/character")
 
 
 def posted(routes: list[BaseRoute], prefix: str = "") -> Iterator[str]:

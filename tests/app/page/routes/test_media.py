@@ -23,8 +23,10 @@ from app.page.routes.media import (
 )
 from app.page.visitors.visitors import COOKIE, Kept, visitor_route
 from model.motion.motion import load_motion, save_motion
+from renderer.body.body import load_body
 from renderer.figures.kept import save_contents
 from tests.app.fakes import does, made_motion
+from tests.renderer.body.made_character import character
 from tests.renderer.figures.test_curves import MARKS
 
 
@@ -124,6 +126,23 @@ def test_a_part_of_a_file_can_be_asked_for(media, browser, job):
     assert (answer.status_code, answer.content) == (206, bytes([2, 3, 4]))
     assert answer.headers["content-type"] == "video/mp4"
     assert answer.headers["content-range"] == "bytes 2-4/200"
+
+
+def test_character_is_answered_with_a_mesh_or_moving_and_leaves_no_file(
+    media, browser, job, temp, monkeypatch
+):
+    mine, hero = browser("mine"), character(load_body(), "vrm")
+    kept = sorted(temp.rglob("*"))
+    body = mine.post("/stage/character", content=hero)
+    assert b"TEXCOORD_0" in body.content[:20_000] and b"image/webp" in body.content[:20_000_000]
+    address = media.share(job, "mine")(job / "globaldiff-local.npz")
+    moving = mine.post("/stage/character", params={"motion": address}, content=hero)
+    assert moving.content[:4] == b"glTF" and b"VRMC_vrm" in moving.content
+    other = browser("yours").post("/stage/character", params={"motion": address}, content=hero)
+    assert other.status_code == 404
+    monkeypatch.setattr("app.page.routes.media.MAX_CHARACTER_BYTES", 1000)
+    assert mine.post("/stage/character", content=hero).status_code == 413
+    assert sorted(temp.rglob("*")) == kept
 
 
 def test_only_what_belongs_to_it_is_served(media, browser, job, temp):
