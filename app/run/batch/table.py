@@ -262,8 +262,10 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     Values of different protocols are never in one row; the title names all but the workbench's own.
     """
     told: Cells = {}
-    for key, protocol in dict.fromkeys((row["measure"], row["protocol"]) for row in rows):
-        own = [row for row in rows if (row["measure"], row["protocol"]) == (key, protocol)]
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in rows:  # files of before protocols were recorded hold the workbench's own numbers
+        groups.setdefault((row["measure"], row.get("protocol", WORKBENCH)), []).append(row)
+    for (key, protocol), own in groups.items():
         cells = [_cell(own, name, systems[-1]) for name in systems]
         title = _with_unit(TITLES.get(str(key), str(key)), own[0]["unit"])
         is_named = protocol == WORKBENCH or str(key).startswith(protocol)
