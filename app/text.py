@@ -60,7 +60,7 @@ WORDS_HELP = (
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
 
-ENLARGE_FIGURE = "Show large: {title}"
+ENLARGE_FIGURE = "Enlarge: {title}"
 
 
 @dataclass(frozen=True)

@@ -167,7 +167,7 @@ class StillOptions:
         if self.num_stills is not None and not 1 <= self.num_stills <= MAX_STILLS:
             raise RunError(f"Stills must be 1 to {MAX_STILLS}; got {self.num_stills}.")
         if self.sheet_every is not None and self.sheet_every < 1:
-            raise RunError(f"A sheet shows every frame or fewer; got one in {self.sheet_every}.")
+            raise RunError(f"A contact sheet needs N of at least 1; got {self.sheet_every}.")
 
 
 def _render_video() -> VideoOptions:
