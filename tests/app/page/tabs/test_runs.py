@@ -302,7 +302,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     own = ready[0]["token"]
     blocks = list(sound(5.5))
     for block in blocks[: len(blocks) // 2]:
-        live.put(number, block)
+        live.add_audio(number, block)
     live.performers.turn()
     live.performers.turn()
     job = Job("me", "live", tmp_path / "kept", "mine")
@@ -326,7 +326,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
 
     assert asked.live_recording.truncation_note == "", "it follows as closely as it can"
     for block in blocks[len(blocks) // 2 :]:
-        live.put(number, block)
+        live.add_audio(number, block)
     updates = list(keeps.run(browser("mine", "me"), own))
     (line,) = [each[keeps._status] for each in updates if "Done in" in str(each)]
     kept_s = motion.num_frames / 30
