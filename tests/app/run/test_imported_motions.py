@@ -160,7 +160,7 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
     assert "add it (--speech), or give a TextGrid" in without_speech
     assert "no TextGrid" in refusal("--transcript", str(grid))
     assert "words.txt" in refusal("--speech", str(text))
-    assert "(--speech)" in refusal("--mean-speeds", "speeds.npy")
+    assert "also give --speech" in refusal("--mean-speeds", "speeds.npy")
     assert "--window" in refusal("--overlap", "4")
 
 
@@ -201,7 +201,7 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
     assert "m6" in drawn and "m0" not in drawn
     assert not any("say which they are to show" in note for note in found.notes)
     for shown, words in (
-        (("m9",), "no motion 'm9' to show"),
+        (("m9",), "Unknown motion m9"),
         (tuple(path.stem for path in paths), "at most 6"),
     ):
         with pytest.raises(RunError, match=words):
