@@ -92,7 +92,7 @@ def page(generated: Page) -> Page:
 
 IN_ONE_VIEW = """() => {
   const rect = (what) => document.querySelector(`#player ${what}`).getBoundingClientRect();
-  return rect('.stage-view').top + scrollY >= 0 && rect('.stage-view').height >= 250
+  return rect('.stage-view').top + scrollY >= 0 && rect('.stage-view').height >= 200
     && rect('.timeline').bottom + scrollY <= innerHeight;
 }"""
 """Bodies, editor and time line, with nothing scrolled."""

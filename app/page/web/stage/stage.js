@@ -32,8 +32,9 @@ const REST_MS = 180; // after which a picture that stands is drawn in full
 const NARROW_PX = 560; // here one body at a time
 const BESIDE_PX = 285; // of a window's height, for what must be seen with the stage
 const HEIGHTS_PX = [250, 760];
-const LOW_PX = 300; // the least of an example, beside an editor and on a phone
+const LOW_PX = 300; // the least of an example and on a phone
 const PHONE_SHARE = 0.42; // of a phone's height at most, as the stage stays while one scrolls
+const EDITED_PX = 200; // the same beside an editor
 const UNDER_PX = 12; // of the window, free under everything
 const UNDER_SMALL_PX = 60; // the controls on a phone
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
@@ -529,7 +530,7 @@ export class Stage {
     const above = top + window.scrollY + UNDER_PX;
     const [usual, most] = HEIGHTS_PX;
     const player = this.element.closest(".lockstep");
-    const least = isSmall || isOpening || player?.querySelector(".editing.open") ? LOW_PX : usual;
+    const least = isSmall || isOpening ? LOW_PX : player?.querySelector(".editing.open") ? EDITED_PX : usual;
     const beside = isLive ? above + UNDER_LIVE_PX : isSmall ? above + UNDER_SMALL_PX : isOpening ? above + UNDER_PX + player.querySelector(".controls").offsetHeight : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
     const tall = Math.max(Math.min(least, isSmall && !isOpening ? window.innerHeight * PHONE_SHARE : Infinity), Math.min(isSmall && !isOpening && !isLive ? window.innerHeight * PHONE_SHARE : most, window.innerHeight - Math.max(BESIDE_PX, beside)));
     const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
