@@ -37,8 +37,8 @@ from app.run.videos.export import render_motion
 from conventions.names import REFERENCE_NAME, FilterVersion
 from model.diagnostics import Diagnostics
 from model.formats.read import read_any_motion
-from model.formats.reading import read_told
-from model.metrics.lag import heard_of
+from model.formats.reading import parse_import_overrides
+from model.metrics.lag import speech_bands_by_frame
 from model.metrics.reference_error import degrees_by_part
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
@@ -48,7 +48,7 @@ from model.plan.plan import GesturePlan
 from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 from model.storage.files import write_atomically
-from model.systems.registry import family_of, list_systems, usual_planner
+from model.systems.registry import default_planner, family_of, list_systems
 
 drop_missing_backend()
 with without_proxies():  # it imports Gradio
@@ -110,7 +110,7 @@ def read_motion(motion: MotionLike, assume: str = "") -> Motion:
     """
     if isinstance(motion, Motion):
         return motion
-    return read_any_motion(motion, read_told(assume)).motion
+    return read_any_motion(motion, parse_import_overrides(assume)).motion
 
 
 def named_motions(
@@ -244,7 +244,7 @@ def diagnose(
             named,
             tip,
             onsets_s=None if sound is None else onsets_of(sound),
-            heard=None if sound is None else heard_of(sound.waveform),
+            heard=None if sound is None else speech_bands_by_frame(sound.waveform),
             on_share=partial(bars.update, "measure"),
         )
 
@@ -304,7 +304,7 @@ def compare(
     named = named_motions(motions, reference)
     if diagnostics is None:
         diagnostics = diagnose(named, speech=speech, progress=False)
-    of_all = diagnostics.of_all
+    of_all = diagnostics.all_motions
     numbers = {name: numbers_of(versions.of(kind)) for name, versions in of_all.items()}
     rows: dict[str, dict[str, float | None]] = {}
     best: dict[str, Sequence[str]] = {}
@@ -368,7 +368,7 @@ def generate(
         asked: further fields of `app.run.requests.requests.GenerateRequest` and its parts, such as
             ``seed``, ``speaker``, ``samples``, ``steps``, ``transcript`` or ``words="recognise"``.
     """
-    systems = usual_planner() if systems is None else systems
+    systems = default_planner() if systems is None else systems
     named = () if systems == "all" else (systems,) if isinstance(systems, str) else tuple(systems)
     held = TemporaryDirectory()
     folder = Path(held.name)

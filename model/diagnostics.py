@@ -55,7 +55,7 @@ JERK_FRAMES = 4
 
 
 @dataclass(frozen=True)
-class Versions:
+class RawAndFiltered:
     """Metrics of one motion, unfiltered and filtered."""
 
     raw: Measures
@@ -64,7 +64,7 @@ class Versions:
     def of(self, kind: FilterVersion) -> Measures:
         return self.raw if kind == "raw" else self.savgol
 
-    def without(self, lacks: Collection[str]) -> "Versions":
+    def without(self, lacks: Collection[str]) -> "RawAndFiltered":
         """Leave out published protocols that need a part which the motion lacks."""
         if self.raw.published is None or not lacks:
             return self
@@ -87,15 +87,15 @@ class Diagnostics:
     num_frames: dict[str, int]
     notes: list[str]
     findings: dict[str, list[Finding]]
-    reference: Versions | None
-    systems: dict[str, Versions]
+    reference: RawAndFiltered | None
+    systems: dict[str, RawAndFiltered]
     assumed: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     """Assumptions in reading motions from files, by name (`formats.read`)."""
     lacks: dict[str, list[str]] = field(default_factory=dict)
     """Parts that a file does not contain, by name; they have no findings."""
 
     @property
-    def of_all(self) -> dict[str, Versions]:
+    def all_motions(self) -> dict[str, RawAndFiltered]:
         """Metrics by name, the reference last."""
         reference = {} if self.reference is None else {REFERENCE_NAME: self.reference}
         return {**self.systems, **reference}
@@ -103,7 +103,7 @@ class Diagnostics:
     @property
     def protocol_of(self) -> dict[str, str]:
         """Ids of the protocols of all metrics but the published ones, which are listed by id."""
-        measures = next(iter(self.of_all.values())).raw if self.of_all else None
+        measures = next(iter(self.all_motions.values())).raw if self.all_motions else None
         if measures is None:
             return {}
         speeds = measures.beats.beat_speeds_of if measures.beats else "own"
@@ -145,7 +145,7 @@ def diagnose(
     tip_track: TipTrack | None = None,
     tip_source: str | None = None,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
-    heard: Float[np.ndarray, "frames bands"] | None = None,
+    speech_bands: Float[np.ndarray, "frames bands"] | None = None,
     inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Measure motions and the reference, unfiltered and filtered.
@@ -163,9 +163,9 @@ def diagnose(
         tip_source: name of what ``tip_track`` tracks, such as 'vertex 7794'; without it 'rigid' for
             a fingertip and 'joint' for a joint.
         onsets_s: times of the speech's onsets (`beats.speech_onsets`), for BeatAlign.
-        heard: log-mel bands of the speech by frame (`lag.heard_of`), for the lag of the motion.
-        inputs: mean speeds for BeatAlign (`beats.read_mean_speeds`), and what published protocols
-            take besides motion and reference.
+        speech_bands: log-mel bands of the speech by frame (`lag.speech_bands_by_frame`), for the
+        lag of the motion. inputs: mean speeds for BeatAlign (`beats.read_mean_speeds`), and what
+            published protocols take besides motion and reference.
 
     Raises:
         ValueError: if there is no such fingertip or joint.
@@ -175,7 +175,7 @@ def diagnose(
             f"{point} is neither a fingertip nor a joint; choose one of {', '.join(POINT_NAMES)}."
         )
     inputs = inputs or ProtocolInputs()
-    ways = _Ways(skeleton, point, tip_track, onsets_s, heard, inputs, True)
+    ways = _Ways(skeleton, point, tip_track, onsets_s, speech_bands, inputs, True)
     windows = windows or {}
     motions, reference, notes = _cut_alike(motions, reference)
     notes += [
@@ -296,12 +296,12 @@ def _measure_published(
     return PublishedMeasures(protocol_values(sums))
 
 
-def _measured(versions: Iterator[Evidence]) -> tuple[Versions, list[Finding]]:
+def _measured(versions: Iterator[Evidence]) -> tuple[RawAndFiltered, list[Finding]]:
     """Return metrics by version, and the faults of the unfiltered motion."""
     evidence = next(versions)
     raw, faults = evidence.raw, find_faults(evidence)
     del evidence  # before the next one is made
-    return Versions(raw, next(versions).raw), faults
+    return RawAndFiltered(raw, next(versions).raw), faults
 
 
 def _measure_beats(

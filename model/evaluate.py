@@ -32,13 +32,13 @@ from model.evaluation.classifiers import (
     NO_HEARING_JUDGE,
     NO_SPEAKER_JUDGE,
     UNKNOWN_SPEAKERS,
-    FewClips,
+    SpeakerComparisonClips,
     judge_of,
 )
 from model.evaluation.clips import (
     ROWS_FORMAT,
-    Cast,
-    OneClip,
+    ClipEvaluator,
+    EvaluationModels,
     as_table,
     load_rows,
     read_recording,
@@ -55,7 +55,7 @@ from model.speech.audio import SpeechError
 from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError, two_speakers
 from model.storage.files import FileVersions, file_versions, write_atomically
 from model.storage.npz import MotionError
-from model.systems.helpers.config import HEARING_JUDGE
+from model.systems.helpers.config import MATCHING_NETWORK
 from model.systems.helpers.matching import load_judge
 from model.systems.registry import list_systems, load_system
 from processes.job import Job, JobsError
@@ -169,7 +169,7 @@ def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
 
 
 def evaluate(
-    cast: Callable[[], Cast],
+    cast: Callable[[], EvaluationModels],
     folder: Path,
     clips: Sequence[str],
     seeds: int,
@@ -202,10 +202,10 @@ def evaluate(
         beats.joint_speeds(rooted_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
         for motion in motions.values()
     ]
-    few = FewClips.choose(folder, names, there.systems, speakers)
+    few = SpeakerComparisonClips.choose(folder, names, there.systems, speakers)
     whose = [speaker_of(name)[1] for name in names]
     judge = judge_of(folder, whose)
-    one = OneClip(folder, cast, seeds, asked, few, judge, np.mean(speeds, axis=0))
+    one = ClipEvaluator(folder, cast, seeds, asked, few, judge, np.mean(speeds, axis=0))
     stamp = _stamp(one, names, there)
     kept.mkdir(parents=True, exist_ok=True)
     files = {name: (kept / f"{name}-{stamp}.npz").absolute() for name in names}
@@ -226,7 +226,7 @@ def evaluate(
         **as_table(rows, whose),
         "left_out": [
             *frechet.left_out(there.judges, motions.values()),
-            *([] if there.matching else [NO_HEARING_JUDGE]),
+            *([] if there.matching_classifier else [NO_HEARING_JUDGE]),
             *([] if few.speakers else [UNKNOWN_SPEAKERS]),
             *([] if judge else [NO_SPEAKER_JUDGE]),
         ],
@@ -234,27 +234,30 @@ def evaluate(
 
 
 @cache
-def load_cast(names: tuple[str, ...], weights: Path, versions: FileVersions) -> Cast:
+def load_cast(names: tuple[str, ...], weights: Path, versions: FileVersions) -> EvaluationModels:
     """Load systems and evaluation networks, once per process and version of their files."""
     judges = {
         measure: load_encoder(weights, encoder)
         for measure, encoder in frechet.ENCODERS.items()
         if (weights / f"{encoder}.safetensors").is_file()
     }
-    has_judge = (weights / f"{HEARING_JUDGE}.safetensors").is_file()
-    return Cast(
+    has_judge = (weights / f"{MATCHING_NETWORK}.safetensors").is_file()
+    return EvaluationModels(
         tuple(load_system(name, weights) for name in names),
         judges,
-        load_judge(weights, HEARING_JUDGE) if has_judge else None,
+        load_judge(weights, MATCHING_NETWORK) if has_judge else None,
     )
 
 
 def _strengths(systems: Sequence[System], asked: Sampling) -> dict[str, float | None]:
     """Return each system's guidance scale; systems without guidance have None."""
-    return {each.name: each.settled(each.able(asked)).guidance for each in systems}
+    return {
+        each.name: each.resolve_sampling(each.supported_sampling(asked)).guidance
+        for each in systems
+    }
 
 
-def _stamp(one: OneClip, names: Sequence[str], cast: Cast) -> str:
+def _stamp(one: ClipEvaluator, names: Sequence[str], cast: EvaluationModels) -> str:
     """Compute a digest of recordings, weights and options, which identifies stored numbers."""
     judge = one.speaker_judge
     told = {
@@ -263,16 +266,16 @@ def _stamp(one: OneClip, names: Sequence[str], cast: Cast) -> str:
         "clips": list(names),
         "systems": {system.name: dict(system.sha256s) for system in cast.systems},
         "judges": {measure: judge.sha256 for measure, judge in cast.judges.items()},
-        "matching": cast.matching and cast.matching.sha256,
+        "matching": cast.matching_classifier and cast.matching_classifier.sha256,
         "seeds": one.seeds,
-        "guidance": _strengths(cast.systems, one.asked),
+        "guidance": _strengths(cast.systems, one.sampling),
         "few": asdict(one.few),
         "speaker_judge": judge and np.round(judge.weights, 6).tolist(),
     }
     return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _usable(folder: Path, clips: Sequence[str], cast: Cast) -> dict[str, Motion]:
+def _usable(folder: Path, clips: Sequence[str], cast: EvaluationModels) -> dict[str, Motion]:
     """Read motions by name; log the unusable ones.
 
     Raises:

@@ -16,7 +16,7 @@ from app.page.parts.catalogue import read_catalogue
 from app.page.tabs.systems import ladder
 from app.run.pipeline import run
 from model import evaluate as measuring
-from model.evaluation.clips import Cast
+from model.evaluation.clips import EvaluationModels
 from model.generation.windows import GenerateOptions, generate_motion
 from model.sampling.samplers import Sampling, UnknownNameError
 from model.systems import registry
@@ -63,7 +63,7 @@ def test_two_systems_move_with_one_file_of_weights(trained):
     with pytest.raises(
         UnknownNameError, match="regression/drawn has no sampler 'mean'; it has smoothed"
     ):
-        drawn.settled(Sampling(sampler="mean"))
+        drawn.resolve_sampling(Sampling(sampler="mean"))
     with pytest.raises(ValueError, match="does not support guidance"):
         generate_motion(mean, made_speech(16_000), GenerateOptions(speaker="ann", guidance=2.0))
 
@@ -91,7 +91,7 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained, data_folder
     split.write_text(rows.replace("2_bob_0_1_1,train", "2_bob_0_1_1,test"))
     system = load_system(DRAWN, weights)
     clips = measuring.test_clips(data, [system])
-    cast = partial(Cast, (system,))
+    cast = partial(EvaluationModels, (system,))
     table = measuring.evaluate(cast, data, clips, seeds=2, kept=tmp_path)
     assert table["motion"][DRAWN]["tip_jerk_m_s3"]["mean"] > 0
 

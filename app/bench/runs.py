@@ -31,7 +31,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData
 from model.motion.motion import NUM_FACE_UNITS, Motion
-from model.systems.registry import families, family_of, list_systems, usual_systems
+from model.systems.registry import default_systems_for, families, family_of, list_systems
 from model.training.task import TaskSetup
 from renderer.figures.style import FORMS
 
@@ -128,7 +128,9 @@ def time_motion(clip: Path) -> list[Figure]:
 
 def time_training() -> list[Figure]:
     """Measure training at the demo's size, without compilation, which takes minutes."""
-    rates = {name: training_rate(name, BUNDLED_WEIGHTS) for name in usual_systems("bench-training")}
+    rates = {
+        name: training_rate(name, BUNDLED_WEIGHTS) for name in default_systems_for("bench-training")
+    }
     title = "training, {}, demo size, not compiled"
     return [Figure(title.format(name), rate, "windows/s") for name, rate in rates.items()]
 

@@ -21,7 +21,7 @@ from app.config import use_file_backend
 from app.errors import Cancelled, sentence_of
 from app.flags import read_flags
 from app.run.output.console import SafeLogFormatter, print_message
-from model.systems.registry import left_out
+from model.systems.registry import unavailable_families
 
 PROGRAM = "python -m app"
 COMMANDS: Mapping[str, Callable[..., None]] = {
@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     log_to.setFormatter(SafeLogFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[log_to])
     command = parse(sys.argv[1:] if argv is None else argv)
-    for sentence in left_out():
+    for sentence in unavailable_families():
         print_message(sentence)
     # SIGTERM must unwind every `with`, so that no partial file or child process remains.
     previous = signal.signal(signal.SIGTERM, _interrupt)

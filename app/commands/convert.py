@@ -19,13 +19,13 @@ from app.run.batch.pairing import has_suffix
 from app.run.models import get_body
 from app.run.output.console import print_message, print_path
 from app.run.requests.convert import refuse_ignored
-from app.run.requests.parts import ImportOverrides
+from app.run.requests.parts import OverridesFlag
 from conventions.names import file_stem, printable
 from model.formats.parameters import motion_files
-from model.formats.reading import Assumptions
+from model.formats.reading import ImportOverrides
 
 if TYPE_CHECKING:
-    from model.formats.reading import Reading
+    from model.formats.reading import ImportedMotion
 
 FORMS = (".npz", ".bvh", ".glb")
 
@@ -40,7 +40,7 @@ class ConvertRequest:
     """Output file (.npz, .bvh, .glb), or a folder for all outputs."""
     to: Literal[".npz", ".bvh", ".glb"] = ".npz"
     """File format for a folder of outputs."""
-    import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     body: File = field(default_factory=default_body)
     """A character (.vrm, .glb), written with the motion in it as .glb; or a licensed
     SMPLX_NEUTRAL*.npz, whose mean hand pose is used, and its bones in .bvh and .glb."""
@@ -151,12 +151,12 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
         "out": str(out),
         "frames": reading.motion.num_frames,
         "assumed": [each.as_json() for each in reading.assumptions],
-        "lacks": sorted(reading.lacks),
+        "lacks": sorted(reading.missing_parts),
         "notes": list(reading.notes),
     }
 
 
-def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Reading:
+def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> ImportedMotion:
     from app.run.bodies import body_motion
     from model.formats.read import read_any_motion
     from model.motion.flame import flame_to_arkit, read_flame_matrix

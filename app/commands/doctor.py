@@ -173,10 +173,13 @@ def _weights(folder: Path) -> CheckResult:
 
 def _family_files() -> list[CheckResult]:
     """Check family packages that failed to load, and the files that users provide for families."""
-    from model.systems.registry import families, left_out
+    from model.systems.registry import families, unavailable_families
 
     advice = "repair the package, or pip uninstall it"
-    broken = [CheckResult("family", False, told, advice, is_needed=False) for told in left_out()]
+    broken = [
+        CheckResult("family", False, told, advice, is_needed=False)
+        for told in unavailable_families()
+    ]
     return broken + [
         CheckResult(
             report.name,

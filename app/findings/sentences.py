@@ -19,7 +19,7 @@ from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, numbers_of, parts
 from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, join_names, short_names
 
 if TYPE_CHECKING:
-    from model.diagnostics import Diagnostics, Versions
+    from model.diagnostics import Diagnostics, RawAndFiltered
 
 SMOOTHED = "After Savitzky-Golay smoothing"
 """Start of a sentence about motion that was filtered by `model.motion.transforms` as in the
@@ -33,7 +33,7 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
     findings = {labels.get(name, name): each for name, each in diagnostics.findings.items()}
     diagnostics = replace(diagnostics, systems=systems, findings=findings)
-    of_all = diagnostics.of_all
+    of_all = diagnostics.all_motions
     apart = {labels.get(name, name): of for name, of in parts_apart(diagnostics.lacks).items()}
 
     def table(kind: FilterVersion) -> Table:
@@ -68,7 +68,7 @@ def _both(tables: Mapping[FilterVersion, Table], key: str, noun: str) -> str:
     )
 
 
-def _depth(of_all: Mapping[str, Versions]) -> str:
+def _depth(of_all: Mapping[str, RawAndFiltered]) -> str:
     """Describe how jerk grows along the kinematic chain."""
     told = []
     for system, samples in samples_by_system(of_all).items():
@@ -148,7 +148,7 @@ def _periods(diagnostics: Diagnostics) -> str:
 
 def _beats(diagnostics: Diagnostics) -> str:
     """List the motions with beats that follow the speech more than chance; empty without any."""
-    found = {name: versions.raw.beats for name, versions in diagnostics.of_all.items()}
+    found = {name: versions.raw.beats for name, versions in diagnostics.all_motions.items()}
     beats = {
         name: (of.beat_align, of.beat_align_chance, of.beat_align_chance_highest)
         for name, of in found.items()
@@ -165,7 +165,7 @@ def _beats(diagnostics: Diagnostics) -> str:
 
 def _step(diagnostics: Diagnostics) -> str:
     """Describe the lag of each motion behind the speech."""
-    found = {name: versions.raw.lag for name, versions in diagnostics.of_all.items()}
+    found = {name: versions.raw.lag for name, versions in diagnostics.all_motions.items()}
     told = [
         f"{name} {lag.lag_s:z.2f} s ({lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, by its"
         f" {lag.lag_ground})"

@@ -267,7 +267,9 @@ class LiveSession:
         sound, self._inbox = self._inbox, []
         if sound:
             was_due = self._live.is_due
-            self._live.hear(torch.from_numpy(self._features.add_samples(np.concatenate(sound))))
+            self._live.add_features(
+                torch.from_numpy(self._features.add_samples(np.concatenate(sound)))
+            )
             if not was_due:
                 self._due_since = self._clock()
         if not self._live.is_due:
@@ -278,7 +280,7 @@ class LiveSession:
             raise RunError(TOO_SLOW.format(visitors=who, behind=behind_s))
         manner, self._manner = self._manner, None
         if manner is not None:
-            self._live.lead(manner)
+            self._live.set_style(manner)
         first, began, used = self._live.next_frame, self._clock(), time.thread_time()
         (motion,) = self._live.step()
         made_ms = 1000 * (self._clock() - began)
@@ -373,7 +375,7 @@ def warm_up(system: System, speaker: str) -> None:
         UnknownNameError: if the system does not know the speaker.
     """
     live = LiveMotion(system, GenerateOptions(speaker))
-    live.hear(torch.from_numpy(CausalMel().add_samples(np.zeros(SAMPLE_RATE, np.float32))))
+    live.add_features(torch.from_numpy(CausalMel().add_samples(np.zeros(SAMPLE_RATE, np.float32))))
     live.step()
 
 

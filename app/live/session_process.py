@@ -20,7 +20,7 @@ from app.run.models import get_system
 from app.run.requests.parts import SamplingOptions
 from app.run.requests.requests import GenerateRequest
 from model.generation.base import System
-from model.systems.registry import usual_systems
+from model.systems.registry import default_systems_for
 from processes.child import parent_channel
 
 MAX_SESSIONS = 10
@@ -161,7 +161,7 @@ def main() -> None:
     channel, (weights,) = parent_channel()
     performers = SessionScheduler(Path(weights), lambda number, told: channel.send((number, told)))
     with suppress(Exception):  # the error is reported to the visitor who opens one
-        for name in usual_systems("live"):
+        for name in default_systems_for("live"):
             performers.prepare(name)
     has_work = False
     try:

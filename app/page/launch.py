@@ -30,7 +30,7 @@ from app.config import (
 from app.errors import RunError, sentence_of
 from app.flags import family_files, read_flags, use_family_files
 from app.page.gradio_changes import change_queue, change_routes, import_gradio
-from model.systems.registry import families, left_out
+from model.systems.registry import families, unavailable_families
 
 if TYPE_CHECKING:
     from gradio import Blocks
@@ -123,7 +123,7 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     from app.page.visitors.quota import Quota
     from app.page.worker import Limits, Worker
 
-    for sentence in left_out():
+    for sentence in unavailable_families():
         log.warning("%s", sentence)
     for family in families():
         if (why := family.why_not_on_page()) is not None:

@@ -17,7 +17,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.requests.requests import GenerateRequest, RunRequest
 from app.run.videos.videos import Snapshots
 from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, short_names
-from model.diagnostics import Diagnostics, Versions, diagnose
+from model.diagnostics import Diagnostics, RawAndFiltered, diagnose
 from model.generation.base import Windowing
 from model.metrics.beats import speech_onsets
 from model.metrics.protocols.clip import ProtocolInputs
@@ -70,7 +70,7 @@ def measure_motions(
         open_body_skeleton(),
         reference=motions.get(REFERENCE_NAME),
         windows=windows,
-        heard=heard,
+        speech_bands=heard,
         inputs=inputs,
         tip_track=follow,
         tip_source=tip.name,
@@ -108,7 +108,7 @@ def write_diagnostics(
 
 def _rows(diagnostics: Diagnostics) -> Iterator[tuple[str, str, str, str, float, str]]:
     protocol_of = diagnostics.protocol_of
-    for name, versions in diagnostics.of_all.items():
+    for name, versions in diagnostics.all_motions.items():
         for post_filter, values in versions.as_json().items():
             published = values.pop("protocols", {})
             for measure, value in values.items():
@@ -200,7 +200,7 @@ def make_jitter_sheet(
     diagnostics: Diagnostics, tip: TrackedPoint, names: Sequence[str]
 ) -> JitterSheet:
     """Make the content of the jitter sheet of some systems."""
-    of_all = diagnostics.of_all
+    of_all = diagnostics.all_motions
     shown = {name: of_all[name] for name in (REFERENCE_NAME, *names) if name in of_all}
     windows = diagnostics.windows
     return JitterSheet(
@@ -211,7 +211,7 @@ def make_jitter_sheet(
     )
 
 
-def _jitter_of(versions: Versions) -> dict[FilterVersion, Jitter]:
+def _jitter_of(versions: RawAndFiltered) -> dict[FilterVersion, Jitter]:
     def of(measures: Measures) -> Jitter:
         spectrum, period = measures.point.tip_spectrum, measures.seams.period
         return Jitter(

@@ -22,7 +22,7 @@ from app.run.videos.videos import limit_compared
 from conventions.names import REFERENCE_NAME, FilterVersion, SampleName, file_stem, printable
 from conventions.rates import SAMPLE_RATE
 from model.formats.read import ENDINGS, read_any_motion
-from model.formats.reading import Assumptions
+from model.formats.reading import ImportOverrides
 from model.generation.base import System, Windowing
 from model.generation.windows import (
     GenerateOptions,
@@ -41,7 +41,7 @@ from model.plan.style import StyleChange, read_style_file
 from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import SPARE_S
-from model.systems.registry import list_systems, usual_planner
+from model.systems.registry import default_planner, list_systems
 from renderer.draw.probe import choose_backend
 
 LIVE_NOTE = (
@@ -257,7 +257,7 @@ def generation_options(sampling: SamplingOptions, system: System, **more: Any) -
     """
     steps = steps_for(sampling.steps, system.name)
     asked = Sampling(sampler=sampling.sampler, steps=steps, guidance=sampling.guidance)
-    drawn = vars(system.settled(system.able(asked)))
+    drawn = vars(system.resolve_sampling(system.supported_sampling(asked)))
     speaker = sampling.speaker or next(iter(system.speakers))
     usual = {"speaker": speaker, "seed": sampling.seed, "samples": sampling.samples, **drawn}
     return GenerateOptions(**{**usual, **more})
@@ -362,14 +362,16 @@ def is_motion(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
-def write_plan_from_motion(motion: Path, out: Path, told: Assumptions | None = None) -> list[str]:
+def write_plan_from_motion(
+    motion: Path, out: Path, told: ImportOverrides | None = None
+) -> list[str]:
     """Detect the gesture plan of a motion, write it, and return notes on how the motion was read.
 
     Raises:
         MotionError, PlanError, WriteError: each with one sentence.
     """
     check_ending(out)
-    (told or Assumptions()).check([motion])
+    (told or ImportOverrides()).check([motion])
     read = read_any_motion(motion, told)
     write_plan_file(plan_from_motion(read.motion, open_body_skeleton()), out)
     return list(read.notes)
@@ -395,7 +397,7 @@ def make_plan(request: PlanRequest) -> PlanResult:
         write_plan_file(plan, request.out, sound)
         return PlanResult(plan, speech.notes)
     wish = None if request.style is None else read_style_file(request.style)
-    system = get_system(usual_planner(), request.weights)
+    system = get_system(default_planner(), request.weights)
     with WordSearch(request.speech.transcript, request.speech.words) as words:
         words.begin(speech.waveform)
         said, notes = words.wait(lambda: None)

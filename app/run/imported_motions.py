@@ -29,12 +29,12 @@ from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding
-from model.faults.table import without
+from model.faults.table import drop_missing_parts
 from model.formats.read import read_any_motion
-from model.formats.reading import MOTIONS, Assumption, Reading, apart, lengths_apart
+from model.formats.reading import MOTIONS, Assumption, ImportedMotion, apart, length_notes
 from model.generation.base import Windowing
 from model.metrics.beats import read_mean_speeds
-from model.metrics.lag import heard_of
+from model.metrics.lag import speech_bands_by_frame
 from model.metrics.posture import FEET
 from model.metrics.protocols.clip import FaceVertices, ProtocolInputs
 from model.metrics.protocols.semantics import read_semantics
@@ -73,7 +73,7 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         words.begin(speech.waveform)
         durations = {name: motion.duration_s for name, motion in motions.items()}
         rates = {name: each.rate for name, each in readings.items()}
-        notes += [*speech.notes, *lengths_apart(speech.duration_s, durations, rates)]
+        notes += [*speech.notes, *length_notes(speech.duration_s, durations, rates)]
     run.report_progress("speech", 1.0)
     staged, cut_notes = picture_motions(shown)
     plans = (
@@ -99,7 +99,7 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         tracked_point=tip,
         audio_path=request.speech.path if is_first_track else run.folder.final_path(HEARD),
         onsets_s=None if speech is None else onsets_of(speech),
-        speech_bands=None if speech is None else heard_of(speech.waveform),
+        speech_bands=None if speech is None else speech_bands_by_frame(speech.waveform),
         inputs=protocol_inputs(request, speech, max(each.num_frames for each in motions.values())),
         windows=windows,
         notes=tuple(notes),
@@ -188,11 +188,11 @@ def _files_of(request: DiagnoseRequest) -> dict[str, Path]:
 
 def _read_motions(
     request: DiagnoseRequest, files: Mapping[str, Path], run: RunWriter
-) -> dict[str, Reading]:
+) -> dict[str, ImportedMotion]:
     request.imports.import_overrides.check(
         list(files.values()), *(name for name in files if name != REFERENCE_NAME)
     )
-    readings: dict[str, Reading] = {}
+    readings: dict[str, ImportedMotion] = {}
     for done, (name, path) in enumerate(files.items()):
         run.raise_if_cancelled()
         run.report_progress("speech", done / len(files), name)
@@ -220,10 +220,12 @@ def with_import_notes(measured: Diagnostics, rows: RunMotions) -> Diagnostics:
         measured,
         notes=[*rows.notes, *measured.notes],
         systems={
-            name: each.without(readings[name].lacks) for name, each in measured.systems.items()
+            name: each.without(readings[name].missing_parts)
+            for name, each in measured.systems.items()
         },
         findings={
-            name: without(found, readings[name].lacks) for name, found in measured.findings.items()
+            name: drop_missing_parts(found, readings[name].missing_parts)
+            for name, found in measured.findings.items()
         },
         assumed={
             name: [
@@ -232,7 +234,7 @@ def with_import_notes(measured: Diagnostics, rows: RunMotions) -> Diagnostics:
             ]
             for name, reading in readings.items()
         },
-        lacks={name: sorted(reading.lacks) for name, reading in readings.items()},
+        lacks={name: sorted(reading.missing_parts) for name, reading in readings.items()},
     )
 
 

@@ -44,7 +44,7 @@ from app.run.timeline import (
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, join_names, short_names
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding, ranked
-from model.formats.reading import Reading
+from model.formats.reading import ImportedMotion
 from model.generation.base import Windowing
 from model.metrics.protocols.clip import ProtocolInputs
 from model.motion.kinematics import open_body_skeleton
@@ -109,7 +109,7 @@ class RunMotions:
     """Further inputs of published protocols."""
     notes: tuple[str, ...] = ()
     """Notes on reading imported motions, added to the metrics."""
-    readings: Mapping[str, Reading] = field(default_factory=dict)
+    readings: Mapping[str, ImportedMotion] = field(default_factory=dict)
     """Imported files as they were read."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     """Provenance of generated motions."""
@@ -323,7 +323,7 @@ class RunWriter(RunCallbacks):
         """Record the final metrics, findings and verdict."""
         record, is_made = self.record, self.record.kind == "generated"
         record.point = diagnostics.point
-        of_all = sorted(diagnostics.of_all.items(), key=lambda of: of[0] != REFERENCE_NAME)
+        of_all = sorted(diagnostics.all_motions.items(), key=lambda of: of[0] != REFERENCE_NAME)
         apart = parts_apart(diagnostics.lacks)
         record.numbers = {
             name: {
@@ -356,7 +356,7 @@ def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[FindingReco
     told: list[FindingRecord] = []
     norms: set[str] = set()
     for name, finding in ranked(findings)[: MAX_FINDINGS - 1]:
-        sentence = finding.said if finding.people in norms else finding.sentence
+        sentence = finding.message if finding.people in norms else finding.sentence
         norms.add(finding.people)
         told.append(
             FindingRecord(

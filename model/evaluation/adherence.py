@@ -25,7 +25,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.data.recordings import read_files, read_split, speaker_of
 from model.evaluation.frechet import Features, frechet_distance, motion_features
 from model.generation.base import System
-from model.generation.regenerate import KeptPerformance, perform
+from model.generation.regenerate import GenerationState, regenerate
 from model.generation.windows import GenerateOptions, draw_conditions
 from model.metrics.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
@@ -49,7 +49,7 @@ from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult
 from model.plan.plan_features import hand_tracks, tracks_of
 from model.speech.audio import Speech
 from model.systems.helpers.config import FGD_ENCODER
-from model.systems.registry import load_system, usual_planner
+from model.systems.registry import default_planner, load_system
 
 FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]
 SPEECH_S = 12.0
@@ -230,13 +230,13 @@ def ask_clip(
     skeleton = open_body_skeleton()
     options = GenerateOptions(speaker, seed=int(rng.integers(1000)))
     (plan,) = draw_conditions(system, speech, options)
-    first = perform(system, speech, replace(options, conditions=(plan,)))
+    first = regenerate(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
     places = wrist_positions_in_chest(tracks)
     answers["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(places, plan)]
 
-    def again(changed: GesturePlan) -> KeptPerformance:
-        return perform(system, speech, replace(options, conditions=(changed,)), first)
+    def again(changed: GesturePlan) -> GenerationState:
+        return regenerate(system, speech, replace(options, conditions=(changed,)), first)
 
     motions = [first.motion]
     for _ in range(edits):
@@ -293,7 +293,7 @@ def _varied(
     gesture: Gesture,
     values: Sequence[float],
     change: Callable[[GesturePlan, Gesture, float], PlanResult],
-    again: Callable[[GesturePlan], KeptPerformance],
+    again: Callable[[GesturePlan], GenerationState],
 ) -> list[Places]:
     """Return wrist positions for each value in turn; empty if the plan rejects one."""
     found = []
@@ -343,7 +343,7 @@ def adherence(
         edits: number of edits of each clip.
     """
     answers, rng = Answers(list), np.random.default_rng(seed)
-    system = load_system(usual_planner(), weights)
+    system = load_system(default_planner(), weights)
     encoder, clips_seen = load_encoder(weights, FGD_ENCODER), []
     names = [n for n, split in read_split(folder).items() if split == "test"]
     known = [n for n in names if speaker_of(n)[1] in system.speakers]

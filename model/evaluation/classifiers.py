@@ -38,7 +38,7 @@ from model.metrics.speech_effect import (
     SILENCE_S,
     Grid,
     arm_rotations_same_noise,
-    decided,
+    speech_and_noise_shares,
     speed_in_silence,
 )
 from model.motion.kinematics import open_body_skeleton
@@ -48,11 +48,11 @@ from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech, SpeechError
 from model.speech.features import NUM_MELS
 from model.storage.npz import MotionError
-from model.systems.helpers.config import HEARING_JUDGE
-from model.systems.helpers.matching import MatchingJudge, agreement
+from model.systems.helpers.config import MATCHING_NETWORK
+from model.systems.helpers.matching import SpeechMotionMatcher, agreement
 
 NO_HEARING_JUDGE = (
-    f"Matched-speech accuracy is omitted: the classifier {HEARING_JUDGE} is not installed."
+    f"Matched-speech accuracy is omitted: the classifier {MATCHING_NETWORK} is not installed."
 )
 PIECE_FRAMES = 300
 MEASURES: Mapping[str, tuple[str, ...]] = {
@@ -92,7 +92,9 @@ def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
     return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
 
 
-def matched(judge: MatchingJudge, motion: Motion, own: _Heard, foreign: _Heard) -> dict[str, float]:
+def matched(
+    judge: SpeechMotionMatcher, motion: Motion, own: _Heard, foreign: _Heard
+) -> dict[str, float]:
     """Compute for each of `MEASURES` how often the classifier prefers the motion's own speech.
 
     Every piece of the motion is compared with its speech and every piece of the foreign one; a tie
@@ -155,7 +157,7 @@ UNKNOWN_SPEAKERS = "Speakers are not compared: not every system knows those that
 
 
 @dataclass(frozen=True)
-class SpeakerJudge:
+class SpeakerClassifier:
     """Linear discriminant over `manner_numbers`."""
 
     speakers: tuple[str, ...]
@@ -177,7 +179,7 @@ class SpeakerJudge:
         return {"speaker_told": float(np.mean(known))} if known else {}
 
 
-def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerJudge | None:
+def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerClassifier | None:
     """Fit the classifier to the speakers' first training recordings; None for fewer than two."""
     own: dict[str, list[str]] = {speaker: [] for speaker in sorted(set(speakers))}
     for name, kind in sorted(read_split(folder).items()):
@@ -192,7 +194,7 @@ def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerJudge | None:
     return discriminant(found) if len(found) > 1 else None
 
 
-def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> SpeakerJudge:
+def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> SpeakerClassifier:
     """Fit Fisher's linear discriminant to pieces of each speaker, with equal priors."""
     means = np.stack([own.mean(0) for own in numbers.values()])
     within = np.concatenate([own - own.mean(0) for own in numbers.values()])
@@ -200,7 +202,7 @@ def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> Speake
     correlation = (within / scale).T @ (within / scale) / len(within)
     shrunk = (1 - SHRINKAGE) * correlation + SHRINKAGE * np.eye(len(scale))
     weights = np.linalg.solve(shrunk, (means / scale).T).T / scale
-    return SpeakerJudge(tuple(numbers), weights, -0.5 * (weights * means).sum(1))
+    return SpeakerClassifier(tuple(numbers), weights, -0.5 * (weights * means).sum(1))
 
 
 def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
@@ -223,7 +225,7 @@ def manner_of(motions: Grid) -> dict[str, float]:
     ``arm_rotations_same_noise`` near 1: another speaker has the same gestures.
     """
     return {
-        "by_speaker": decided(motions)["arms"].by_speech,
+        "by_speaker": speech_and_noise_shares(motions)["arms"].by_speech,
         "arm_rotations_same_noise": arm_rotations_same_noise(motions),
     }
 
@@ -239,7 +241,7 @@ def wrist_speeds(motions: Grid, speakers: tuple[str, str]) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class FewClips:
+class SpeakerComparisonClips:
     """Clips and speakers of the metrics that use a few clips only."""
 
     names: tuple[str, ...]
@@ -254,14 +256,14 @@ class FewClips:
         clips: Sequence[str],
         systems: Sequence[System],
         speakers: tuple[str, str],
-    ) -> "FewClips":
+    ) -> "SpeakerComparisonClips":
         """Choose the first clips, and recordings of the speakers from any split."""
         names = tuple(clips[:NUM_CLIPS])
         if not all(speaker in system.speakers for system in systems for speaker in speakers):
-            return FewClips(names, None, {})
+            return SpeakerComparisonClips(names, None, {})
         calm, lively = (_recordings(folder, speaker, len(names)) for speaker in speakers)
         recorded = dict(zip(names, zip(calm, lively, strict=False), strict=False))
-        return FewClips(names, speakers, recorded)
+        return SpeakerComparisonClips(names, speakers, recorded)
 
     def recorded_measures(self, folder: Path, name: str) -> dict[str, float]:
         """Compute wrist speeds of the recordings that go with clip ``name``; empty without any."""

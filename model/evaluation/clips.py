@@ -15,8 +15,8 @@ from model.data.recordings import read_files, speaker_of
 from model.diagnostics import OWN_WINDOWS, raw_evidence
 from model.evaluation import frechet
 from model.evaluation.classifiers import (
-    FewClips,
-    SpeakerJudge,
+    SpeakerClassifier,
+    SpeakerComparisonClips,
     frame_loudness,
     matched,
     mean_of,
@@ -48,7 +48,7 @@ from model.sampling.samplers import Sampling, clip_seed
 from model.speech.audio import Speech
 from model.speech.features import MelEncoder
 from model.storage.files import written_atomically
-from model.systems.helpers.matching import MatchingJudge
+from model.systems.helpers.matching import SpeechMotionMatcher
 
 _ANKLES = [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]]
 MOTION_MEASURES = (
@@ -84,7 +84,7 @@ def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> 
     if len(motions) < 2 or len(elsewhere) < 2 or shortest < speech_effect.LEAST_FRAMES:
         return {}
     found: dict[str, float] = {}
-    for part, told in speech_effect.decided(grid).items():
+    for part, told in speech_effect.speech_and_noise_shares(grid).items():
         found[f"{part}_by_speech"] = told.by_speech
         found[f"{part}_same_noise"] = told.same_noise
     return found | {"arm_rotations_same_noise": speech_effect.arm_rotations_same_noise(grid)}
@@ -150,10 +150,10 @@ class ClipContext:
     sound: np.ndarray
     foreign: np.ndarray
     mean_speed: np.ndarray
-    cast: "Cast"
+    cast: "EvaluationModels"
 
     @cached_property
-    def heard(self) -> tuple[np.ndarray, np.ndarray]:
+    def mel_features(self) -> tuple[np.ndarray, np.ndarray]:
         """Features of the clip's own speech and of the foreign one, for the classifier."""
         own, foreign = (
             MelEncoder().encode(sound, len(sound) * FPS // SAMPLE_RATE)
@@ -208,7 +208,11 @@ class ClipContext:
             | beats.beat_scores(joints, self.onsets, self.mean_speed)
             | face_measures(motion, self.loudness)
             | face_and_hands(motion, joints)
-            | (matched(self.cast.matching, motion, *self.heard) if self.cast.matching else {})
+            | (
+                matched(self.cast.matching_classifier, motion, *self.mel_features)
+                if self.cast.matching_classifier
+                else {}
+            )
             for joints, motion in zip(positions, motions, strict=True)
         ]
         arrays = {
@@ -248,13 +252,13 @@ def load_rows(path: Path) -> dict[str, ClipRow]:
 
 
 @dataclass(frozen=True)
-class Cast:
+class EvaluationModels:
     """Systems, and the networks with which they are evaluated."""
 
     systems: tuple[System, ...]
     judges: Mapping[str, FrozenEncoder] = field(default_factory=dict)
     """Encoders of the Fréchet distances, by distance; one without an encoder is left out."""
-    matching: MatchingJudge | None = None
+    matching_classifier: SpeechMotionMatcher | None = None
     """Classifier of matched and mismatched speech; None leaves the metric out."""
 
 
@@ -265,15 +269,15 @@ def read_recording(folder: Path, name: str) -> tuple[Motion, Speech]:
 
 
 @dataclass(frozen=True)
-class OneClip:
+class ClipEvaluator:
     """Inputs of an evaluation that are the same for all clips."""
 
     folder: Path
-    cast: Callable[[], Cast]
+    cast: Callable[[], EvaluationModels]
     seeds: int
-    asked: Sampling
-    few: FewClips
-    speaker_judge: SpeakerJudge | None
+    sampling: Sampling
+    few: SpeakerComparisonClips
+    speaker_judge: SpeakerClassifier | None
     mean_speed: np.ndarray
     """Mean speeds (m/s) of the joints with beats, over all clips."""
 
@@ -285,13 +289,13 @@ class OneClip:
         )
         context = ClipContext(motion, speech.waveform, foreign.waveform, self.mean_speed, cast)
         # Silences of the clip's own speech; empty if none is long enough.
-        in_silence = speed_in_silence(motion, voiced(context.heard[0]))
+        in_silence = speed_in_silence(motion, voiced(context.mel_features[0]))
         of_recordings = (
             in_silence | self.few.recorded_measures(self.folder, name) | self._told([motion], name)
         )
         rows = {RECORDED: context.row([motion], more=of_recordings)}
         for system in cast.systems:
-            asked = system.able(self.asked)
+            asked = system.supported_sampling(self.sampling)
             options = GenerateOptions(
                 speaker=speaker_of(name)[1],
                 seed=clip_seed(0, name),

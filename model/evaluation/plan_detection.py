@@ -40,44 +40,48 @@ STEPS, BATCH, FRAMES, RATE = 1200, 16, 300, 6e-3
 
 
 @dataclass(frozen=True)
-class Counts:
+class DetectionCounts:
     """Counts of detection: true positives, detected, annotated."""
 
     met: int = 0
-    found: int = 0
-    told: int = 0
+    num_detected: int = 0
+    num_annotated: int = 0
 
-    def __add__(self, other: Counts) -> Counts:
-        return Counts(self.met + other.met, self.found + other.found, self.told + other.told)
+    def __add__(self, other: DetectionCounts) -> DetectionCounts:
+        return DetectionCounts(
+            self.met + other.met,
+            self.num_detected + other.num_detected,
+            self.num_annotated + other.num_annotated,
+        )
 
     @property
     def f1(self) -> float:
         """Harmonic mean of precision and recall."""
-        return 2 * self.met / max(1, self.found + self.told)
+        return 2 * self.met / max(1, self.num_detected + self.num_annotated)
 
     def as_json(self) -> dict[str, float]:
         """Return rounded F1, precision and recall, and the number of annotations."""
         return {
             "f1": round(self.f1, 3),
-            "precision": round(self.met / max(1, self.found), 3),
-            "recall": round(self.met / max(1, self.told), 3),
-            "annotated": self.told,
+            "precision": round(self.met / max(1, self.num_detected), 3),
+            "recall": round(self.met / max(1, self.num_annotated), 3),
+            "annotated": self.num_annotated,
         }
 
 
-def near(found: Sequence[float], told: Sequence[float], within_s: float) -> Counts:
+def near(detected: Sequence[float], annotated: Sequence[float], within_s: float) -> DetectionCounts:
     """Match points in time one to one within a tolerance, and count them."""
-    free = sorted(told)
+    free = sorted(annotated)
     met = 0
-    for at in sorted(found):
+    for at in sorted(detected):
         nearest = min(free, key=lambda other: abs(other - at), default=None)
         if nearest is not None and abs(nearest - at) <= within_s:
             free.remove(nearest)
             met += 1
-    return Counts(met, len(found), len(told))
+    return DetectionCounts(met, len(detected), len(annotated))
 
 
-def overlapping(found: Sequence[HandPhase], told: Sequence[HandPhase]) -> Counts:
+def overlapping(found: Sequence[HandPhase], told: Sequence[HandPhase]) -> DetectionCounts:
     """Match phases one to one that overlap by `LEAST_OVERLAP` or more, and count them."""
     free, met = list(told), 0
     for one in found:
@@ -85,7 +89,7 @@ def overlapping(found: Sequence[HandPhase], told: Sequence[HandPhase]) -> Counts
         if shares and max(shares) >= LEAST_OVERLAP:
             free.pop(int(np.argmax(shares)))
             met += 1
-    return Counts(met, len(found), len(told))
+    return DetectionCounts(met, len(found), len(told))
 
 
 def _overlap(one: HandPhase, other: HandPhase) -> float:
@@ -104,9 +108,9 @@ def with_long_holds(phases: Iterable[HandPhase]) -> list[HandPhase]:
     return joined
 
 
-def agreement(found: GesturePlan, told: GesturePlan) -> dict[str, Counts]:
+def agreement(found: GesturePlan, told: GesturePlan) -> dict[str, DetectionCounts]:
     """Count matches of a detected plan with an annotated one, by metric."""
-    counts: defaultdict[str, Counts] = defaultdict(Counts)
+    counts: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     for side in SIDES:
         own, true = found.hand(side), with_long_holds(told.hand(side))
         for phase in PHASES:
@@ -228,8 +232,8 @@ def finding(folder: Path, clips: int | None, fits: bool) -> Iterator[dict[str, d
         folder: a corpus with annotated plans.
         fits: True to train the network first.
     """
-    total: defaultdict[str, Counts] = defaultdict(Counts)
-    speakers: defaultdict[str, Counts] = defaultdict(Counts)
+    total: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
+    speakers: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     split = read_split(folder)
     if fits:
         learned = [name for name, of in split.items() if of == "train"][::FIT_EVERY]

@@ -46,7 +46,7 @@ class Evidence:
         return angular_velocity(self.tracks.local_rot)
 
     @cached_property
-    def turning_deg_s(self) -> Float[np.ndarray, "T1 55"]:
+    def angular_speed_deg_s(self) -> Float[np.ndarray, "T1 55"]:
         """Angular speed of each joint against its parent (degrees/s)."""
         return np.degrees(np.linalg.norm(self.turning, axis=-1))
 
@@ -71,7 +71,7 @@ numbers alone, which counts half."""
 class Finding:
     """A fault in one motion."""
 
-    said: str
+    message: str
     """One or two sentences for the user."""
     numbers: dict[str, Any]
     """Values behind the sentence, by name."""
@@ -83,7 +83,7 @@ class Finding:
     """Largest ratio of this metric between two clips of people."""
     worst_frame: int | None = None
     """Frame at which the fault is worst; None if it is the same everywhere."""
-    stretches: tuple[tuple[int, int], ...] = ()
+    frame_ranges: tuple[tuple[int, int], ...] = ()
     """First and last frame of up to `MOST_STRETCHES` places of the fault, the longest first; empty
     if it is everywhere."""
     gravity: int = SEEN
@@ -92,7 +92,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        return f"{self.said.removesuffix('.')} ({self.people})." if self.people else self.said
+        return f"{self.message.removesuffix('.')} ({self.people})." if self.people else self.message
 
     @property
     def worst_s(self) -> float | None:
@@ -113,7 +113,7 @@ class Finding:
             "excess": as_json(float(self.excess)),
             "worst_frame": self.worst_frame,
             "worst_s": as_json(self.worst_s),
-            "frames": [list(stretch) for stretch in self.stretches],
+            "frames": [list(stretch) for stretch in self.frame_ranges],
             "sentence": self.sentence,
         }
 
@@ -151,14 +151,14 @@ def clock(frame: int) -> str:
     return f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
 
 
-def stretches_of(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
+def true_ranges(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
     """Return first and last frame of the longest `MOST_STRETCHES` runs of true, longest first."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]])))
     runs = sorted(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda run: run[0] - run[1])
     return tuple((int(first), int(last)) for first, last in runs[:MOST_STRETCHES])
 
 
-def most_in_a_second(values: Float[np.ndarray, " N"], is_least: bool = False) -> int | None:
+def worst_second(values: Float[np.ndarray, " N"], is_least: bool = False) -> int | None:
     """Return the middle frame of the second with the highest, or the lowest, mean."""
     if len(values) < FPS:
         return None

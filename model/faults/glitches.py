@@ -18,7 +18,7 @@ from model.faults.analysis import (
     Evidence,
     Finding,
     clock,
-    stretches_of,
+    true_ranges,
 )
 from model.metrics.face import correlation
 from model.motion.tracks import point_words
@@ -102,7 +102,7 @@ def pops(evidence: Evidence) -> Iterator[Finding]:
         {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
         excess=float(beyond.max() / POP_DEG),
         worst_frame=int(frame) + 1,
-        stretches=tuple((int(each), int(each)) for each in frames[:20]),
+        frame_ranges=tuple((int(each), int(each)) for each in frames[:20]),
     )
 
 
@@ -110,7 +110,7 @@ def snaps(evidence: Evidence) -> Iterator[Finding]:
     """Detect joints that jump to another angle from one frame to the next, and stay there."""
     if len(evidence.turning) < 3:
         return
-    steps = evidence.turning_deg_s[:, list(BODY)] / FPS
+    steps = evidence.angular_speed_deg_s[:, list(BODY)] / FPS
     beside = np.pad(steps, ((1, 1), (0, 0)))
     beyond = steps - 2 * np.maximum(beside[:-2], beside[2:])
     is_snap = (beyond > SNAP_DEG).any(axis=1)
@@ -127,16 +127,16 @@ def snaps(evidence: Evidence) -> Iterator[Finding]:
         excess=float(beyond.max() / SNAP_DEG),
         span=SNAP_SPAN,
         worst_frame=int(at) + 1,
-        stretches=tuple((int(each), int(each)) for each in frames[:20]),
+        frame_ranges=tuple((int(each), int(each)) for each in frames[:20]),
     )
 
 
 def copied_frames(evidence: Evidence) -> Iterator[Finding]:
     """Detect frames that are copies of the one before while the body moves."""
-    fastest = evidence.turning_deg_s[:, list(BODY)].max(axis=1, initial=0.0)
+    fastest = evidence.angular_speed_deg_s[:, list(BODY)].max(axis=1, initial=0.0)
     if len(fastest) < 3:
         return
-    mean = evidence.turning_deg_s[:, list(UPPER_AND_HANDS)].mean(axis=1)
+    mean = evidence.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].mean(axis=1)
     moves = np.maximum(np.roll(mean, 1), np.roll(mean, -1)) > LEAST_DEG_S
     is_copy = (fastest < COPY_DEG_S) & moves
     is_copy[:1] = is_copy[-1:] = False  # clips are often filled up at their ends
@@ -151,7 +151,7 @@ def copied_frames(evidence: Evidence) -> Iterator[Finding]:
         "recorded clips: none",
         excess=len(frames) / COPIES,
         worst_frame=int(frames[0]),
-        stretches=stretches_of(np.concatenate([[False], is_copy])),
+        frame_ranges=true_ranges(np.concatenate([[False], is_copy])),
     )
 
 
@@ -165,7 +165,7 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     middle = steps[1:-1]
     usual, length = np.linalg.norm(around, axis=1), np.linalg.norm(middle, axis=1)
     along = (middle * around).sum(axis=1)
-    moves = evidence.turning_deg_s[1:-1, list(UPPER_AND_HANDS)].mean(axis=1) > 2 * LEAST_DEG_S
+    moves = evidence.angular_speed_deg_s[1:-1, list(UPPER_AND_HANDS)].mean(axis=1) > 2 * LEAST_DEG_S
     is_onward = (steps[:-2] * steps[2:]).sum(axis=1) > 0.0
     ratio = along / np.maximum(usual**2, 1e-12)
     cosine = along / np.maximum(usual * length, 1e-12)
@@ -181,11 +181,11 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
         {"skips": len(frames)},
         excess=len(frames) / usual_skips,
         worst_frame=int(frames[0]),
-        stretches=tuple((int(each) - 1, int(each)) for each in frames[:20]),
+        frame_ranges=tuple((int(each) - 1, int(each)) for each in frames[:20]),
     )
 
 
-def stretched_rate(evidence: Evidence) -> Iterator[Finding]:
+def upsampled_rate(evidence: Evidence) -> Iterator[Finding]:
     """Detect motion of 15 fps stretched to 30: every second frame lies between its neighbours."""
     turning = evidence.turning[:, list(BODY)]
     if len(turning) <= FPS:
@@ -230,7 +230,7 @@ def seams(evidence: Evidence) -> Iterator[Finding]:
         },
         excess=found.ratio,
         worst_frame=joins[len(joins) // 2],
-        stretches=tuple((frame, frame) for frame in joins[:20]),
+        frame_ranges=tuple((frame, frame) for frame in joins[:20]),
     )
 
 
@@ -259,7 +259,7 @@ def period(evidence: Evidence) -> Iterator[Finding]:
         },
         excess=found.peak_over_usual,
         worst_frame=found.worst_frames[0],
-        stretches=tuple((frame, frame) for frame in found.worst_frames),
+        frame_ranges=tuple((frame, frame) for frame in found.worst_frames),
     )
 
 
@@ -291,7 +291,7 @@ def shifted_reference(evidence: Evidence) -> Iterator[Finding]:
     if evidence.reference is None or evidence.num_frames < _LEAST_FRAMES:
         return
     own, theirs = (
-        each.turning_deg_s[:, list(UPPER_BODY)].mean(axis=1)
+        each.angular_speed_deg_s[:, list(UPPER_BODY)].mean(axis=1)
         for each in (evidence, evidence.reference)
     )
     lags = range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1)

@@ -14,8 +14,8 @@ from model.faults.analysis import (
     Evidence,
     Finding,
     clock,
-    most_in_a_second,
-    stretches_of,
+    true_ranges,
+    worst_second,
 )
 from model.metrics.face import unit_columns
 from model.metrics.joints import FINGER_JOINT_NAMES
@@ -78,7 +78,7 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
         {"foot_slide_m_s": slide, "contact_share": contact},
         f"recorded clips: under {100 * FOOT_SLIDE_M_S:.0f} cm/s",
         excess=slide / FOOT_SLIDE_M_S,
-        worst_frame=most_in_a_second(derivative_magnitudes(feet, 1).mean(axis=1)),
+        worst_frame=worst_second(derivative_magnitudes(feet, 1).mean(axis=1)),
     )
 
 
@@ -87,7 +87,7 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
     above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
     contact = evidence.raw.posture.foot_contact_share
     is_up = (evidence.lower_foot_m - evidence.floor_m > FLOATING_M) | (above > RISE_M)
-    runs = [r for r in stretches_of(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
+    runs = [r for r in true_ranges(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
     if not runs and contact >= CONTACT_SHARE:
         return
     worst = int(above.argmax())
@@ -107,7 +107,7 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
         "recorded clips: in at least 97 %",
         excess=max(float(above[worst]) / FLOATING_M, CONTACT_SHARE / max(contact, 0.01)),
         worst_frame=worst,
-        stretches=tuple(runs),
+        frame_ranges=tuple(runs),
     )
 
 
@@ -125,7 +125,7 @@ def feet_sink(evidence: Evidence) -> Iterator[Finding]:
         {"depth_m": float(below[worst]), "share": share},
         excess=float(below[worst]) / SINKING_M,
         worst_frame=worst,
-        stretches=stretches_of(is_below),
+        frame_ranges=true_ranges(is_below),
     )
 
 
@@ -168,7 +168,7 @@ def finger_range(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def hand_in_body(evidence: Evidence) -> Iterator[Finding]:
+def hand_penetration(evidence: Evidence) -> Iterator[Finding]:
     joints = evidence.tracks.joints
     knuckles = [*WRISTS, *(JOINT_INDEX[name] for name in _KNUCKLES)]
     hands = np.concatenate([joints[:, knuckles], evidence.tracks.fingertips], axis=1)
@@ -193,7 +193,7 @@ def hand_in_body(evidence: Evidence) -> Iterator[Finding]:
         {"side": side, "distance_m": float(distance[worst]), "frames": int(is_inside.sum())},
         excess=INSIDE_M / max(float(distance[worst]), 0.005),
         worst_frame=worst,
-        stretches=stretches_of(is_inside),
+        frame_ranges=true_ranges(is_inside),
     )
 
 
@@ -254,10 +254,10 @@ def nothing_moves(evidence: Evidence) -> Iterator[Finding]:
 
 def freezes(evidence: Evidence) -> Iterator[Finding]:
     """Detect runs of `FROZEN_FRAMES` or more in which the whole upper body stops, fingers too."""
-    fastest = evidence.turning_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
+    fastest = evidence.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
     runs = [
         (first, last + 1)
-        for first, last in stretches_of(fastest < FROZEN_DEG_S)
+        for first, last in true_ranges(fastest < FROZEN_DEG_S)
         if last - first + 1 >= FROZEN_FRAMES
     ]
     if not runs:
@@ -272,7 +272,7 @@ def freezes(evidence: Evidence) -> Iterator[Finding]:
         "recorded clips: never for two frames in a row",
         excess=(last - first) / FROZEN_FRAMES,
         worst_frame=first,
-        stretches=tuple(runs),
+        frame_ranges=tuple(runs),
     )
 
 
@@ -291,7 +291,7 @@ def translation_never_changes(evidence: Evidence) -> Iterator[Finding]:
     trans = evidence.motion.trans
     if len(trans) < MOVING_FRAMES or np.ptp(trans, axis=0).any():
         return
-    if evidence.turning_deg_s[:, list(BODY)].mean() < FROZEN_DEG_S:
+    if evidence.angular_speed_deg_s[:, list(BODY)].mean() < FROZEN_DEG_S:
         return
     where = "all zero" if not trans.any() else "the same in every frame"
     yield Finding(

@@ -15,7 +15,7 @@ import numpy as np
 
 from conventions.joints import UPPER_BODY
 from conventions.rates import FPS
-from model.faults.analysis import Evidence, Finding, clock, most_in_a_second
+from model.faults.analysis import Evidence, Finding, clock, worst_second
 from model.metrics.posture import WRISTS
 from model.metrics.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
 
@@ -27,7 +27,7 @@ LONG, SHORT, BRIEF = "of 30 s and more", "of 5 to 30 s", "of 2 to 5 s"
 
 
 @dataclass(frozen=True)
-class People:
+class NaturalRange:
     """Range of a level in clips of people of one length."""
 
     lowest: float
@@ -41,18 +41,18 @@ class People:
 
 
 @dataclass(frozen=True)
-class Level:
+class RangeCheck:
     """A level of motion with its detector."""
 
     kind: str
     title: str
     unit: str
-    read: Callable[[Evidence], float]
-    long: People
-    short: People
+    value_of: Callable[[Evidence], float]
+    long: NaturalRange
+    short: NaturalRange
     low_means: str
     high_means: str
-    brief: People | None = None
+    brief: NaturalRange | None = None
     """Range for clips shorter than `LEAST_FRAMES`; None if they are not checked."""
     scale: float = 1.0
     """Factor from the unit of the metric to the displayed one."""
@@ -63,7 +63,7 @@ class Level:
         people = self.long if frames >= LONG_FRAMES else self.short
         if frames < LEAST_FRAMES:
             people = self.brief if frames >= BRIEF_FRAMES else None
-        if people is None or not np.isfinite(value := self.read(evidence)):
+        if people is None or not np.isfinite(value := self.value_of(evidence)):
             return
         if reference is None:
             is_low, span = value < people.low_limit, people.highest / people.lowest
@@ -72,7 +72,7 @@ class Level:
             usual = f"recorded and procedural clips {people.lasts}: {lowest} to {highest}"
             beside = ""
             numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
-        elif (recorded := self.read(reference)) > 0.0:
+        elif (recorded := self.value_of(reference)) > 0.0:
             ratio = value / recorded
             is_low, span = ratio < 1.0, people.differ
             excess = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
@@ -93,7 +93,7 @@ class Level:
             excess=excess,
             span=span,
             worst_frame=worst,
-            stretches=() if worst is None else ((max(0, worst - 15), worst + 15),),
+            frame_ranges=() if worst is None else ((max(0, worst - 15), worst + 15),),
         )
 
     def _told(self, value: float, has_unit: bool = True) -> str:
@@ -107,13 +107,13 @@ def _times(ratio: float) -> str:
     return f"{ratio:.{0 if ratio >= 10 else 1}f} times" if ratio >= 0.1 else f"{ratio:.2g} times"
 
 
-def _worst(level: Level, evidence: Evidence, is_low: bool) -> int | None:
+def _worst(level: RangeCheck, evidence: Evidence, is_low: bool) -> int | None:
     """Return the middle of the second with most jerk of the hands, or least or most turning."""
     if level.kind in ("jerk", "high_frequency"):
         track = derivative_magnitudes(evidence.tracks.fingertips, 3).mean(axis=1)
     else:
-        track = evidence.turning_deg_s[:, list(UPPER_BODY)].mean(axis=1)
-    return most_in_a_second(track, is_least=is_low)
+        track = evidence.angular_speed_deg_s[:, list(UPPER_BODY)].mean(axis=1)
+    return worst_second(track, is_least=is_low)
 
 
 def fingertip_jerk(evidence: Evidence) -> float:
@@ -142,45 +142,45 @@ def turning_speed_deg_s(evidence: Evidence) -> float:
     return float(evidence.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
 
 
-JERK = Level(
+JERK = RangeCheck(
     "jerk",
     "mean jerk of all ten fingertips",
     "m/s³",
     fingertip_jerk,
-    long=People(65.0, 135.0, 2.0, 55.0, 175.0, LONG),
-    short=People(43.0, 202.0, 2.4, 32.0, 235.0, SHORT),
+    long=NaturalRange(65.0, 135.0, 2.0, 55.0, 175.0, LONG),
+    short=NaturalRange(43.0, 202.0, 2.4, 32.0, 235.0, SHORT),
     low_means="Hands smoother than in recordings, as if low-pass filtered",
     high_means="Hands tremble",
-    brief=People(49.0, 241.0, 5.0, 0.0, 310.0, BRIEF),
+    brief=NaturalRange(49.0, 241.0, 5.0, 0.0, 310.0, BRIEF),
 )
-HIGH_FREQUENCY = Level(
+HIGH_FREQUENCY = RangeCheck(
     "high_frequency",
     "share of the wrists' power above 5 Hz",
     "%",
     high_frequency_share,
-    long=People(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),
-    short=People(0.0005, 0.025, 14.0, 0.00025, 0.035, SHORT),
+    long=NaturalRange(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),
+    short=NaturalRange(0.0005, 0.025, 14.0, 0.00025, 0.035, SHORT),
     low_means="Hands smoother than in recordings, as if low-pass filtered",
     high_means="High-frequency jitter on top of the movement",
     scale=100.0,
 )
-AMPLITUDE = Level(
+AMPLITUDE = RangeCheck(
     "amplitude",
     "RMS deviation of the upper body's joint angles from their mean",
     "°",
     amplitude_deg,
-    long=People(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
-    short=People(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
+    long=NaturalRange(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
+    short=NaturalRange(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
     low_means="Small gestures",
     high_means="Large gestures",
 )
-SPEED = Level(
+SPEED = RangeCheck(
     "speed",
     "mean angular speed of the upper body's joints",
     "°/s",
     turning_speed_deg_s,
-    long=People(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
-    short=People(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
+    long=NaturalRange(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
+    short=NaturalRange(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
     low_means="Little movement",
     high_means="Continuously fast movement",
 )

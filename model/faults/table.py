@@ -8,7 +8,7 @@ from model.faults.analysis import MEASURED, SEEN, WRONG, Evidence, Finding, by_g
 
 
 @dataclass(frozen=True)
-class Fault:
+class FaultCheck:
     """A kind of fault with its detector."""
 
     kind: str
@@ -19,53 +19,65 @@ class Fault:
     """Required input besides the motion: ``reference`` or ``speech``; empty for most."""
     explains: tuple[str, ...] = ()
     """Kinds that follow from this one and are not reported together with it."""
-    of: tuple[str, ...] = ()
+    required_parts: tuple[str, ...] = ()
     """Parts of a motion file (`formats.read.Part`) without any of which it is not used."""
 
 
 SNAP = "snap"
-FAULTS: tuple[Fault, ...] = (
-    Fault("identical", WRONG, glitches.identical, "reference", ("copied_face",)),
-    Fault("frozen", WRONG, posture.freezes, explains=("copied_frames",)),
-    Fault(
+FAULTS: tuple[FaultCheck, ...] = (
+    FaultCheck("identical", WRONG, glitches.identical, "reference", ("copied_face",)),
+    FaultCheck("frozen", WRONG, posture.freezes, explains=("copied_frames",)),
+    FaultCheck(
         "lying",
         WRONG,
         posture.lying,
         explains=("lifted", "floating", "through_floor", "foot_slide"),
     ),
-    Fault("swapped_sides", WRONG, posture.swapped_sides),
-    Fault("lifted", WRONG, posture.lifted, "reference", of=("place",)),
-    Fault("time_shift", WRONG, glitches.shifted_reference, "reference"),
-    Fault("time_shift", WRONG, glitches.shifted_speech, "speech"),
-    Fault("pops", SEEN, glitches.pops),
-    Fault(SNAP, SEEN, glitches.snaps),
-    Fault("rotation_noise", MEASURED, glitches.rotation_noise, of=("detail",)),
-    Fault("seams", SEEN, glitches.seams),
-    Fault("period", MEASURED, glitches.period, of=("detail",)),
-    Fault("copied_frames", SEEN, glitches.copied_frames),
-    Fault("skipped_frames", SEEN, glitches.skipped_frames),
-    Fault(
+    FaultCheck("swapped_sides", WRONG, posture.swapped_sides),
+    FaultCheck("lifted", WRONG, posture.lifted, "reference", required_parts=("place",)),
+    FaultCheck("time_shift", WRONG, glitches.shifted_reference, "reference"),
+    FaultCheck("time_shift", WRONG, glitches.shifted_speech, "speech"),
+    FaultCheck("pops", SEEN, glitches.pops),
+    FaultCheck(SNAP, SEEN, glitches.snaps),
+    FaultCheck("rotation_noise", MEASURED, glitches.rotation_noise, required_parts=("detail",)),
+    FaultCheck("seams", SEEN, glitches.seams),
+    FaultCheck("period", MEASURED, glitches.period, required_parts=("detail",)),
+    FaultCheck("copied_frames", SEEN, glitches.copied_frames),
+    FaultCheck("skipped_frames", SEEN, glitches.skipped_frames),
+    FaultCheck(
         "stretched_rate",
         SEEN,
-        glitches.stretched_rate,
+        glitches.upsampled_rate,
         explains=("period", "copied_frames"),
-        of=("detail",),
+        required_parts=("detail",),
     ),
-    Fault("foot_slide", SEEN, posture.feet_slide, of=("place", "legs")),
-    Fault("floating", SEEN, posture.feet_float, of=("place", "legs")),
-    Fault("through_floor", SEEN, posture.feet_sink, of=("place", "legs")),
-    Fault("still_translation", SEEN, posture.translation_never_changes, of=("place",)),
-    Fault("frozen_hand", SEEN, posture.frozen_hands, of=("hands",)),
-    Fault("finger_range", SEEN, posture.finger_range, of=("hands", "finger_angles")),
-    Fault("hand_in_body", SEEN, posture.hand_in_body),
-    Fault("still_face", SEEN, posture.still_face, of=("face",)),
-    Fault("copied_face", SEEN, posture.copied_face, "reference", of=("face",)),
-    Fault("jerk", SEEN, range_checks.JERK.search, explains=("high_frequency",), of=("detail",)),
-    Fault("high_frequency", SEEN, range_checks.HIGH_FREQUENCY.search, of=("detail",)),
-    Fault("amplitude", MEASURED, range_checks.AMPLITUDE.search),
-    Fault("speed", MEASURED, range_checks.SPEED.search),
+    FaultCheck("foot_slide", SEEN, posture.feet_slide, required_parts=("place", "legs")),
+    FaultCheck("floating", SEEN, posture.feet_float, required_parts=("place", "legs")),
+    FaultCheck("through_floor", SEEN, posture.feet_sink, required_parts=("place", "legs")),
+    FaultCheck(
+        "still_translation", SEEN, posture.translation_never_changes, required_parts=("place",)
+    ),
+    FaultCheck("frozen_hand", SEEN, posture.frozen_hands, required_parts=("hands",)),
+    FaultCheck(
+        "finger_range", SEEN, posture.finger_range, required_parts=("hands", "finger_angles")
+    ),
+    FaultCheck("hand_in_body", SEEN, posture.hand_penetration),
+    FaultCheck("still_face", SEEN, posture.still_face, required_parts=("face",)),
+    FaultCheck("copied_face", SEEN, posture.copied_face, "reference", required_parts=("face",)),
+    FaultCheck(
+        "jerk",
+        SEEN,
+        range_checks.JERK.search,
+        explains=("high_frequency",),
+        required_parts=("detail",),
+    ),
+    FaultCheck(
+        "high_frequency", SEEN, range_checks.HIGH_FREQUENCY.search, required_parts=("detail",)
+    ),
+    FaultCheck("amplitude", MEASURED, range_checks.AMPLITUDE.search),
+    FaultCheck("speed", MEASURED, range_checks.SPEED.search),
 )
-STILL = Fault("still", WRONG, posture.nothing_moves)
+STILL = FaultCheck("still", WRONG, posture.nothing_moves)
 """Detector that runs first: if nothing moves, no other finding is reported."""
 
 
@@ -80,14 +92,14 @@ def find_faults(evidence: Evidence) -> list[Finding]:
     return by_gravity(finding for finding in found if finding.kind not in explained)
 
 
-def _found(fault: Fault, evidence: Evidence) -> list[Finding]:
+def _found(fault: FaultCheck, evidence: Evidence) -> list[Finding]:
     return [
         replace(finding, kind=fault.kind, gravity=fault.gravity)
         for finding in fault.search(evidence)
     ]
 
 
-def without(findings: Iterable[Finding], lacks: Collection[str]) -> list[Finding]:
+def drop_missing_parts(findings: Iterable[Finding], lacks: Collection[str]) -> list[Finding]:
     """Return the findings without those on parts that the motion file lacks."""
-    unsaid = {fault.kind for fault in FAULTS if set(fault.of) & set(lacks)}
+    unsaid = {fault.kind for fault in FAULTS if set(fault.required_parts) & set(lacks)}
     return [finding for finding in findings if finding.kind not in unsaid]

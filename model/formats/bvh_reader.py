@@ -18,7 +18,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.names import join_names
 from model.formats.bvh_text import Joint, read_text
 from model.formats.motion_draft import Draft
-from model.formats.reading import AXES, METRES, Kind, Sure, axis_of
+from model.formats.reading import AXES, METRES, Confidence, Kind, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import point_words
 from model.storage.npz import MotionError
@@ -35,16 +35,16 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
     """
     text = read_text(path)
     skeleton = _Skeleton(text.joints, path.name)
-    found, is_ours = skeleton.found()
+    found, is_ours = skeleton.identify_joints()
     draft = Draft(path.name, told, np.zeros((1, NUM_JOINTS, 3)), is_scaled=True)
-    for what in text.said:
+    for what in text.notes:
         draft.assume("frames", str(len(text.rows)), what)
-    world = skeleton.moved(text.rows)
+    world = skeleton.world_rotations(text.rows)
     pelvis = skeleton.way(found["pelvis"][0], text.rows, world)
     is_posed = not is_ours and not skeleton.is_standing(found)
     if is_posed:
         world = skeleton.begin_at_rest(text.rows, world)
-        found, _ = skeleton.found()
+        found, _ = skeleton.identify_joints()
         why = (
             "its rest pose is not a human pose; the first frame was used instead, so limbs may "
             "twist"
@@ -60,13 +60,13 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
     if pelvis is not None:
         draft.trans = turn.apply(scale * pelvis) - rest[0]
     else:
-        draft.lacks.add("place")
+        draft.missing_parts.add("place")
         draft.assume("place", "none", "no joint has positions; the body has no translation")
     if not is_ours:
         _tell(draft, skeleton, found, turns)
-    draft.lacks.add("face")
+    draft.missing_parts.add("face")
     draft.assume("face", "none", "a BVH file has no face; it stays at rest", is_usual=is_ours)
-    draft.goes_at(round(1 / text.frame_s, 3), "as the file says", "stated")
+    draft.set_frame_rate(round(1 / text.frame_s, 3), "as the file says", "stated")
     return draft
 
 
@@ -87,16 +87,16 @@ def _tell(draft: Draft, skeleton: _Skeleton, found: JointMap, turns: dict[str, R
     if degrees and all(each.kind != "layout" for each in draft.assumptions):
         most = max(degrees, key=lambda name: degrees[name])
         limbs = [value for name, value in degrees.items() if not name[-1].isdigit()]
-        sure: Sure = "unsure" if max(limbs, default=0.0) > _STEEP_DEG else "sure"
+        sure: Confidence = "unsure" if max(limbs, default=0.0) > _STEEP_DEG else "sure"
         why = (
             f"its rest pose differs from ours, by up to {degrees[most]:.0f}° "
             f"({point_words(most)}); limbs and fingers were turned to point as they do there"
         )
         draft.assume("layout", "rest pose", why, sure)
     if not any(name[-1].isdigit() and found.get(f"left_{name}") for name in ("index1", "middle1")):
-        draft.lacks.add("hands")
+        draft.missing_parts.add("hands")
     if not found.get("left_hip"):
-        draft.lacks.add("legs")
+        draft.missing_parts.add("legs")
 
 
 class _Skeleton(JointTree):
@@ -112,7 +112,7 @@ class _Skeleton(JointTree):
             name, [joint.name for joint in joints], [joint.parent for joint in joints], rest
         )
 
-    def found(self) -> tuple[JointMap, bool]:
+    def identify_joints(self) -> tuple[JointMap, bool]:
         """Return the assignment of joints, and whether all joints have our names.
 
         Raises:
@@ -148,33 +148,33 @@ class _Skeleton(JointTree):
             )
         y = nearest_axis(up)
         x = nearest_axis(across - y * (across @ y))
-        told = draft.told.get("up"), draft.told.get("facing")
+        told = draft.overrides.get("up"), draft.overrides.get("facing")
         if told[0] is not None or told[1] in AXES:
             y = y if told[0] is None else axis_of(told[0])
             z = np.cross(x, y) if told[1] not in AXES else axis_of(told[1])
             x = np.cross(y, z)
             if not np.linalg.norm(x):
                 raise MotionError(f"{self._source} cannot face the way that is up.")
-            draft.settled.add("up")
+            draft.decided.add("up")
         z = np.cross(x, y)
         stands, faces = (
             ("-" if axis.sum() < 0 else "") + "xyz"[int(np.abs(axis).argmax())] for axis in (y, z)
         )
-        by_rest: Sure = "sure" if "left_hip" in found else "unsure"
+        by_rest: Confidence = "sure" if "left_hip" in found else "unsure"
         tells: tuple[tuple[Kind, str, str, bool], ...] = (
             ("up", stands, stands + faces, stands == "y"),
             ("facing", faces, "xyz".replace(stands[-1], ""), faces == "z" or stands != "y"),
         )
         for kind, value, axes, is_ours in tells:
             others = tuple(axis for axis in AXES if axis[-1] in axes)  # possible together with it
-            if draft.told.get(kind) in AXES:
+            if draft.overrides.get(kind) in AXES:
                 draft.assume(kind, value, "as you say", "told", others)
             elif by_rest == "unsure" or not is_ours:
                 turned = "" if is_ours else "; turned"
                 draft.assume(kind, value, f"by its rest pose{turned}", by_rest, others)
         return Rotation.from_matrix(np.stack([x, y, z]))
 
-    def moved(self, rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
+    def world_rotations(self, rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
         """Compute the world rotation of each joint."""
         world: list[Rotation] = []
         for joint in self._joints:
@@ -299,6 +299,6 @@ def _scale(places: Float[np.ndarray, "J 3"], found: JointMap, draft: Draft) -> f
     unit = min(METRES, key=lambda each: abs(np.log(METRES[each] / scale)))
     why = f"by its {limb}; lengths multiplied by {scale:.3g}, so that they are as long as ours"
     told = draft.settled_as("units", unit, why, "sure", tuple(METRES), is_ours)
-    if "units" in draft.told:
+    if "units" in draft.overrides:
         return METRES[told]
     return 1.0 if is_ours else scale

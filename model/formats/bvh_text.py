@@ -37,17 +37,17 @@ class Joint:
 
 
 @dataclass
-class Text:
+class BvhFile:
     """Parsed content of a BVH file."""
 
     joints: list[Joint]
     frame_s: float
     rows: Float[np.ndarray, "T channels"]
-    said: list[str]
+    notes: list[str]
     """Repairs that were made, each half a sentence."""
 
 
-def read_text(path: Path) -> Text:
+def read_text(path: Path) -> BvhFile:
     """Read the joints, the duration of a frame (s) and the rows of a file.
 
     Raises:
@@ -69,7 +69,7 @@ class _Reader:
         """Position of the current word or line in the text."""
         self._said: list[str] = []
 
-    def read(self) -> Text:
+    def read(self) -> BvhFile:
         joints = self._hierarchy()
         channels = sum(len(joint.channels) for joint in joints)
         joints = self._largest_skeleton(joints)
@@ -79,7 +79,7 @@ class _Reader:
         lines = self._lines()
         frames, frame_s = self._head(next(lines, ""), next(lines, ""))
         rows = self._rows(lines, frames, channels, own if joints[0].first == 0 else channels)
-        return Text(joints, frame_s, rows, self._said)
+        return BvhFile(joints, frame_s, rows, self._said)
 
     def _wrong(self, why: str) -> MotionError:
         line = 1 + self._text.count("\n", 0, self._at)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
 from conventions.rates import FPS
 from model.formats.motion_draft import Draft, at_30_fps
-from model.formats.reading import AXES, METRES, Kind, Reading, axis_of
+from model.formats.reading import AXES, METRES, ImportedMotion, Kind, axis_of
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, in_step
 from model.motion.tracks import Tracks, track_points
@@ -59,7 +59,7 @@ _SAMPLES = range(2, 21)
 _JUMP = 2.5
 
 
-def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) -> Reading:
+def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) -> ImportedMotion:
     """Convert a draft to our conventions, with all that was assumed.
 
     Args:
@@ -85,19 +85,21 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
             for each in draft.assumptions
         ]
     if draft.fps <= FPS - 1.0:
-        draft.lacks.add("detail")
+        draft.missing_parts.add("detail")
     motion = _in_step(draft, motion)
     known = {each.kind for each in draft.assumptions if each.sure == "told"} | {"frames"}
-    for kind in sorted(draft.told.keys() - known):
+    for kind in sorted(draft.overrides.keys() - known):
         draft.assume(
-            cast(Kind, kind), draft.told[kind], "which does not apply to this file", "told"
+            cast(Kind, kind), draft.overrides[kind], "which does not apply to this file", "told"
         )
-    return Reading(motion, tuple(draft.assumptions), draft.name, frozenset(draft.lacks))
+    return ImportedMotion(
+        motion, tuple(draft.assumptions), draft.name, frozenset(draft.missing_parts)
+    )
 
 
 def _in_step(draft: Draft, motion: Motion) -> Motion:
     """Shift the motion by the lag that the user states."""
-    told = draft.told.get("lag")
+    told = draft.overrides.get("lag")
     if told is None:
         return motion
     try:
@@ -122,11 +124,11 @@ def _samples(draft: Draft) -> None:
             break
     else:
         return
-    choice = draft.told.get("motion", "all")
+    choice = draft.overrides.get("motion", "all")
     numbers = tuple(str(number) for number in range(1, count + 1))
     why = f"the body jumps every {length} frames: {count} samples seem to be concatenated"
     if choice in numbers:
-        draft.keep(slice(length * (int(choice) - 1), length * int(choice)))
+        draft.select_frames(slice(length * (int(choice) - 1), length * int(choice)))
         draft.assume("motion", choice, f"as you say of {count}", "told", (*numbers, "all"))
     else:
         draft.assume("motion", "all", why, "unsure", numbers)
@@ -141,9 +143,9 @@ def curl(poses: Float[np.ndarray, "T 55 3"]) -> float:
 
 def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
     """Decide whether hands are relative to the flat hand or the mean hand pose."""
-    told = draft.told.get("hands")
+    told = draft.overrides.get("hands")
     hands = draft.poses[:, list(HANDS)]
-    if "hands" in draft.lacks or (draft.is_scaled and told is None):
+    if "hands" in draft.missing_parts or (draft.is_scaled and told is None):
         return
     bend, moves = curl(draft.poses), bool(np.abs(hands).max(initial=0.0) > 1e-5)
     thumbs = float(draft.poses[:, [LEFT_HAND[12], RIGHT_HAND[12]], 0].mean())
@@ -164,7 +166,7 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
         value, sure = "mean", "unsure"
         why = f"fingers bend by {bend:z.2f} rad, which no flat hand does"
     elif not moves:
-        draft.lacks.add("hands")
+        draft.missing_parts.add("hands")
         draft.assume("hands", "flat", "they never move", "likely", ("mean",), is_usual=True)
         return
     else:
@@ -175,7 +177,7 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
         draft.poses = draft.poses.copy()
         draft.poses[:, list(HANDS)] += offset
         if mean_hands is None:
-            draft.lacks.add("finger_angles")
+            draft.missing_parts.add("finger_angles")
             why += "; our relaxed hand is used instead (--body uses the licensed one)"
     draft.assume("hands", value, why, sure, ("flat", "mean"), is_usual=value == "flat" and not told)
 
@@ -184,7 +186,7 @@ def _units(draft: Draft) -> None:
     """Decide the units by the height of the pelvis and the scale at which feet do not slide."""
     if draft.trans is None or draft.is_scaled:
         return
-    told = draft.told.get("units")
+    told = draft.overrides.get("units")
     if told is not None:
         draft.trans = draft.trans * METRES[told]
         draft.assume("units", told, "as you say", "told", tuple(METRES))
@@ -247,14 +249,14 @@ def posture(motion: Motion) -> dict[str, float]:
 
 
 def _up_and_facing(draft: Draft) -> None:
-    if "up" in draft.settled:
+    if "up" in draft.decided:
         return
     scores = posture(draft.motion())
     ranked = sorted(scores, key=lambda axis: -scores[axis])
     best, second = ranked[0], ranked[1]
-    up = draft.told.get("up", best)
+    up = draft.overrides.get("up", best)
     margin = scores[best] - scores[second]
-    if "up" in draft.told:
+    if "up" in draft.overrides:
         why, sure = "as you say", "told"
     elif draft.is_scaled and best == "y":
         why, sure = "its rest pose stands along it", "sure"
@@ -277,7 +279,7 @@ def _facing(draft: Draft) -> None:
     x, z = ahead.mean(axis=0)
     degrees = float(np.degrees(np.arctan2(x, z)))
     quarter = {0: "z", 90: "x", 180: "-z", -180: "-z", -90: "-x"}[round(degrees / 90) * 90]
-    told = draft.told.get("facing")
+    told = draft.overrides.get("facing")
     if told is not None:
         if told in _FORWARD_DEG:
             _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[told], degrees=True))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
-from model.formats.reading import USUAL_RATES, Assumption, Kind, Part, Rotations, Sure
+from model.formats.reading import USUAL_RATES, Assumption, Confidence, Kind, Part, Rotations
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, ExpressionBasis, Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_rot6d
@@ -48,7 +48,7 @@ class Draft:
     """A motion that is being read: the file's content, and the assumptions so far."""
 
     name: str
-    told: dict[str, str]
+    overrides: dict[str, str]
     """Properties of the file that the user states, by kind."""
     poses: Float[np.ndarray, "T 55 3"]
     fps: float = float(FPS)
@@ -57,13 +57,13 @@ class Draft:
     basis: ExpressionBasis = "flame100"
     betas: np.ndarray = field(default_factory=lambda: np.zeros(NUM_BETAS, np.float32))
     assumptions: list[Assumption] = field(default_factory=list)
-    lacks: set[Part] = field(default_factory=set)
+    missing_parts: set[Part] = field(default_factory=set)
     is_offset: bool | None = None
     """True if hands of this layout are usually offsets from the mean hand pose; None if they are
     known not to be."""
     chosen: int = 1
     """Number of the motion in a batch, from 1."""
-    settled: set[Kind] = field(default_factory=set)
+    decided: set[Kind] = field(default_factory=set)
     """Properties that the reader has set as the user states, not to be applied again."""
     is_scaled: bool = False
     """True if `trans` is in metres and y is up, unless the motion indicates otherwise."""
@@ -73,26 +73,26 @@ class Draft:
         kind: Kind,
         value: str,
         why: str,
-        sure: Sure = "sure",
+        sure: Confidence = "sure",
         others: tuple[str, ...] = (),
         is_usual: bool = False,
     ) -> None:
         """Record an assumption."""
         self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
 
-    def goes_at(
-        self, fps: float, why: str, sure: Sure, others: tuple[str, ...] = USUAL_RATES
+    def set_frame_rate(
+        self, fps: float, why: str, sure: Confidence, others: tuple[str, ...] = USUAL_RATES
     ) -> None:
         """Set the frame rate, unless the user states another."""
         is_ours = sure == "stated" and abs(fps - FPS) < 0.01
         told = self.settled_as("rate", f"{fps:g}", why, sure, others, is_ours)
-        self.fps = float(told) if "rate" in self.told else fps
+        self.fps = float(told) if "rate" in self.overrides else fps
 
     def turns(
         self, rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...]
     ) -> Float[np.ndarray, "T J 3"]:
         """Convert rotations to axis-angle, and record the format assumed."""
-        form = _form_of(rows, joints, self.name, self.told.get("rotations"))
+        form = _form_of(rows, joints, self.name, self.overrides.get("rotations"))
         if form not in self.assumptions:
             self.assumptions.append(form)
         return _decoded(rows, form.value, self.name)
@@ -102,19 +102,19 @@ class Draft:
         kind: Kind,
         found: str,
         why: str,
-        sure: Sure,
+        sure: Confidence,
         others: tuple[str, ...],
         is_usual: bool = False,
     ) -> str:
         """Return the user's value of a property, or else the one detected, and record it."""
-        told = self.told.get(kind)
+        told = self.overrides.get(kind)
         if told is None:
             self.assume(kind, found, why, sure, others, is_usual)
             return found
         self.assume(kind, told, "as you say", "told", others)
         return told
 
-    def keep(self, frames: slice) -> None:
+    def select_frames(self, frames: slice) -> None:
         """Keep only a range of frames."""
         self.poses = self.poses[frames]
         self.trans = None if self.trans is None else self.trans[frames]
@@ -133,7 +133,7 @@ class Draft:
 
 
 @dataclass(frozen=True)
-class Shape:
+class RotationLayout:
     """Layout of rotations in an array."""
 
     batch: int
@@ -148,28 +148,28 @@ class Shape:
         return array.reshape(self.batch, self.frames, self.joints, self.width)
 
 
-def shape_of(shape: tuple[int, ...]) -> Shape | None:
+def shape_of(shape: tuple[int, ...]) -> RotationLayout | None:
     """Return the layout of rotations in an array by its shape; None if it fits none."""
     pairs = {(joints, width) for joints in JOINT_SETS for width in WIDTHS}
     flat = {joints * width: (joints, width) for joints, width in pairs}
     match shape:
         case (frames, columns) if columns in flat:
-            return Shape(1, frames, *flat[columns])
+            return RotationLayout(1, frames, *flat[columns])
         case (joints, width) if (joints, width) in pairs:
-            return Shape(1, 1, joints, width)
+            return RotationLayout(1, 1, joints, width)
         case (columns, frames) if columns in flat and frames > 1:
-            return Shape(1, frames, *flat[columns], is_transposed=True)
+            return RotationLayout(1, frames, *flat[columns], is_transposed=True)
         case (frames, joints, width) if (joints, width) in pairs:
-            return Shape(1, frames, joints, width)
+            return RotationLayout(1, frames, joints, width)
         case (batch, frames, columns) if columns in flat:
             batch, frames = (1, batch) if frames == 1 else (batch, frames)
-            return Shape(batch, frames, *flat[columns])
+            return RotationLayout(batch, frames, *flat[columns])
         case (frames, joints, 3, 3) if joints in JOINT_SETS:
-            return Shape(1, frames, joints, 9)
+            return RotationLayout(1, frames, joints, 9)
         case (batch, frames, joints, width) if (joints, width) in pairs:
-            return Shape(batch, frames, joints, width)
+            return RotationLayout(batch, frames, joints, width)
         case (batch, frames, joints, 3, 3) if joints in JOINT_SETS:
-            return Shape(batch, frames, joints, 9)
+            return RotationLayout(batch, frames, joints, 9)
     return None
 
 
@@ -213,7 +213,7 @@ def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -
 
 
 def _form_of(
-    rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], name: str, told: str | None
+    rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], name: str, override: str | None
 ) -> Assumption:
     """Decide the format of rotations.
 
@@ -222,13 +222,13 @@ def _form_of(
     """
     width = rows.shape[-1]
     forms = WIDTHS[width]
-    if told is not None:
-        if told not in forms:
+    if override is not None:
+        if override not in forms:
             raise MotionError(
-                f"{name} has {width} numbers for a joint, which are none of {told}; say "
+                f"{name} has {width} numbers for a joint, which are none of {override}; say "
                 f"{' or '.join(forms)}."
             )
-        return Assumption("rotations", told, "as you say", "told")
+        return Assumption("rotations", override, "as you say", "told")
     if width == 6:
         return _form_of_6d(rows, joints, name)
     if width == 4:
@@ -237,7 +237,7 @@ def _form_of(
         why = f"w is the {'first' if first >= last else 'last'} number, by which joints turn least"
         return Assumption("rotations", forms[int(first < last)], why, sure, forms)
     why = f"{width} numbers for a joint"
-    return Assumption("rotations", forms[0], why, is_usual=forms[0] == "axis-angle")
+    return Assumption("rotations", forms[0], why, is_default=forms[0] == "axis-angle")
 
 
 def _form_of_6d(rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name: str) -> Assumption:
@@ -256,7 +256,9 @@ def _form_of_6d(rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name:
     form, why = "6d", "the first two rows, by which joints bend as people's do"
     if natural < -0.3:
         form, why = "6d-columns", "as rows, elbows and hands bend backwards"
-    sure: Sure = "sure" if abs(natural) > 1.0 else "likely" if abs(natural) > 0.3 else "unsure"
+    sure: Confidence = (
+        "sure" if abs(natural) > 1.0 else "likely" if abs(natural) > 0.3 else "unsure"
+    )
     return Assumption("rotations", form, why, sure, forms)
 
 

@@ -20,7 +20,7 @@ from model.formats.motion_draft import (
     SET_NAMES,
     WIDTHS,
     Draft,
-    Shape,
+    RotationLayout,
     are_positions,
     laid_out,
     shape_of,
@@ -37,7 +37,7 @@ from model.formats.parameters import (
     parameter_files,
     split_key,
 )
-from model.formats.reading import Assumption, Part, Sure
+from model.formats.reading import Assumption, Confidence, Part
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
 from model.storage.npz import (
     MAX_ABS_VALUE,
@@ -65,7 +65,7 @@ _DIFFSHEG = tuple(
 
 
 @dataclass(frozen=True)
-class Columns:
+class ColumnLayout:
     """A layout of columns: joints (``width`` numbers each) and named blocks."""
 
     name: str
@@ -79,37 +79,37 @@ class Columns:
 
 
 _ALL = JOINT_SETS[55]
-COLUMNS: dict[int, Columns] = {
-    265: Columns(
+COLUMNS: dict[int, ColumnLayout] = {
+    265: ColumnLayout(
         "TalkSHOW's: jaw, eyes, global orientation, body, hands, expression",
         (((22,), 3), ((23, 24), 6), (BODY, 66), (HANDS, 90), ("expression", 100)),
         is_offset=True,
     ),
-    232: Columns(
+    232: ColumnLayout(
         "DiffSHEG's on TalkSHOW's data: upper body, hands, jaw, expression; pelvis, legs and eyes"
         " stay at rest",
         ((_DIFFSHEG, 3 * len(_DIFFSHEG)), ("expression", 100)),
         is_offset=True,
         lacks=("legs", "place"),
     ),
-    322: Columns(
+    322: ColumnLayout(
         "Motion-X's: root and body, hands, jaw, expression, face shape, translation, betas",
         ((BODY, 66), (HANDS, 90), ((22,), 3), ("expression", 50), ("", 100), ("trans", 3),
          ("betas", 10)),
         is_offset=True,
     ),
-    268: Columns(
+    268: ColumnLayout(
         "55 joints, translation, expression",
         ((_ALL, 165), ("trans", 3), ("expression", 100)),
     ),
-    168: Columns("55 joints and translation", ((_ALL, 165), ("trans", 3))),
-    75: Columns(
+    168: ColumnLayout("55 joints and translation", ((_ALL, 165), ("trans", 3))),
+    75: ColumnLayout(
         "SMPL's 24 joints and translation",
         ((BODY, 66), ("", 6), ("trans", 3)),
         lacks=("hands",),
     ),
-    333: Columns("55 joints as 6D and translation", ((_ALL, 330), ("trans", 3)), width=6),
-    337: Columns(
+    333: ColumnLayout("55 joints as 6D and translation", ((_ALL, 330), ("trans", 3)), width=6),
+    337: ColumnLayout(
         "EMAGE's inside: 55 joints as 6D, translation, contacts",
         ((_ALL, 330), ("", 7)),
         lacks=("place",),
@@ -257,7 +257,7 @@ def not_read(shape: tuple[int, ...]) -> str:
     return JOINTS_NOT_READ[joints].format(joints=joints)
 
 
-def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, str]) -> Draft:
+def _of_columns(array: np.ndarray, layout: ColumnLayout, name: str, told: dict[str, str]) -> Draft:
     draft = Draft(name, told, np.zeros((1, NUM_JOINTS, 3)), is_offset=layout.is_offset)
     draft.assume("layout", str(array.shape[-1]), f"as {layout.name}")
     rows = _one_of(draft, array.reshape(-1, *array.shape[-2:]))
@@ -277,13 +277,15 @@ def _of_columns(array: np.ndarray, layout: Columns, name: str, told: dict[str, s
         elif what == "betas":
             draft.betas[:count] = block[0]
     draft.poses = poses
-    draft.lacks |= set(layout.lacks)
+    draft.missing_parts |= set(layout.lacks)
     if layout.no_place:
         draft.assume("place", "none", layout.no_place, "unsure")
     return draft
 
 
-def _of_rotations(array: np.ndarray, shape: Shape, name: str, told: dict[str, str]) -> Draft:
+def _of_rotations(
+    array: np.ndarray, shape: RotationLayout, name: str, told: dict[str, str]
+) -> Draft:
     check_length(shape.frames, name)
     draft = Draft(name, told, np.zeros((1, NUM_JOINTS, 3)), is_offset=False)
     rows = _one_of(draft, shape.rows(array))
@@ -305,7 +307,7 @@ def _of_rotations(array: np.ndarray, shape: Shape, name: str, told: dict[str, st
 
 def _tell_joints(draft: Draft, joints: tuple[int, ...], why: str) -> None:
     if not set(HANDS) & set(joints):
-        draft.lacks.add("hands")
+        draft.missing_parts.add("hands")
     lacking = [
         words
         for words, of in (("fingers", HANDS), ("jaw", FACE[:1]), ("eyes", FACE[1:]))
@@ -320,14 +322,14 @@ def _one_of(draft: Draft, batch: np.ndarray) -> np.ndarray:
     count = len(batch)
     if count == 1:
         return batch[0]
-    choice = draft.told.get("motion", "1")
+    choice = draft.overrides.get("motion", "1")
     if not choice.isdigit() or not 1 <= int(choice) <= count:
         raise MotionError(
             f"{draft.name} holds {count} motions (say --assume motion=1 to motion={count})."
         )
     others = tuple(str(number) for number in range(1, count + 1))
     why = f"the file holds a batch of {count} motions"
-    sure = "told" if "motion" in draft.told else "unsure"
+    sure = "told" if "motion" in draft.overrides else "unsure"
     draft.assume("motion", choice, why, sure, others)
     draft.chosen = int(choice)
     return batch[draft.chosen - 1]
@@ -341,7 +343,7 @@ def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_A
     """
     flat = rows.reshape(len(rows), -1)
     bad = np.asarray(~np.isfinite(flat).all(axis=1))
-    if bad.any() and draft.told.get("frames") == "bridge" and not bad.all():
+    if bad.any() and draft.overrides.get("frames") == "bridge" and not bad.all():
         good = np.flatnonzero(~bad)
         for column in range(flat.shape[1]):
             flat[bad, column] = np.interp(np.flatnonzero(bad), good, flat[good, column])
@@ -647,7 +649,7 @@ class _Archive:
         marks = np.zeros(len(draft.poses), dtype=bool)
         values = read_array(self.archive, self.plain[key]).reshape(-1)[: len(marks)]
         marks[: len(values)] = values == 0
-        sure: Sure = "stated"
+        sure: Confidence = "stated"
         if key == MISSING and marks.mean() > 0.5:  # then zero rather means that nothing is missing
             marks[: len(values)] = values != 0
             sure = "unsure"
@@ -703,22 +705,22 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
     values = {f"{value:g}" for value in numbers.values()}
     if not numbers:
         why = "the file tells none" if not stated else f"`{next(iter(stated))}` is no number"
-        draft.goes_at(float(FPS), why, "unsure")
+        draft.set_frame_rate(float(FPS), why, "unsure")
         return
     key, fps = next(iter(numbers.items()))
     if len(values) > 1:
         said = ", ".join(f"`{key}` says {value:g}" for key, value in numbers.items())
-        draft.goes_at(fps, said, "unsure", tuple(sorted(values)))
+        draft.set_frame_rate(fps, said, "unsure", tuple(sorted(values)))
     else:
-        draft.goes_at(fps, f"as `{key}` says", "stated")
+        draft.set_frame_rate(fps, f"as `{key}` says", "stated")
 
 
 def _complete(draft: Draft) -> None:
     """Record which parts are missing."""
     if draft.expressions is None:
-        draft.lacks.add("face")
+        draft.missing_parts.add("face")
         if not any(each.kind == "face" for each in draft.assumptions):
             draft.assume("face", "none", "it has no expressions; the face stays at rest")
-    if draft.trans is None and "place" not in draft.lacks:
-        draft.lacks.add("place")
+    if draft.trans is None and "place" not in draft.missing_parts:
+        draft.missing_parts.add("place")
         draft.assume("place", "none", "it has no translation; the body stays in its place")

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from model.formats.bvh_reader import read_bvh
 from model.formats.convention_detection import finished
 from model.formats.numpy_reader import CONVERT, read_npy, read_npz
-from model.formats.reading import Assumptions, Reading
+from model.formats.reading import ImportedMotion, ImportOverrides
 from model.storage.npz import MotionError, opened_archive, read_array, read_headers
 
 ENDINGS = (".npz", ".npy", ".bvh")
@@ -27,23 +27,26 @@ _WAYS = {
 
 
 def read_any_motion(
-    path: str | Path, told: Assumptions | None = None, body: Path | None = None, *names: str
-) -> Reading:
+    path: str | Path,
+    overrides: ImportOverrides | None = None,
+    body: Path | None = None,
+    *names: str,
+) -> ImportedMotion:
     """Read a motion file, with all assumptions about it.
 
     Supported are npz files as BEAT2, AMASS and many models write them, ``.npy`` arrays and BVH; see
     ``docs/formats.md``.
 
     Args:
-        told: what the user states about files (`read_told`).
+        overrides: what the user states about files (`parse_import_overrides`).
         body: a licensed SMPL-X file, for its mean hand pose.
-        names: names of this file in ``told``, besides its own name and stem.
+        names: names of this file in ``overrides``, besides its own name and stem.
 
     Raises:
         MotionError: for all else; one sentence that names the file.
     """
     path = Path(path)
-    said = (told or Assumptions()).of(path.name, path.stem, *names)
+    said = (overrides or ImportOverrides()).for_file(path.name, path.stem, *names)
     hands = mean_hands(body)
     try:
         return read_unguarded(path, said, hands)
@@ -60,7 +63,7 @@ def read_any_motion(
 
 def read_unguarded(
     path: Path, said: dict[str, str], hands: Float[np.ndarray, "30 3"] | None = None
-) -> Reading:
+) -> ImportedMotion:
     """Read a motion file; unexpected content raises errors that are not for users."""
     reader = {".npy": read_npy, ".bvh": read_bvh, ".npz": read_npz}[_kind(path)]
     return finished(reader(path, said), hands)

@@ -20,7 +20,7 @@ Kind = Literal[
     "frames", "face", "shape", "lag",
 ]  # fmt: skip
 """Kinds of assumptions about a file; no file contains `lag`, which is against the speech."""
-Sure = Literal["told", "stated", "sure", "likely", "unsure"]
+Confidence = Literal["told", "stated", "sure", "likely", "unsure"]
 """Certainty: stated by the user, stated by the file, evident from the motion, likely, or a
 guess."""
 Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
@@ -57,7 +57,7 @@ TELLABLE: dict[str, tuple[str, ...]] = {
 """Options of `--assume` and their values; an empty list allows a number, or a name inside a
 file."""
 MOTIONS, REFERENCE = "motions", "reference"
-"""Names with which `Assumptions` addresses all motions but the reference, or the reference."""
+"""Names with which `ImportOverrides` addresses all motions but the reference, or the reference."""
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
 _SAID = re.compile("[^=]+=[^,]*|[^=]+$")
 _FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
@@ -77,10 +77,10 @@ class Assumption:
     """Value, as for `--assume` if that has this kind."""
     why: str
     """Reason, half a sentence."""
-    sure: Sure = "sure"
+    sure: Confidence = "sure"
     others: tuple[str, ...] = ()
     """Alternative values."""
-    is_usual: bool = False
+    is_default: bool = False
     """True if it is as in our own files, so that users need no note."""
 
     def __post_init__(self) -> None:
@@ -106,14 +106,14 @@ class Assumption:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ImportedMotion:
     """A motion that was read, at 30 frames per second, y up, in metres, with flat hands."""
 
     motion: Motion
     assumptions: tuple[Assumption, ...] = ()
     name: str = ""
     """Name of the file."""
-    lacks: frozenset[Part] = frozenset()
+    missing_parts: frozenset[Part] = frozenset()
     """Parts that the file lacks, for which there are no findings."""
 
     @property
@@ -129,10 +129,10 @@ class Reading:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the assumptions that differ from our own files."""
-        return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_usual)
+        return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_default)
 
 
-def apart(readings: Mapping[str, Reading]) -> list[str]:
+def apart(readings: Mapping[str, ImportedMotion]) -> list[str]:
     """Return notes on differences between motions that make comparisons unfair."""
     sentences = []
     kinds: dict[Kind, str] = {"rate": "frame rate", "hands": "mean hand pose"}
@@ -144,7 +144,7 @@ def apart(readings: Mapping[str, Reading]) -> list[str]:
                 f"The motions differ in {words} ({said}), which may affect the metrics."
             )
     for part, (words, what) in LACKS.items():
-        without = [name for name, each in readings.items() if part in each.lacks]
+        without = [name for name, each in readings.items() if part in each.missing_parts]
         if without and len(without) < len(readings):
             said = ", ".join(without[:6])
             sentences.append(f"{said} {words}: do not compare the {what} with those of the others.")
@@ -155,7 +155,7 @@ LENGTHS_APART_S = 1.0
 """Difference in duration (s) that matching sound and motion do not reach."""
 
 
-def lengths_apart(
+def length_notes(
     speech_s: float, durations_s: Mapping[str, float], rates: Mapping[str, float] | None = None
 ) -> list[str]:
     """Return a note on motions with a duration unlike the speech's, with the rate that would fit.
@@ -194,31 +194,31 @@ def lengths_apart(
 
 
 @dataclass(frozen=True)
-class Assumptions:
+class ImportOverrides:
     """Properties that the user states for files with incomplete or wrong content."""
 
-    says: tuple[tuple[str, str, str], ...] = ()
+    entries: tuple[tuple[str, str, str], ...] = ()
     """File's name (or a pattern such as ``*.npz``, `MOTIONS`, `REFERENCE`, or "" for all), kind and
     value of each."""
 
-    def of(self, *names: str) -> dict[str, str]:
+    def for_file(self, *names: str) -> dict[str, str]:
         """Return a file's values by kind, of which specific names override patterns and ""."""
         kinds = {f"*{Path(name).suffix.lower()}" for name in names}
         order: tuple[Collection[str], ...] = ("",), kinds, names
-        return {what: value for of in order for name, what, value in self.says if name in of}
+        return {what: value for of in order for name, what, value in self.entries if name in of}
 
-    def known(self, files: Sequence[Path], *names: str) -> Assumptions:
+    def restricted_to(self, files: Sequence[Path], *names: str) -> ImportOverrides:
         """Return the statements on these files, and on all."""
         there = {"", MOTIONS, REFERENCE, *names}
         there |= {
             each for path in files for each in (path.name, path.stem, f"*{path.suffix.lower()}")
         }
-        return Assumptions(tuple(each for each in self.says if each[0] in there))
+        return ImportOverrides(tuple(each for each in self.entries if each[0] in there))
 
     def unknown(self, files: Sequence[Path], *names: str) -> str:
         """Return an error text about the first statement on a missing file, or ""."""
-        known = self.known(files, *names).says
-        for name, kind, value in self.says:
+        known = self.restricted_to(files, *names).entries
+        for name, kind, value in self.entries:
             if (name, kind, value) not in known:
                 there = ", ".join(names or [path.name for path in files[:6]])
                 return (
@@ -237,7 +237,7 @@ class Assumptions:
             raise MotionError(wrong)
 
 
-def read_told(written: str) -> Assumptions:
+def parse_import_overrides(written: str) -> ImportOverrides:
     """Parse the value of `--assume`: ``up=z,units=cm,NAME:rate=25``; a name may have commas.
 
     Raises:
@@ -258,4 +258,4 @@ def read_told(written: str) -> Assumptions:
         if known and value not in known:
             raise MotionError(f"{kind} must be one of {', '.join(known)}; found {value[:40]!r}.")
         says.append((found["name"] or "", kind, value))
-    return Assumptions(tuple(says))
+    return ImportOverrides(tuple(says))

@@ -92,7 +92,7 @@ class Windowing:
 
 
 @dataclass(frozen=True)
-class Draw:
+class WindowSpec:
     """Inputs of a window besides its speech and the window before it."""
 
     speaker: int
@@ -151,10 +151,10 @@ class Window:
 class ConditionStream(Protocol):
     """Generator of a condition for speech that is still arriving."""
 
-    manner: Any
+    style: Any
     """Style of the condition from now on, of the family's type."""
 
-    def go_on(
+    def advance(
         self,
         speech: Callable[[int, int], Float[Tensor, "T dim"]],
         first: int,
@@ -167,7 +167,7 @@ class ConditionStream(Protocol):
         """
         ...
 
-    def heard(
+    def conditioning(
         self, features: Float[Tensor, "n dim"], ahead: Any, first: int
     ) -> Float[Tensor, "n heard_dim"]:
         """Return the windows' input for frames from ``first`` on: features and condition."""
@@ -175,13 +175,13 @@ class ConditionStream(Protocol):
 
 
 @runtime_checkable
-class Follower(Protocol):
+class MotionConstraint(Protocol):
     """Adapter of motion that arrives in pieces to its condition, as a foot or hand constraint."""
 
     margin: int
     """Number of frames of the condition that are needed on either side of a piece."""
 
-    def follow(self, motion: Motion) -> Motion:
+    def apply(self, motion: Motion) -> Motion:
         """Apply the condition to the frames that follow those of the last call."""
         ...
 
@@ -189,7 +189,7 @@ class Follower(Protocol):
         """Continue with another condition, in which the next frame is ``first_frame``."""
         ...
 
-    def kept(self) -> dict[str, Tensor]:
+    def state(self) -> dict[str, Tensor]:
         """Return its decisions, for a follower of another condition through the same speech."""
         ...
 
@@ -234,7 +234,9 @@ class System(ABC):
             )
         return self.speakers[speaker]
 
-    def condition(self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw) -> Any:
+    def condition(
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
+    ) -> Any:
         """Draw the condition for whole speech, for the first sample.
 
         Raises:
@@ -242,26 +244,28 @@ class System(ABC):
         """
         raise ValueError(f"{self.name} follows speech alone.")
 
-    def condition_stream(self, draw: Draw) -> ConditionStream:
+    def condition_stream(self, draw: WindowSpec) -> ConditionStream:
         """Return a generator of the condition for speech that is still being spoken."""
         raise ValueError(f"{self.name} follows speech alone.")
 
-    def follower(self, condition: Any, kept: Mapping[str, Tensor] | None = None) -> Follower | None:
+    def follower(
+        self, condition: Any, kept: Mapping[str, Tensor] | None = None
+    ) -> MotionConstraint | None:
         """Return the follower of one sample's motion; None leaves the motion to the network.
 
         Args:
             condition: None for one that arrives with the speech.
-            kept: the decisions of an earlier follower (`Follower.kept`).
+            kept: the decisions of an earlier constraint (`MotionConstraint.state`).
         """
         return None
 
-    def hear(
-        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
+    def conditioning(
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
     ) -> Float[Tensor, "T heard_dim"]:
         """Encode whole speech for the windows, with silence after its end."""
         return torch.from_numpy(self.encoder.encode(waveform, num_frames))
 
-    def settled(self, asked: Sampling) -> Sampling:
+    def resolve_sampling(self, asked: Sampling) -> Sampling:
         """Return the sampling options with this system's defaults filled in.
 
         Raises:
@@ -280,7 +284,7 @@ class System(ABC):
         steps = asked.steps or known[name].steps
         return Sampling(sampler=name, steps=steps, guidance=strength)
 
-    def able(self, asked: Sampling) -> Sampling:
+    def supported_sampling(self, asked: Sampling) -> Sampling:
         """Return the options that this system supports; the others become its defaults."""
         has_it = any(sampler.name == asked.sampler for sampler in self.samplers)
         return replace(
@@ -290,7 +294,7 @@ class System(ABC):
         )
 
     @abstractmethod
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:
+    def window(self, speech: SpeechWindow, before: Window | None, draw: WindowSpec) -> Window:
         """Generate one window of motion for each sample.
 
         Args:

@@ -18,8 +18,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import ConditionStream, Follower, SpeechWindow, System, Window
-from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain, draw_of
+from model.generation.base import ConditionStream, MotionConstraint, SpeechWindow, System, Window
+from model.generation.windows import (
+    GenerateOptions,
+    PiecewiseMotion,
+    WindowChain,
+    first_window_spec,
+)
 from model.motion.motion import Motion
 
 KNOWN_AFTER = 12
@@ -57,9 +62,9 @@ class LiveMotion:
         """Generator of the condition; None for a system without one."""
         self.ahead: Any = None
         """Condition around the latest window."""
-        self._follower: Follower | None = None
+        self._follower: MotionConstraint | None = None
         if system.condition_type is not None:
-            self._stream = system.condition_stream(draw_of(system, options))
+            self._stream = system.condition_stream(first_window_spec(system, options))
             self._follower = system.follower(None)
         self._motion = PiecewiseMotion(system, follower=self._follower)
         self._speech: Float[Tensor, "kept dim"] = torch.zeros(0, system.encoder.dim)
@@ -69,21 +74,21 @@ class LiveMotion:
         """First frame that is not final."""
 
     @property
-    def heard(self) -> int:
+    def num_frames_in(self) -> int:
         """Number of frames of speech received so far."""
         return self._first + len(self._speech)
 
     @property
     def waiting(self) -> int:
         """Frames that could become final at once; with fewer than the pace's hop, none do."""
-        return self.heard - self._pace.heard_ahead - self.next_frame
+        return self.num_frames_in - self._pace.heard_ahead - self.next_frame
 
     @property
     def is_due(self) -> bool:
         """True if enough speech is there for the next window."""
         return self.waiting >= self._pace.hop
 
-    def hear(self, features: Float[Tensor, "_ dim"]) -> None:
+    def add_features(self, features: Float[Tensor, "_ dim"]) -> None:
         """Append the next frames of features of ``system.encoder``."""
         self._speech = torch.cat([self._speech, features])
 
@@ -99,7 +104,7 @@ class LiveMotion:
         self._forget_before(self.next_frame - 2 * (self._cut.frames + self._cut.context))
         return self._motion.go_on(final)
 
-    def lead(self, manner: Any) -> None:
+    def set_style(self, manner: Any) -> None:
         """Use conditions of another style from now on.
 
         Raises:
@@ -107,7 +112,7 @@ class LiveMotion:
         """
         if self._stream is None:
             raise ValueError("This system follows speech alone.")
-        self._stream.manner = manner
+        self._stream.style = manner
 
     def _window(self, hop: int) -> Window:
         """Generate the next window, and pass its condition to the follower."""
@@ -118,8 +123,8 @@ class LiveMotion:
             return self._chain.window(SpeechWindow(heard), hop)
         margin = 0 if self._follower is None else self._follower.margin
         final, ends = start + hop + margin, start + cut.frames + KNOWN_AFTER
-        ahead = self.ahead = self._stream.go_on(self._heard_from, first, final, ends)
-        heard, at = self._stream.heard(heard, ahead, first), start - ahead.origin
+        ahead = self.ahead = self._stream.advance(self._heard_from, first, final, ends)
+        heard, at = self._stream.conditioning(heard, ahead, first), start - ahead.origin
         if self._follower is not None:
             self._follower.go_on_with(ahead, at)
         window = SpeechWindow(heard)
@@ -128,7 +133,9 @@ class LiveMotion:
     def _heard_from(self, first: int, stop: int) -> Float[Tensor, "heard dim"]:
         """Return features of frames ``first`` to ``stop``, extrapolated at both ends."""
         wanted = torch.arange(first, stop)
-        mirrored = torch.where(wanted < self.heard, wanted, 2 * self.heard - 1 - wanted)
+        mirrored = torch.where(
+            wanted < self.num_frames_in, wanted, 2 * self.num_frames_in - 1 - wanted
+        )
         return self._speech[(mirrored - self._first).clamp(min=0)]
 
     def _forget_before(self, frame: int) -> None:

@@ -20,7 +20,7 @@ from model.generation.windows import (
     GenerateOptions,
     PiecewiseMotion,
     WindowChain,
-    draw_of,
+    first_window_spec,
     one_thread,
 )
 from model.motion.motion import Motion, concatenate
@@ -39,7 +39,7 @@ class KeptError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class KeptPerformance:
+class GenerationState:
     """Motion of one sample, with all that is needed to change a part of it."""
 
     motion: Motion
@@ -48,19 +48,19 @@ class KeptPerformance:
     """Frames that differ from those of the version before; all frames of a first version."""
     made: tuple[Window, ...]
     """Windows before they are joined."""
-    heard: Float[Tensor, "T heard_dim"]
+    conditioning: Float[Tensor, "T heard_dim"]
     followed: Mapping[str, Tensor]
     """State of the follower after the last frame, by name."""
 
 
-def perform(
+def regenerate(
     system: System,
     speech: Speech,
     options: GenerateOptions,
-    before: KeptPerformance | None = None,
+    before: GenerationState | None = None,
     should_cancel: Callable[[], bool] | None = None,
     on_piece: OnPiece = lambda motion: None,
-) -> KeptPerformance:
+) -> GenerationState:
     """Generate the motion of one sample and one condition as `generate_motion` does, and store it.
 
     Args:
@@ -75,12 +75,12 @@ def perform(
         raise ValueError("One sample with a condition is performed again; give one of each.")
     if system.root_motion != "place":
         raise ValueError(f"{system.name} tells how the body travels, not where it is.")
-    cut, draw = system.windowing, draw_of(system, options)
+    cut, draw = system.windowing, first_window_spec(system, options)
     kept = None if before is None else before.followed
     follower = system.follower(options.conditions[0], kept)
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     with one_thread():
-        heard = system.hear(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
+        heard = system.conditioning(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
         chain = WindowChain(system, options)
         made: list[Window] = []
         fresh: list[range] = []
@@ -91,7 +91,9 @@ def perform(
             where = k * cut.advance, cut.frames, cut.context
             window = SpeechWindow.of(heard, *where)
             old = None if before is None else before.made[k]
-            is_same = before is not None and _same(window, SpeechWindow.of(before.heard, *where))
+            is_same = before is not None and _same(
+                window, SpeechWindow.of(before.conditioning, *where)
+            )
             if old is not None and is_same and not leads_here:
                 made.append(old)
             else:
@@ -116,9 +118,9 @@ def perform(
                 left -= length
                 on_piece(pieces[-1])
     motion = concatenate(pieces)
-    followed = {} if follower is None else follower.kept()
+    followed = {} if follower is None else follower.state()
     (condition,) = options.conditions
-    return KeptPerformance(motion, condition, tuple(_runs(fresh)), tuple(made), heard, followed)
+    return GenerationState(motion, condition, tuple(_runs(fresh)), tuple(made), heard, followed)
 
 
 def _same(one: SpeechWindow, other: SpeechWindow) -> bool:
@@ -159,17 +161,17 @@ ENDING = ".windows"
 _HEARD, _FOLLOWED = "heard", "followed."
 
 
-def save_performance(performance: KeptPerformance, path: Path) -> None:
+def save_performance(performance: GenerationState, path: Path) -> None:
     """Write the windows and their input features, bit-exact; the rest has separate files."""
     fields = [window.fields_of(slice(None)) for window in performance.made]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:
         followed = {_FOLLOWED + name: told for name, told in performance.followed.items()}
-        heard = performance.heard.contiguous()
+        heard = performance.conditioning.contiguous()
         part.write_bytes(save({_HEARD: heard, **followed, **tensors}))
 
 
-def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> KeptPerformance:
+def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> GenerationState:
     """Load a system's motion under a condition, as written by `save_performance`.
 
     Raises:
@@ -180,7 +182,7 @@ def load_performance(path: Path, system: System, condition: Any, motion: Motion)
         names = [name for name in tensors if name.startswith(_FOLLOWED)]
         followed = {name.removeprefix(_FOLLOWED): tensors.pop(name) for name in names}
         heard = tensors.pop(_HEARD)
-        return KeptPerformance(motion, condition, (), _windows(system, tensors), heard, followed)
+        return GenerationState(motion, condition, (), _windows(system, tensors), heard, followed)
     except (OSError, SafetensorError, KeyError, TypeError) as error:
         raise KeptError("This version has expired. Generate the motion again.") from error
 

@@ -14,7 +14,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw, Follower, SpeechWindow, System, Window, num_windows
+from model.generation.base import (
+    MotionConstraint,
+    SpeechWindow,
+    System,
+    Window,
+    WindowSpec,
+    num_windows,
+)
 from model.motion.kinematics import local_from_global
 from model.motion.motion import ExpressionBasis, Motion, concatenate
 from model.motion.packing import root_positions
@@ -149,7 +156,7 @@ def draw_conditions(system: System, speech: Speech, options: GenerateOptions) ->
 
 
 def _drawn(system: System, speech: Speech, options: GenerateOptions) -> Iterator[Any]:
-    draw = draw_of(system, options)
+    draw = first_window_spec(system, options)
     for sample in range(options.samples):
         one = replace(draw, first_sample=draw.first_sample + sample)
         yield system.condition(speech.waveform, speech.num_frames, one)
@@ -164,7 +171,7 @@ def _made(
     cut = system.windowing
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     num_frames = cut.frames + (count - 1) * cut.advance
-    features = system.hear(speech.waveform, num_frames, draw_of(system, options))
+    features = system.conditioning(speech.waveform, num_frames, first_window_spec(system, options))
     follower = system.follower(options.conditions[0]) if options.conditions else None
     told, chain = PiecewiseMotion(system, follower=follower), WindowChain(system, options)
     left = speech.num_frames
@@ -183,7 +190,7 @@ class WindowChain:
 
     def __init__(self, system: System, options: GenerateOptions) -> None:
         self._system = system
-        self._draw = draw_of(system, options)
+        self._draw = first_window_spec(system, options)
         self._made: Window | None = None
         self._end: Window | None = None
 
@@ -234,7 +241,7 @@ class PiecewiseMotion:
         self,
         system: System,
         origin: Float[Tensor, "B 1 3"] | None = None,
-        follower: Follower | None = None,
+        follower: MotionConstraint | None = None,
     ) -> None:
         self._system = system
         self._follower = follower
@@ -261,10 +268,10 @@ class PiecewiseMotion:
             _motion(*one, self._system.expression_basis)
             for one in zip(poses, positions, piece.expression, strict=True)
         ]
-        return motions if self._follower is None else [self._follower.follow(*motions)]
+        return motions if self._follower is None else [self._follower.apply(*motions)]
 
 
-def draw_of(system: System, options: GenerateOptions) -> Draw:
+def first_window_spec(system: System, options: GenerateOptions) -> WindowSpec:
     """Return the inputs of the first window.
 
     Raises:
@@ -272,12 +279,12 @@ def draw_of(system: System, options: GenerateOptions) -> Draw:
     """
     if options.conditions and system.condition_type is None:
         raise ValueError(f"{system.name} follows speech alone; leave what else it is given out.")
-    return Draw(
+    return WindowSpec(
         speaker=system.speaker_index(options.speaker),
         seed=options.seed,
         samples=options.samples,
         index=0,
-        **vars(system.settled(options)),
+        **vars(system.resolve_sampling(options)),
         first_sample=options.first_sample,
         condition=options.conditions[0] if options.conditions else None,
         words=options.words,

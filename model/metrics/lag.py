@@ -70,7 +70,7 @@ _NO = float("nan")
 UNKNOWN = Lag(_NO, _NO, _NO, _NO, _NO, "unknown", _NO)
 
 
-def heard_of(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"]:
+def speech_bands_by_frame(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"]:
     """Compute log-mel powers around the middle of each motion frame from 16 kHz speech."""
     hop = SAMPLE_RATE / FPS
     count = len(waveform) * FPS // SAMPLE_RATE

@@ -34,7 +34,7 @@ Grid = Mapping[tuple[str, int], Motion]
 
 
 @dataclass(frozen=True)
-class Decided:
+class CorrelationShares:
     """Mean correlations of one track over pairs of motions."""
 
     same_speech: float
@@ -118,7 +118,7 @@ def arm_rotations_same_noise(motions: Grid) -> float:
     return float(np.mean(alike))
 
 
-def decided(motions: Grid) -> dict[str, Decided]:
+def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
     """Compute for each body part how far speech and noise determine the motion.
 
     Raises:
@@ -146,14 +146,16 @@ def decided(motions: Grid) -> dict[str, Decided]:
     return found
 
 
-def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> Decided:
+def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> CorrelationShares:
     alike: dict[tuple[bool, bool], list[float]] = {}
     for ((speech, seed), one), ((speech_, seed_), other) in combinations(tracks, 2):
         alike.setdefault((speech == speech_, seed == seed_), []).append(likeness(one, other))
     same_speech, same_noise = alike[True, False], alike[False, True]
     low, high = _difference_limits(same_speech, same_noise)
     neither = float(np.mean(alike[False, False]))
-    return Decided(float(np.mean(same_speech)), float(np.mean(same_noise)), neither, low, high)
+    return CorrelationShares(
+        float(np.mean(same_speech)), float(np.mean(same_noise)), neither, low, high
+    )
 
 
 def _difference_limits(ones: Sequence[float], others: Sequence[float]) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from model.motion.packing import Normaliser, to_vectors
 from model.networks.config import AutoencoderConfig
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 
 CPU = torch.device("cpu")
 Codes = tuple[Float[Tensor, "B _ dim"], Float[Tensor, "B _ dim"]]
@@ -161,7 +161,7 @@ class FrozenEncoder:
 
 def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenEncoder:
     """Load ``motion-vae`` or the encoder of a Fréchet distance."""
-    trained = Trained.read(folder, name)
+    trained = TrainedWeights.read(folder, name)
     shape = trained.card.config(AutoencoderConfig, "autoencoder")
     network = trained.as_of(MotionAutoencoder(shape)).to(device)
     return FrozenEncoder(network, trained.normaliser.to(device), trained.sha256)

@@ -158,9 +158,9 @@ class AddedTokens(nn.Module):
         nn.init.zeros_(self.out.bias)
 
     def forward(
-        self, told: Float[Tensor, "B heard dim"], is_told: Bool[Tensor, " B"]
+        self, inputs: Float[Tensor, "B heard dim"], is_told: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T width"]:
-        return self.out(self.frames(told)) * is_told[:, None, None]
+        return self.out(self.frames(inputs)) * is_told[:, None, None]
 
 
 class TimeAndSpeaker(nn.Module):
@@ -218,7 +218,7 @@ class MotionBranch(nn.Module):
         x, seed_tokens, condition = self.enter(*told)
         for block in self.blocks:
             x = block(x, seed_tokens, condition)
-        return self.leave(x)
+        return self.project(x)
 
     def enter(
         self,
@@ -236,7 +236,7 @@ class MotionBranch(nn.Module):
         seed_tokens = seed_tokens + self.positions[: seed.shape[1]]
         return x, seed_tokens, condition + self.seed_to_condition(seed_tokens.mean(1))
 
-    def leave(self, x: Float[Tensor, "B T width"]) -> Float[Tensor, "B T channels"]:
+    def project(self, x: Float[Tensor, "B T width"]) -> Float[Tensor, "B T channels"]:
         """Project the last block's frames to the region's channels."""
         return self.out(self.norm_out(x))
 
@@ -251,14 +251,16 @@ class ConditionedNetwork(nn.Module):
         self.speech = SpeechTokens(config.speech_dim, width, config.speech_context)
         self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
 
-    def hear(
+    def speech_tokens(
         self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T width"]:
         """Compute speech tokens, or those of absent speech where ``has_speech`` is false."""
         return self.speech(torch.where(has_speech[:, None, None], speech, self.no_speech))
 
 
-def shown(told: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]) -> Float[Tensor, "B T E"]:
+def mask_expression(
+    told: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]
+) -> Float[Tensor, "B T E"]:
     """Return the face that conditions the body; zero without speech, which it would reveal."""
     return torch.where(has_speech[:, None, None], told, torch.zeros_like(told))
 
@@ -297,18 +299,18 @@ class PriorNetwork(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
         expression: Float[Tensor, "B T expression_dim"] | None = None,
-        beside: Float[Tensor, "B T width"] | None = None,
+        extra_tokens: Float[Tensor, "B T width"] | None = None,
     ) -> Float[Tensor, "B T C"]:
         """Predict the clean components x_1, with the inputs of `globaldiff.system.MotionNetwork`.
 
-        ``beside``: tokens of further frame-wise conditions, which are added to the speech's.
+        ``extra_tokens``: tokens of further frame-wise conditions, which are added to the speech's.
         """
-        tokens = self.hear(speech, has_speech)
-        if beside is not None:
-            tokens = tokens + beside
+        tokens = self.speech_tokens(speech, has_speech)
+        if extra_tokens is not None:
+            tokens = tokens + extra_tokens
         known = self.prior.posterior(x_t, t, seed, has_seed)
         body = known
         if expression is not None:
-            body = torch.cat([known, shown(expression, has_speech)], dim=-1)
+            body = torch.cat([known, mask_expression(expression, has_speech)], dim=-1)
         unit = self.branch(x_t, body, tokens, seed, has_seed, self.condition(t, speaker))
         return known + self.prior.scale_by_posterior(unit.to(known.dtype), t, has_seed)

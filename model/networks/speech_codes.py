@@ -17,7 +17,7 @@ from torch import Tensor, nn
 
 from conventions.rates import FPS
 from model.motion.packing import Normaliser
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 from model.speech.audio import Speech
 from model.speech.encoder import PHONES, SPEECH_ENCODER, SPEECH_LABELS, CodesConfig
 from model.speech.features import MelEncoder
@@ -32,7 +32,7 @@ class SpeechReading:
 
     phone: Float[Tensor, "B T phones"]
     """Logits of the phones; the first is no phone."""
-    told: Float[Tensor, "B T told"]
+    label_logits: Float[Tensor, "B T told"]
     """Predictions of `SPEECH_LABELS`: logits, but for strength and speed."""
 
 
@@ -76,7 +76,7 @@ class SpeechCodes:
     sha256: str
 
     @torch.inference_mode()
-    def of(self, features: Float[Tensor, "*B T speech_dim"]) -> Float[Tensor, "*B T codes"]:
+    def encode(self, features: Float[Tensor, "*B T speech_dim"]) -> Float[Tensor, "*B T codes"]:
         """Compute the codes of `MelEncoder`'s features."""
         batch = features.view(-1, *features.shape[-2:])
         codes = self.network.codes(self.normaliser.normalise(batch)).float()
@@ -85,7 +85,7 @@ class SpeechCodes:
 
 def load_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:
     """Load the speech encoder."""
-    trained = Trained.read(folder, SPEECH_ENCODER)
+    trained = TrainedWeights.read(folder, SPEECH_ENCODER)
     network = trained.as_of(CodesNetwork(trained.card.config(CodesConfig, "codes")))
     return SpeechCodes(network.to(device), trained.normaliser.to(device), trained.sha256)
 
@@ -110,7 +110,7 @@ def heard_accents(speech: Speech, folder: Path) -> tuple[Accent, ...]:
 @torch.inference_mode()
 def _accents(codes: SpeechCodes, speech: Speech) -> tuple[Accent, ...]:
     features = torch.from_numpy(MelEncoder().encode(speech.waveform, speech.num_frames))
-    told = codes.network(codes.normaliser.normalise(features[None])).told[0]
+    told = codes.network(codes.normaliser.normalise(features[None])).label_logits[0]
     likely = torch.sigmoid(told[:, SPEECH_LABELS.index("accent")]).numpy()
     strength = told[:, SPEECH_LABELS.index("strength")].numpy()
     peaks, _ = find_peaks(likely, height=SURE, distance=LEAST_APART)

@@ -15,7 +15,7 @@ Network = TypeVar("Network", bound=nn.Module)
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainedWeights:
     """Saved result of a training under one name."""
 
     name: str
@@ -23,13 +23,13 @@ class Trained:
     card: Card
 
     @staticmethod
-    def read(folder: Path, name: str) -> "Trained":
+    def read(folder: Path, name: str) -> "TrainedWeights":
         """Read the weights of that name.
 
         Raises:
             CheckpointError: if files are missing or damaged.
         """
-        return Trained(name, *load_weights(folder, name))
+        return TrainedWeights(name, *load_weights(folder, name))
 
     @property
     def sha256(self) -> str:

@@ -106,7 +106,7 @@ def register(family: Family) -> None:
     _FAMILIES.append(family)
 
 
-def left_out() -> tuple[str, ...]:
+def unavailable_families() -> tuple[str, ...]:
     """Return a sentence on each installed family of another package that is not available."""
     return _LEFT_OUT
 
@@ -124,7 +124,7 @@ def family_of(name: str) -> Family:
     raise UnknownNameError(f"There is no system {name!r}; choose one of {valid}.")
 
 
-def usual_systems(use: Use) -> tuple[str, ...]:
+def default_systems_for(use: Use) -> tuple[str, ...]:
     """Return the default systems for a use, in the order of families, with or without weights."""
     return tuple(name for family in _FAMILIES for name in family.usual.get(use, ()))
 
@@ -134,7 +134,7 @@ def planning_systems() -> tuple[str, ...]:
     return tuple(name for family in _FAMILIES for name in family.plans)
 
 
-def usual_planner() -> str:
+def default_planner() -> str:
     """Return the system that provides plans by default."""
     return planning_systems()[0]
 

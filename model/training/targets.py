@@ -33,7 +33,7 @@ from model.motion.spaces import (
     RotationSpace,
 )
 from model.networks.config import BranchConfig
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 from model.sampling.prior import GaussianPrior, fit_components, fit_prior
 from model.speech.features import augment_mel, in_other_throats
 from model.training.config import TrainConfig
@@ -187,7 +187,7 @@ def fit_normaliser(
 
 
 def fit_motion_prior(
-    data: PreparedData, targets: Targets, shape: BranchConfig, given: Trained | None
+    data: PreparedData, targets: Targets, shape: BranchConfig, given: TrainedWeights | None
 ) -> tuple[Normaliser, GaussianPrior]:
     """Fit components of motion and their Gaussian prior, or return those of ``given`` weights."""
     if given is not None:
@@ -198,7 +198,7 @@ def fit_motion_prior(
 
 
 def fit_face_prior(
-    data: PreparedData, shape: BranchConfig, given: Trained | None = None
+    data: PreparedData, shape: BranchConfig, given: TrainedWeights | None = None
 ) -> tuple[Normaliser, GaussianPrior]:
     """Fit components of the blendshapes and their prior, as `fit_motion_prior` does for motion."""
     if given is not None:

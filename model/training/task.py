@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from model.data.prepared import Batch, PreparedData
 from model.data.recordings import DataError
 from model.motion.packing import Normaliser
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import load_into
 from model.training import losses
@@ -43,7 +43,7 @@ class TaskSetup:
 
     def begin(
         self, config: TrainConfig, data: PreparedData, num_speakers: int | None = None
-    ) -> Trained | None:
+    ) -> TrainedWeights | None:
         """Seed torch, and read the initial weights; None without any.
 
         They include the statistics of their input, since others would change their meaning.
@@ -69,7 +69,7 @@ class TaskSetup:
         torch.manual_seed(config.random_seed)
         if self.start is None:
             return None
-        given = Trained.read(self.start, config.system)
+        given = TrainedWeights.read(self.start, config.system)
         if "normaliser.mean" not in given.tensors:
             raise CheckpointError(f"The weights of {given.name} have no statistics.")
         return given
@@ -151,7 +151,7 @@ class DescentTask(ABC):
         self,
         setup: TaskSetup,
         config: TrainConfig,
-        given: Trained | None,
+        given: TrainedWeights | None,
         network: nn.Module,
         normaliser: Normaliser,
         window_frames: int,

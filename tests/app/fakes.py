@@ -33,7 +33,7 @@ from app.run.run_writer import RunWriter, open_run_writer
 from app.run.timeline import WordSearch, make_timeline
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, file_stem
-from model.diagnostics import Versions
+from model.diagnostics import RawAndFiltered
 from model.motion.motion import Motion, first_frames, load_motion
 from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
@@ -130,7 +130,7 @@ def made_motion(num_frames: int, tremble: float = 0.02) -> Motion:
     return Motion(poses, zeros[:, :3], zeros[:, 3:], "flame100", np.zeros(300, np.float32))
 
 
-def measures(jerk: float) -> Versions:
+def measures(jerk: float) -> RawAndFiltered:
     """Measures of one system, as far as the page is shown them."""
     raw = {
         "tip_jerk_m_s3": jerk,
@@ -139,7 +139,9 @@ def measures(jerk: float) -> Versions:
         "seam_jerk_ratio": 1.1,
         "foot_slide_m_s": 0.01,
     }
-    return Versions(measured(**raw), measured(**{key: value / 3 for key, value in raw.items()}))
+    return RawAndFiltered(
+        measured(**raw), measured(**{key: value / 3 for key, value in raw.items()})
+    )
 
 
 def tell_windows(

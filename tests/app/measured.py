@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from model.diagnostics import OWN_WINDOWS, Diagnostics, Versions, diagnose
+from model.diagnostics import OWN_WINDOWS, Diagnostics, RawAndFiltered, diagnose
 from model.metrics.results import Measures
 from model.motion.kinematics import open_body_skeleton
 from tests.helpers import smooth_motion_example
@@ -23,12 +23,14 @@ def measured(**numbers: Any) -> Measures:
     return replace(BLANK, **groups)
 
 
-def both(**numbers: Any) -> Versions:
+def both(**numbers: Any) -> RawAndFiltered:
     """The same raw and filtered."""
-    return Versions(measured(**numbers), measured(**numbers))
+    return RawAndFiltered(measured(**numbers), measured(**numbers))
 
 
-def diagnostics_of(reference: Versions | None = None, **systems: Versions) -> Diagnostics:
+def diagnostics_of(
+    reference: RawAndFiltered | None = None, **systems: RawAndFiltered
+) -> Diagnostics:
     return Diagnostics(
         point="right_middle",
         tip_source="rigid",

@@ -21,7 +21,7 @@ from model.evaluation.classifiers import (
     UNKNOWN_SPEAKERS,
     wrist_speeds,
 )
-from model.evaluation.clips import Cast, ClipRow, as_table
+from model.evaluation.clips import ClipRow, EvaluationModels, as_table
 from model.evaluation.frechet import ENCODERS
 from model.evaluation.tables import (
     as_csv,
@@ -33,7 +33,7 @@ from model.motion.motion import first_frames, load_motion, save_motion
 from model.motion.packing import Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
 from model.storage.checkpoint import save_weights
-from model.systems.helpers.config import AUTOENCODERS, HEARING_JUDGE
+from model.systems.helpers.config import AUTOENCODERS, MATCHING_NETWORK
 from model.systems.registry import load_system
 from processes.pool import JobPool
 from tests.model.made import make_data_folder
@@ -47,7 +47,7 @@ CLIPS, NAME = ["1_ann_0_0_0", "2_bob_0_1_1"], "globaldiff/local"
 
 def table_of(data, *systems, clips=CLIPS, seeds=1, judges=MappingProxyType({}), matching=None,
              **options) -> dict:  # fmt: skip
-    cast = partial(Cast, systems, judges, matching)
+    cast = partial(EvaluationModels, systems, judges, matching)
     with tempfile.TemporaryDirectory() as folder:
         return evaluate(cast, data, clips, seeds, **{"kept": Path(folder), **options})
 
@@ -138,7 +138,7 @@ def test_the_command_writes_rows_with_intervals_in_four_ways(
         "FGD is left out: its encoder fgd-encoder is not among the weights.",
     ):
         assert f"\n{sentence}\n" in text
-    assert f"Matched-speech accuracy is omitted: the classifier {HEARING_JUDGE} is not" in text
+    assert f"Matched-speech accuracy is omitted: the classifier {MATCHING_NETWORK} is not" in text
     assert "FED is left out" not in text and "| FED | - |" in text
     assert "wrist speed, calm / lively speaker" in text
     with (tmp_path / "evaluation.csv").open() as file:

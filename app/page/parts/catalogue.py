@@ -13,13 +13,13 @@ from conventions.joints import JOINT_NAMES, TIP_VERTICES
 from conventions.names import short_names
 from model.storage.cards import Card
 from model.systems.registry import (
+    default_systems_for,
     families,
     family_of,
     list_speakers,
     list_systems,
     planning_systems,
     read_card,
-    usual_systems,
 )
 
 MAX_DEFAULT_SYSTEMS = 3
@@ -120,7 +120,7 @@ def _trained_on(cards: list[Card]) -> str:
 
 def default_systems(systems: Sequence[str]) -> list[str]:
     """Return the systems that are ticked by default, at most three, the usual ones first."""
-    usual = [name for name in usual_systems("run") if name in systems]
+    usual = [name for name in default_systems_for("run") if name in systems]
     chosen = [*dict.fromkeys((*usual, *systems))][:MAX_DEFAULT_SYSTEMS]
     return [name for name in systems if name in chosen]
 

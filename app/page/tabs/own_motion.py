@@ -226,7 +226,7 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRe
     if any(map(is_packed, [*files, *filter(None, [speech])])):
         raise RunError(NO_SETS)
     told["shown"] = chosen if len(motions) > limit else ()
-    told["told"] = told["told"].known(files, *names)
+    told["told"] = told["told"].restricted_to(files, *names)
     return page_request(DiagnoseRequest, {**SHOWN, **told}, config, job)
 
 
@@ -356,7 +356,7 @@ class ClipRunner(RunRunner):
         names, overrides = asked.motions.names, sets.request.imports.import_overrides
         return replace_fields(
             asked,
-            import_overrides=overrides.known(asked.motions.motions, *names),
+            import_overrides=overrides.restricted_to(asked.motions.motions, *names),
             channel=sets.request.speech.channel,
             title=f"{clip} of {', '.join(names)}",
         )

@@ -31,7 +31,7 @@ from app.study.design.plan import Plan, read_plan, wording
 from app.study.design.trials import make_design, size_of
 from app.study.make.workspace import EXPORT_STUDY, ExportRequest
 from conventions.views import VIEWS
-from model.systems.registry import usual_planner
+from model.systems.registry import default_planner
 
 INTRODUCTION = (
     "Creates a blind user study: a web page for your participants, with videos under random "
@@ -70,7 +70,7 @@ def build_study_tab(services: Services) -> Fields:
 
     for button in ready:
         asked, changes = QUESTIONS[button.value]
-        filled = json.dumps([asked, [usual_planner()], changes])
+        filled = json.dumps([asked, [default_planner()], changes])
         # In the browser, so that a click on "Make the study" right after it uses these values.
         button.click(
             None,
@@ -91,7 +91,7 @@ def build_study_tab(services: Services) -> Fields:
 
 def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
     """Lay out buttons that fill in example studies on the gestures of the system with plans."""
-    if usual_planner() not in catalogue.systems:
+    if default_planner() not in catalogue.systems:
         return []
     gr.HTML('<p class="hint">Ready to be made, with the examples unless you upload speech:</p>')
     with gr.Row(elem_id="study-ready"):
@@ -100,7 +100,7 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
 
 def _build_materials(services: Services) -> dict[str, Any]:
     """Lay out the fields of what is compared."""
-    catalogue, planner = services.catalogue, usual_planner()
+    catalogue, planner = services.catalogue, default_planner()
     of: dict[str, Any] = {}
     of["title"] = gr.Textbox("How people move when they talk", label="Title (participants see it)")
     of["protocol"] = gr.Radio([*PROTOCOLS.items()], value="pairwise", label="Protocol")
@@ -290,7 +290,7 @@ def plan_text(told: Mapping[str, Any]) -> str:
     for system in told["systems"]:
         lines += ["", "[[systems]]", f"name = {_text(system)}"]
     for name in changed:
-        planner = usual_planner()
+        planner = default_planner()
         lines += ["", "[[systems]]", f"name = {_text(f'{planner} {name}')}"]
         lines += [f"system = {_text(planner)}", f"style = {CHANGES[name]}"]
     for system, motions in others.items():

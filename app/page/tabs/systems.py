@@ -32,7 +32,7 @@ from app.run.requests.requests import (
 from app.run.tasks import COMPARE_ROTATION_NOISE, MEASURE_SPEECH_EFFECT, MEASURE_STEPS, Task
 from model.generation.family import Beside, ExplainedSystem, Ladder, Use
 from model.storage.cards import CALM_AND_LIVELY
-from model.systems.registry import families, family_of, usual_systems
+from model.systems.registry import default_systems_for, families, family_of
 
 NOT_HERE = "weights not installed"
 _DELIMITERS = {"left": "$$", "right": "$$", "display": True}
@@ -134,7 +134,7 @@ class FigureRunner(TabRunner):
 
     def systems(self, catalogue: Catalogue, use: Use) -> gr.CheckboxGroup:
         """Make a field of systems, in which those usual for a use are ticked."""
-        ticked = [name for name in usual_systems(use) if name in catalogue.systems]
+        ticked = [name for name in default_systems_for(use) if name in catalogue.systems]
         choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
         chips = gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
         about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)

@@ -51,11 +51,11 @@ from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import SetResults
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import raw_evidence
-from model.faults.table import find_faults, without
+from model.faults.table import drop_missing_parts, find_faults
 from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, read_any_motion
-from model.formats.reading import LACKS, MOTIONS, REFERENCE, Reading
-from model.metrics.lag import heard_of
+from model.formats.reading import LACKS, MOTIONS, REFERENCE, ImportedMotion
+from model.metrics.lag import speech_bands_by_frame
 from model.metrics.protocols.clip import ProtocolInputs, Sums
 from model.metrics.protocols.table import PROTOCOLS, protocol_of, without_parts
 from model.metrics.results import BeatSpeeds
@@ -383,7 +383,7 @@ class _Clip:
         }
         shortest = min(each.motion.num_frames for each in of_all.values())
         heard = self._heard(shortest)
-        apart = parts_apart({which: each.lacks for which, each in of_all.items()})
+        apart = parts_apart({which: each.missing_parts for which, each in of_all.items()})
         reference = None
         systems: dict[str, Any] = {}
         motions: dict[str, list[Motion]] = {}
@@ -393,10 +393,10 @@ class _Clip:
                 motion = first_frames(reading.motion, shortest)
                 motions.setdefault(name, []).append(motion)
                 evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
-                faults = without(find_faults(evidence), reading.lacks)
+                faults = drop_missing_parts(find_faults(evidence), reading.missing_parts)
                 told.append({
                     "numbers": numbers_of(
-                        evidence.raw, reading.lacks, apart[f"{name} {sample}"]
+                        evidence.raw, reading.missing_parts, apart[f"{name} {sample}"]
                     ),
                     "findings": [fault.kind for fault in faults],
                     "sha256": file_sha256(self.files[name][sample]),
@@ -416,7 +416,7 @@ class _Clip:
 
     def _sums(
         self,
-        readings: Mapping[str, Mapping[str, Reading]],
+        readings: Mapping[str, Mapping[str, ImportedMotion]],
         motions: Mapping[str, Sequence[Motion]],
         inputs: ProtocolInputs,
     ) -> dict[tuple[str, str], dict[str, Sums]]:
@@ -430,8 +430,8 @@ class _Clip:
             for variation in (PLAIN, *varied):
                 sums[name, variation] = mean_sums([
                     without_parts(
-                        sums_of(motion, recorded, inputs, variation, with_own), reading.lacks
-                    )
+                        sums_of(motion, recorded, inputs, variation, with_own),
+                    reading.missing_parts )
                     for motion, reading in zip(samples, readings[name].values(), strict=True)
                 ])  # fmt: skip
         return sums
@@ -445,17 +445,17 @@ class _Clip:
         inputs = protocol_inputs(replace(self.request, metrics=metrics), speech, num_frames)
         if speech is None:
             return {"inputs": inputs}
-        heard = heard_of(speech.waveform)
+        heard = speech_bands_by_frame(speech.waveform)
         return {"onsets_s": onsets_of(speech), "heard": heard, "inputs": inputs}
 
-    def _readings(self, name: str, unread: list[str]) -> dict[str, Reading]:
+    def _readings(self, name: str, unread: list[str]) -> dict[str, ImportedMotion]:
         """Read the samples of a set, and append the reasons of unreadable ones to ``unread``.
 
         Raises:
             MotionError: if none is readable.
         """
         kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
-        found: dict[str, Reading] = {}
+        found: dict[str, ImportedMotion] = {}
         why: MotionError | None = None
         for sample, path in self.files[name].items():
             try:
@@ -502,12 +502,12 @@ def _origin_of(
     }
 
 
-def assumed_in(reading: Reading) -> dict[str, Any]:
+def assumed_in(reading: ImportedMotion) -> dict[str, Any]:
     """Return the assumptions on a file that differ from our format, and what it lacks."""
-    told = [each for each in reading.assumptions if not each.is_usual]
+    told = [each for each in reading.assumptions if not each.is_default]
     return {
         "said": [[each.kind, each.value, each.why] for each in told],
-        "lacks": sorted(reading.lacks),
+        "lacks": sorted(reading.missing_parts),
     }
 
 

@@ -29,7 +29,13 @@ from model.evaluation.classifiers import manner_of, wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
-from model.metrics.speech_effect import Decided, Grid, arm_rotations_same_noise, arm_speed, decided
+from model.metrics.speech_effect import (
+    CorrelationShares,
+    Grid,
+    arm_rotations_same_noise,
+    arm_speed,
+    speech_and_noise_shares,
+)
 from model.motion.motion import Motion, load_motion, save_motion
 from model.speech.audio import Speech
 from processes.job import Job
@@ -192,11 +198,11 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
 def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:
     """Return the content of ``hearing.json`` for one system."""
 
-    def shares(found: Decided) -> dict[str, float]:
+    def shares(found: CorrelationShares) -> dict[str, float]:
         return {column: getattr(found, column) for column in _COLUMNS}
 
     try:
-        parts = {part: shares(found) for part, found in decided(made.grid).items()}
+        parts = {part: shares(found) for part, found in speech_and_noise_shares(made.grid).items()}
         told = {
             "guidance": made.guidance,
             "arm_rotations_same_noise": arm_rotations_same_noise(made.grid),

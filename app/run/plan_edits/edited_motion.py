@@ -35,9 +35,9 @@ from conventions.rates import FPS
 from model.generation.base import System
 from model.generation.regenerate import (
     ENDING,
-    KeptPerformance,
+    GenerationState,
     load_performance,
-    perform,
+    regenerate,
     save_performance,
 )
 from model.generation.windows import GenerateOptions
@@ -126,7 +126,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
                 run.append_motion(name, motion, speech.num_frames, like=beside)
 
         options = replace(options, conditions=(written,))
-        made = perform(system, speech, options, before, callbacks.should_cancel, on_piece)
+        made = regenerate(system, speech, options, before, callbacks.should_cancel, on_piece)
         take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
         row.files["windows"] = viewer_file_name(name, ENDING)
         save_performance(made, request.run / row.files["windows"])
@@ -147,14 +147,14 @@ def _ready(
     plan: GesturePlan,
     words: Sequence[Word],
     callbacks: RunCallbacks,
-) -> KeptPerformance:
+) -> GenerationState:
     """Return the motion that a take starts from, generated again if its windows are missing."""
     windows = file_of(folder, row.files.get("windows"))
     if windows is not None:
         motion = load_motion(_there(folder, read_run(folder), row.name))
         return load_performance(windows, system, plan, motion)
     performed = replace(options, conditions=(plan,))
-    made = perform(system, speech, performed, None, callbacks.should_cancel)
+    made = regenerate(system, speech, performed, None, callbacks.should_cancel)
     row.files["windows"] = viewer_file_name(row.name, ENDING)
     save_performance(made, folder / row.files["windows"])
     _tell(folder, row, plan, words)

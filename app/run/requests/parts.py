@@ -27,7 +27,7 @@ from app.flags import (
 from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import BODY_LOOKS, CLOSE_UPS, FRAMINGS, VIEWS, CloseUp, Framing, View
-from model.formats.reading import Assumptions, read_told
+from model.formats.reading import ImportOverrides, parse_import_overrides
 from model.storage.npz import MotionError
 from renderer.figures.style import FORMS
 
@@ -119,10 +119,10 @@ def parse_frames(value: str) -> tuple[int, ...]:
     return tuple(sorted({int(name) for name in names}))
 
 
-def parse_overrides(value: str) -> Assumptions:
+def parse_overrides(value: str) -> ImportOverrides:
     """Parse ``up=z,NAME:rate=25``; raises RunError for unknown properties and values."""
     try:
-        return read_told(value)
+        return parse_import_overrides(value)
     except MotionError as error:
         raise RunError(str(error)) from error
 
@@ -162,8 +162,8 @@ def check_steps(steps: Steps) -> None:
             raise RunError(f"{which} must be 1 to {MAX_STEPS}; got {count}.")
 
 
-ImportOverrides = Annotated[
-    Assumptions,
+OverridesFlag = Annotated[
+    ImportOverrides,
     text_type(parse_overrides, "WHAT=VALUE,...", show=lambda overrides: "nothing"),
     arg(
         name="assume",
@@ -306,7 +306,7 @@ class ImportOptions:
 
     reference: File = None
     """Recorded motion to compare with."""
-    import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
 
 
 @dataclass(frozen=True, kw_only=True)

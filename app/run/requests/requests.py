@@ -20,12 +20,12 @@ from app.run.requests.parts import (
     GuidanceScale,
     Height,
     ImportOptions,
-    ImportOverrides,
     LiveRecording,
     MeasurementOutput,
     MetricOptions,
     MotionInput,
     OutputOptions,
+    OverridesFlag,
     PlanOptions,
     PlanSource,
     SamplingOptions,
@@ -36,9 +36,9 @@ from app.run.requests.parts import (
 )
 from conventions.names import file_stem
 from conventions.views import CLOSE_UPS
-from model.formats.reading import Assumptions
+from model.formats.reading import ImportOverrides
 from model.storage.cards import two_speakers
-from model.systems.registry import list_systems, usual_systems
+from model.systems.registry import default_systems_for, list_systems
 from renderer.figures.style import MAX_SYSTEMS
 
 Joint = Annotated[
@@ -122,7 +122,7 @@ class PlanRequest:
     style: File = None
     """Style file (.toml): gesture rate, size, height and speed, applied to the plan
     (docs/plans.md)."""
-    import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     is_empty: Annotated[bool, arg(name="empty")] = False
     """Write an empty plan with its tiers, to be annotated by hand."""
 
@@ -187,7 +187,7 @@ class RenderRequest:
     """
     speech: File = None
     """Sound of the video."""
-    import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    import_overrides: ImportOverrides = field(default_factory=ImportOverrides)
     flame_to_arkit: File = None
     """BEAT2's mat_final.npy, by which FLAME coefficients of the face become ARKit weights, which
     the open body and characters have."""
@@ -258,7 +258,7 @@ class SpeechEffectRequest:
     output: ExperimentOutput
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
-    systems: Names = field(default_factory=lambda: usual_systems("hearing"))
+    systems: Names = field(default_factory=lambda: default_systems_for("hearing"))
     """Names of systems."""
     speaker: Text = None
     """Speaker style of the motion."""
@@ -321,7 +321,7 @@ class RotationNoiseRequest:
     """Sound of the video."""
     seed: int = 0
     """Seed of the noise."""
-    import_overrides: ImportOverrides = field(default_factory=Assumptions)
+    import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     joint: Joint = DEFAULT_TRACKED_POINT
     body: File = field(default_factory=default_body)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the

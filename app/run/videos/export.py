@@ -16,7 +16,7 @@ from app.run.requests.requests import MARKERS_SUFFIX, MAX_STILLS, SHEET_POSES, R
 from app.run.videos.videos import jobs_of
 from conventions.views import View
 from model.formats.read import read_any_motion
-from model.formats.reading import Reading, lengths_apart
+from model.formats.reading import ImportedMotion, length_notes
 from model.motion.flame import flame_to_arkit, read_flame_matrix
 from model.motion.motion import Motion
 from model.plan.files import markers_csv, markers_of, read_plan_file, write_plan_file
@@ -72,9 +72,9 @@ def write_plan(request: RenderRequest, *_: object) -> None:
         write_plan_file(plan, request.out)
 
 
-def _apart(speech: Path, reading: Reading) -> list[str]:
+def _apart(speech: Path, reading: ImportedMotion) -> list[str]:
     length_s, name = load_speech(speech).duration_s, "the motion"
-    return lengths_apart(length_s, {name: reading.motion.duration_s}, {name: reading.rate})
+    return length_notes(length_s, {name: reading.motion.duration_s}, {name: reading.rate})
 
 
 def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:

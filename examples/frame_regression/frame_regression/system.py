@@ -8,9 +8,9 @@ from torch.nn.functional import avg_pool1d
 
 from frame_regression.config import DRAWN, FAMILY
 from frame_regression.network import CONTEXT, POSE, Regression
-from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
+from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec
 from model.motion.rotations import matrix_from_axis_angle
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 
 SMOOTHED_OVER = 15
 """Frames."""
@@ -24,7 +24,7 @@ class RegressionSystem(System):
     is_drawn: bool
 
     @torch.inference_mode()
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> Window:
+    def window(self, speech: SpeechWindow, before: Window | None, draw: WindowSpec) -> Window:
         """See `System.window`."""
         frames = self.windowing.frames
         pose, face = self.network(speech.around(CONTEXT, frames))
@@ -52,7 +52,7 @@ def _smooth(noise: torch.Tensor, passes: int) -> torch.Tensor:
 
 def load(name: str, folder: Path) -> RegressionSystem:
     """See `Family.load`."""
-    trained = Trained.read(folder, FAMILY.weights_of(name))
+    trained = TrainedWeights.read(folder, FAMILY.weights_of(name))
     fields = FAMILY.fields_of(name, trained.card)
     network = Regression(fields["encoder"].dim, trained.card.setting("width"))
     return RegressionSystem(

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from model.motion.packing import Normaliser
 from model.networks.branch import Attention, ConditionedNetwork, MotionBranch
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 from model.sampling.prior import GaussianPrior
 from model.systems.asynfusion.config import DualBranchConfig
 
@@ -42,7 +42,7 @@ Pair = tuple[Tensor, Tensor]
 """A value of the expression branch and the same of the gesture branch."""
 
 
-def both(function: Callable[..., Any], *pairs: tuple) -> tuple:
+def map_branches(function: Callable[..., Any], *pairs: tuple) -> tuple:
     """Apply a function to the corresponding values of both branches."""
     return tuple(function(*parts) for parts in zip(*pairs, strict=True))
 
@@ -123,8 +123,8 @@ class DualBranchNetwork(ConditionedNetwork):
         """
         found = self.evaluate(
             BRANCHES, x_t, t, {},
-            heard=self.hear(speech, has_speech), seed=seed, speaker=speaker, has_seed=has_seed,
-        )  # fmt: skip
+            heard=self.speech_tokens(speech, has_speech), seed=seed, speaker=speaker,
+        has_seed=has_seed, )  # fmt: skip
         return found[EXPRESSION], found[GESTURE]
 
     def evaluate(
@@ -166,7 +166,7 @@ class DualBranchNetwork(ConditionedNetwork):
         found = {}
         for which in active:
             branch = self.branches[which]
-            unit = branch.leave(frames[which]).to(known[which].dtype)
+            unit = branch.project(frames[which]).to(known[which].dtype)
             found[which] = known[which] + branch.prior.scale_by_posterior(unit, t[which], has_seed)
         return found
 
@@ -179,7 +179,7 @@ def face_tensors(stream: Stream) -> dict[str, Tensor]:
     return {name.replace(".", _FACE, 1): tensor for name, tensor in stream.tensors().items()}
 
 
-def read_streams(trained: Trained, seed_frames: int) -> Streams:
+def read_streams(trained: TrainedWeights, seed_frames: int) -> Streams:
     """Read both streams as saved."""
     named = trained.tensors.items()
     face = replace(

@@ -21,10 +21,10 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
+from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec
 from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 from model.sampling.flow import ClassifierFreeGuidance, interpolate
 from model.systems.asynfusion.config import FACE_SHARE, FAMILY, DualBranchConfig
 from model.systems.asynfusion.network import (
@@ -34,7 +34,7 @@ from model.systems.asynfusion.network import (
     FeatureBuffer,
     Pair,
     Streams,
-    both,
+    map_branches,
     read_streams,
 )
 
@@ -108,7 +108,7 @@ def sample(
     """
     twice = guide.duplicate
     told: dict[str, Any] = {
-        "heard": heard, "seed": both(twice, seed), "speaker": twice(speaker),
+        "heard": heard, "seed": map_branches(twice, seed), "speaker": twice(speaker),
         "has_seed": twice(has_seed),
     }  # fmt: skip
     grids = [flow_times()[trailing_steps(count)].tolist() for count in counts]
@@ -118,7 +118,7 @@ def sample(
     buffer: FeatureBuffer = {}
     for k in range(max(counts)):
         busy = [which for which in BRANCHES if k in own[which]]
-        now = both(twice, (x[0], x[1])), both(twice, (t[0], t[1]))
+        now = map_branches(twice, (x[0], x[1])), map_branches(twice, (t[0], t[1]))
         found = network.evaluate(busy, *now, buffer, **told)
         for which in busy:
             clean = found[which]
@@ -153,7 +153,7 @@ class AsynFusionSystem(System):
     streams: Streams
 
     @torch.inference_mode()
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> DualWindow:
+    def window(self, speech: SpeechWindow, before: Window | None, draw: WindowSpec) -> DualWindow:
         assert before is None or isinstance(before, DualWindow)
         config, size = self.config, draw.samples
         channels = config.expression_dim, config.gesture_dim
@@ -163,7 +163,7 @@ class AsynFusionSystem(System):
             seed = [stream[:, -config.seed_frames :] for stream in (before.face, before.body)]
         around = speech.around(config.speech_context, config.window_frames)
         guide = draw.guide(self.streams[GESTURE].normaliser, "axis-angle")
-        heard = self.network.hear(guide.duplicate(around[None]), guide.is_conditional(1))
+        heard = self.network.speech_tokens(guide.duplicate(around[None]), guide.is_conditional(1))
         found = sample(
             self.network,
             guide,
@@ -194,7 +194,7 @@ class AsynFusionSystem(System):
 
 def load(name: str, folder: Path) -> AsynFusionSystem:
     """Load a system."""
-    trained = Trained.read(folder, FAMILY.weights_of(name))
+    trained = TrainedWeights.read(folder, FAMILY.weights_of(name))
     config = trained.card.config(DualBranchConfig, "network")
     streams = read_streams(trained, config.seed_frames)
     consistent = trained.card.setting("aim") == "teacher"

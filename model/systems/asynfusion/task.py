@@ -10,7 +10,7 @@ from torch.nn import functional as F
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 from model.sampling.flow import ClassifierFreeGuidance, interpolate
 from model.systems.asynfusion.config import DDIM, AsynFusionConfig, AsynFusionLoss, DualBranchConfig
 from model.systems.asynfusion.network import (
@@ -20,8 +20,8 @@ from model.systems.asynfusion.network import (
     Pair,
     Stream,
     Streams,
-    both,
     face_tensors,
+    map_branches,
     read_streams,
 )
 from model.systems.asynfusion.system import NUM_STEPS, flow_times, noise_of
@@ -54,7 +54,7 @@ class BranchesTask(DescentTask):
         shape, device = config.network, setup.shard.device
         given = setup.begin(config, data, shape.num_speakers)
         self.targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
-        taught = Trained.read(setup.helpers, DDIM) if config.aim == "teacher" else None
+        taught = TrainedWeights.read(setup.helpers, DDIM) if config.aim == "teacher" else None
         known = taught or given
         if known:
             face, body = read_streams(known, shape.seed_frames)
@@ -81,13 +81,13 @@ class BranchesTask(DescentTask):
         with torch.no_grad():
             vectors = self.targets.windows(batch.rows(shard.mine))
             motion = shard.of(batch.expression), vectors.to(shard.device)
-            x_1 = both(lambda n, m: n.normalise(m), self.normalisers, motion)
-            noise = both(lambda x: draws.noise(x.shape[1:]), x_1)
-            steps = both(shard.of, draw_steps(draws.size, config, draws.generator))
-            t = both(lambda k: flow_times().to(k.device)[k], steps)
-            x_t = both(interpolate, noise, x_1, t)
+            x_1 = map_branches(lambda n, m: n.normalise(m), self.normalisers, motion)
+            noise = map_branches(lambda x: draws.noise(x.shape[1:]), x_1)
+            steps = map_branches(shard.of, draw_steps(draws.size, config, draws.generator))
+            t = map_branches(lambda k: flow_times().to(k.device)[k], steps)
+            x_t = map_branches(interpolate, noise, x_1, t)
             seed_frames = config.network.seed_frames
-            told: dict[str, Any] = {"seed": both(lambda x: x[:, :seed_frames], x_1)}
+            told: dict[str, Any] = {"seed": map_branches(lambda x: x[:, :seed_frames], x_1)}
             hidden = "seed", "speech", "speaker"
             told |= conditions(config, network, batch, draws, hidden)
         with shard.autocast():
@@ -96,7 +96,7 @@ class BranchesTask(DescentTask):
                 wanted = one_solver_step(
                     config, network, self.teacher, self.normaliser, x_t, steps, told
                 )
-        predicted = both(lambda x: x.float(), predicted)
+        predicted = map_branches(lambda x: x.float(), predicted)
         terms: dict[str, Tensor] = {}
         for which in BRANCHES:
             if self.teacher is not None:
@@ -171,16 +171,16 @@ def one_solver_step(
     (Song and Dhariwal 2024); next to the data its prior leaves it no choice but x_t.
     """
     times = flow_times().to(steps[0].device)
-    t = both(lambda k: times[k], steps)
-    clean = both(lambda x: x.float(), teacher(x_t, t, **conditions))
+    t = map_branches(lambda k: times[k], steps)
+    clean = map_branches(lambda x: x.float(), teacher(x_t, t, **conditions))
     guide = ClassifierFreeGuidance(config.teacher_guidance, normaliser, "axis-angle")
     if guide.asks_twice:
         unheard = conditions | {"has_speech": torch.zeros_like(conditions["has_speech"])}
         deaf = teacher(x_t, t, **unheard)[GESTURE].float()
         clean = clean[0], guide.combine(torch.cat([clean[GESTURE], deaf]))
-    noise = both(noise_of, x_t, clean, t)
-    earlier = both(lambda k: times[k - NUM_STEPS // config.solver_steps], steps)
-    return network(both(interpolate, noise, clean, earlier), earlier, **conditions)
+    noise = map_branches(noise_of, x_t, clean, t)
+    earlier = map_branches(lambda k: times[k - NUM_STEPS // config.solver_steps], steps)
+    return network(map_branches(interpolate, noise, clean, earlier), earlier, **conditions)
 
 
 def pseudo_huber(

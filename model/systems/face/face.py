@@ -18,12 +18,12 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from model.generation.base import Draw, SpeechWindow, System, Window, Windowing, fade
+from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec, fade
 from model.generation.family import Family
 from model.motion.packing import Normaliser
 from model.networks.branch import AddedTokens, PriorNetwork
 from model.networks.config import BranchConfig
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 from model.plan.plan_features import NUM_FACE_TRACKS
 from model.sampling.flow import seeded_noise
 from model.sampling.prior import GaussianPrior
@@ -57,7 +57,7 @@ class FaceNetwork(PriorNetwork):
         if tracks is None:
             return super().forward(x_t, t, **conditions)
         told = conditions["has_seed"].new_ones(len(x_t)) if has_plan is None else has_plan
-        return super().forward(x_t, t, beside=self.plan(tracks, told), **conditions)
+        return super().forward(x_t, t, extra_tokens=self.plan(tracks, told), **conditions)
 
 
 FACE_STEPS = 12
@@ -152,7 +152,7 @@ def load_face(folder: Path) -> Face:
 
 @functools.lru_cache(maxsize=4)
 def _load(folder: Path, sha256: str) -> Face:
-    trained = Trained.read(folder, EXPRESSION)
+    trained = TrainedWeights.read(folder, EXPRESSION)
     config = trained.card.config(ExpressionConfig, "expression")
     network = trained.as_of(FaceNetwork(config, trained.prior(config.seed_frames)))
     return Face(network, trained.normaliser, sha256)
@@ -167,7 +167,7 @@ class BodyWindow(Window):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FacedSystem(System):
+class FaceFirstSystem(System):
     """System with the face of the expression network, which is sampled before the body."""
 
     window_type: ClassVar[type[Window]] = BodyWindow
@@ -187,7 +187,7 @@ class FacedSystem(System):
         speech: Float[Tensor, "heard dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
-        draw: Draw,
+        draw: WindowSpec,
     ) -> BodyWindow:
         """Sample the body of one window.
 
@@ -198,7 +198,7 @@ class FacedSystem(System):
             seed: normalised motion of the first frames; None at the start of a clip.
         """
 
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> BodyWindow:
+    def window(self, speech: SpeechWindow, before: Window | None, draw: WindowSpec) -> BodyWindow:
         """Generate a window (`System.window`): the face, for all samples, then the body."""
         assert before is None or isinstance(before, BodyWindow)
         frames = self.windowing.frames
@@ -219,10 +219,10 @@ class FacedSystem(System):
         return replace(super().join(older, newer), expression=newer.expression)
 
 
-def faced(
-    family: Family, name: str, body: Trained, config: BranchConfig, folder: Path
+def face_first_fields(
+    family: Family, name: str, body: TrainedWeights, config: BranchConfig, folder: Path
 ) -> dict[str, Any]:
-    """Return the fields of a `FacedSystem`, without the network of the body.
+    """Return the fields of a `FaceFirstSystem`, without the network of the body.
 
     Raises:
         CheckpointError: if the windows of body and face differ, or files of the face are missing or

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from model.motion.packing import AXIS_ANGLE_GROUPS, Normaliser
-from model.networks.branch import ConditionedNetwork, MotionBranch, TimeEmbedding, shown
+from model.networks.branch import ConditionedNetwork, MotionBranch, TimeEmbedding, mask_expression
 from model.sampling.prior import GaussianPrior
 from model.systems.gan.config import DiscriminatorConfig, GeneratorConfig
 
@@ -164,11 +164,11 @@ class Generator(ConditionedNetwork):
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
         """Predict mean of the clean x_0, and deviation along the prior's eigenvectors.
 
-        `drawn` samples x_0. A step leads from the diffusion time ``now``, 1 (noise) to 0 (data), to
-        the earlier ``before``.
+        `sample_x_0` samples x_0. A step leads from the diffusion time ``now``, 1 (noise) to 0
+        (data), to the earlier ``before``.
         """
-        tokens = self.hear(speech, has_speech)
-        face = shown(expression, has_speech)
+        tokens = self.speech_tokens(speech, has_speech)
+        face = mask_expression(expression, has_speech)
         return self.denoised(
             x_t, now, before, tokens=tokens, face=face, seed=seed, speaker=speaker,
             has_seed=has_seed,
@@ -205,7 +205,7 @@ class Generator(ConditionedNetwork):
             by_component, by_vector = open_.T.split([x_t.shape[2], x_t.shape[1]])
             return mean, own * (by_component[:, None] + by_vector).clamp(*LOG_SPREAD).exp()
 
-    def drawn(
+    def sample_x_0(
         self,
         mean: Float[Tensor, "B T C"],
         deviation: Float[Tensor, "C T B"],

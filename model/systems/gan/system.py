@@ -8,18 +8,18 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from model.generation.base import Draw
+from model.generation.base import WindowSpec
 from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
-from model.networks.branch import shown
-from model.networks.trained import Trained
-from model.systems.face.face import BodyWindow, FacedSystem, faced
+from model.networks.branch import mask_expression
+from model.networks.trained import TrainedWeights
+from model.systems.face.face import BodyWindow, FaceFirstSystem, face_first_fields
 from model.systems.gan.config import FAMILY, GeneratorConfig
 from model.systems.gan.network import Generator, posterior, stepped, times
 
 
 @dataclass(frozen=True, kw_only=True)
-class GanSystem(FacedSystem):
+class GanSystem(FaceFirstSystem):
     """System with a trained generator, its statistics, and the expression network."""
 
     config: GeneratorConfig
@@ -31,7 +31,7 @@ class GanSystem(FacedSystem):
         speech: Float[Tensor, "heard dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
-        draw: Draw,
+        draw: WindowSpec,
     ) -> BodyWindow:
         """Sample the body (`FacedSystem.body`) from posteriors as trained, or by DDIM."""
         config, size = self.config, draw.samples
@@ -39,10 +39,10 @@ class GanSystem(FacedSystem):
         guide = draw.guide(self.normaliser, "axis-angle")
         copies, hears = guide.copies(size), guide.is_conditional(size)
         has_seed = torch.full((size,), seed is not None)
-        tokens = self.network.hear(guide.duplicate(speech[None]), guide.is_conditional(1))
+        tokens = self.network.speech_tokens(guide.duplicate(speech[None]), guide.is_conditional(1))
         conditions = {
             "tokens": tokens.repeat_interleave(size, dim=0),
-            "face": shown(expression.expand(copies, -1, -1), hears),
+            "face": mask_expression(expression.expand(copies, -1, -1), hears),
             "seed": guide.duplicate(known),
             "speaker": torch.full((copies,), draw.speaker),
             "has_seed": guide.duplicate(has_seed),
@@ -57,7 +57,7 @@ class GanSystem(FacedSystem):
                 x = stepped(x, mean_x_0, before, now)
                 continue
             again, latent = draw.noise((2, *x.shape[1:]), k).unbind(1)
-            x_0 = self.network.drawn(mean_x_0, open_[..., :size], latent, has_seed)
+            x_0 = self.network.sample_x_0(mean_x_0, open_[..., :size], latent, has_seed)
             mean, deviation = posterior(x, x_0, to, at)
             x = mean + deviation * again
         vectors = self.normaliser.restore(x)
@@ -71,11 +71,11 @@ class GanSystem(FacedSystem):
 
 def load(name: str, folder: Path) -> GanSystem:
     """Load a system with its expression network."""
-    trained = Trained.read(folder, FAMILY.weights_of(name))
+    trained = TrainedWeights.read(folder, FAMILY.weights_of(name))
     config = trained.card.config(GeneratorConfig, "generator")
     network = Generator(config, trained.prior(config.seed_frames), trained.normaliser)
     return GanSystem(
-        **faced(FAMILY, name, trained, config, folder),
+        **face_first_fields(FAMILY, name, trained, config, folder),
         frame="parent",
         root_motion="place",
         network=trained.as_of(network),

@@ -51,7 +51,7 @@ def gradient_penalty(
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DenoisingBatch:
     """Random draws of a training step: both ends of a denoising step, and the conditions."""
 
     vectors: Float[Tensor, "B T C"]
@@ -66,7 +66,7 @@ class Drawn:
     """Noise of the posterior."""
     latent: Float[Tensor, "B T C"]
     expression: Float[Tensor, "B T E"]
-    told: dict[str, Tensor]
+    condition: dict[str, Tensor]
     """Conditions of generator and discriminator."""
 
 
@@ -103,7 +103,7 @@ class GanTask(DescentTask):
         draws = ShardedRandom(len(batch.clips), generator, self.shard)
         drawn = self.draw(self.network, batch, draws)
         mean, deviation = self.denoised(self.network, drawn)
-        found = self.network.drawn(mean, deviation, drawn.latent, drawn.told["has_seed"])
+        found = self.network.sample_x_0(mean, deviation, drawn.latent, drawn.condition["has_seed"])
         real = drawn.x_before.requires_grad_()
         score_real = self.scores(real, drawn)
         score_fake = self.scores(self.step_back(found.detach(), drawn), drawn)
@@ -148,7 +148,7 @@ class GanTask(DescentTask):
         return StepLoss(self.explicit_terms(*self.denoised(network, drawn), drawn))
 
     @torch.no_grad()
-    def draw(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> Drawn:
+    def draw(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> DenoisingBatch:
         """Draw the random numbers of the whole batch, cut to this process's share of it."""
         config, shape, shard, chance = (
             self.config, self.config.generator, draws.shard, draws.generator
@@ -165,31 +165,35 @@ class GanTask(DescentTask):
         x_now = diffused(x_before, draws.noise(window), before, now)
         told = conditions(config, network, batch, draws, hidden=("seed", "speech", "speaker"))
         told["seed"] = x_0[:, : shape.seed_frames]
-        return Drawn(
+        return DenoisingBatch(
             vectors, target, x_0, x_before, x_now, before, now, noise=draws.noise(window),
-            latent=draws.noise(window), expression=shard.of(batch.expression), told=told,
+            latent=draws.noise(window), expression=shard.of(batch.expression), condition=told,
         )  # fmt: skip
 
     def denoised(
-        self, network: nn.Module, drawn: Drawn
+        self, network: nn.Module, drawn: DenoisingBatch
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
         """Predict mean and deviation of x_0 with the generator."""
         with self.shard.autocast():
             return network(
-                drawn.x_now, drawn.now, drawn.before, expression=drawn.expression, **drawn.told
+                drawn.x_now, drawn.now, drawn.before, expression=drawn.expression, **drawn.condition
             )
 
-    def step_back(self, x_0: Float[Tensor, "B T C"], drawn: Drawn) -> Float[Tensor, "B T C"]:
+    def step_back(
+        self, x_0: Float[Tensor, "B T C"], drawn: DenoisingBatch
+    ) -> Float[Tensor, "B T C"]:
         """Sample x_before for a prediction of x_0."""
         mean, deviation = posterior(drawn.x_now, x_0, drawn.before, drawn.now)
         return mean + deviation * drawn.noise
 
-    def scores(self, x_before: Float[Tensor, "B T C"], drawn: Drawn) -> Float[Tensor, " B"]:
+    def scores(
+        self, x_before: Float[Tensor, "B T C"], drawn: DenoisingBatch
+    ) -> Float[Tensor, " B"]:
         """Compute the discriminator's scores in fp32: their gradient is differentiated again."""
-        return self.discriminator(x_before, drawn.x_now, drawn.before, drawn.now, **drawn.told)
+        return self.discriminator(x_before, drawn.x_now, drawn.before, drawn.now, **drawn.condition)
 
     def explicit_terms(
-        self, mean: Float[Tensor, "B T C"], deviation: Float[Tensor, "C T B"], drawn: Drawn
+        self, mean: Float[Tensor, "B T C"], deviation: Float[Tensor, "C T B"], drawn: DenoisingBatch
     ) -> dict[str, Float[Tensor, ""]]:
         """Compute the terms of the explicit loss on x_0, before its weight."""
         weights, vectors = self.config.loss.terms, drawn.vectors
@@ -201,7 +205,7 @@ class GanTask(DescentTask):
         terms |= geometric_terms(weights, decoded, drawn.target)
         by_sample = time_weight(flow_time(drawn.now)[0], self.config.loss.time_weight_floor)
         means = {name: (by_sample * term).mean() for name, term in terms.items()}
-        has_seed = drawn.told["has_seed"]
+        has_seed = drawn.condition["has_seed"]
         own = self.network.prior_deviation(flow_time(drawn.now)[0], has_seed)
         error = self.network.prior.to_eigenbasis(drawn.x_0 - mean, has_seed) / own
         means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)

@@ -62,7 +62,7 @@ class GlobalDiffConfig(TrainConfig):
 
 
 @dataclass(frozen=True)
-class Rung:
+class AblationRow:
     """One row of the paper's Table 2: its training's additions to L_simple and L_pos."""
 
     rotation_space: RotationSpace
@@ -70,12 +70,12 @@ class Rung:
     """Fields of `GlobalDiffLoss` that get their weight from `CONSTRAINT_WEIGHTS`."""
 
 
-LADDER: dict[str, Rung] = {
-    "globaldiff/local": Rung("local"),
-    "globaldiff/global": Rung("global"),
-    "globaldiff/joint": Rung("global", ("joint",)),
-    "globaldiff/skeleton": Rung("global", ("joint", "skeleton")),
-    "globaldiff/full": Rung("global", ("joint", "skeleton", "motion")),
+LADDER: dict[str, AblationRow] = {
+    "globaldiff/local": AblationRow("local"),
+    "globaldiff/global": AblationRow("global"),
+    "globaldiff/joint": AblationRow("global", ("joint",)),
+    "globaldiff/skeleton": AblationRow("global", ("joint", "skeleton")),
+    "globaldiff/full": AblationRow("global", ("joint", "skeleton", "motion")),
 }
 """Ablation steps in the order of the paper's Table 2; each adds one thing to the one before."""
 

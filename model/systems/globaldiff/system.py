@@ -8,16 +8,16 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from conventions.rates import FPS
-from model.generation.base import Draw, fade_weights
+from model.generation.base import WindowSpec, fade_weights
 from model.motion.packing import HAND_CHANNELS, MOTION_DIM, TORSO_CHANNELS, pack, rotations
 from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
-from model.networks.branch import ConditionedNetwork, MotionBranch, PriorNetwork, shown
-from model.networks.trained import Trained
+from model.networks.branch import ConditionedNetwork, MotionBranch, PriorNetwork, mask_expression
+from model.networks.trained import TrainedWeights
 from model.sampling.flow import ClassifierFreeGuidance, sample
 from model.sampling.prior import GaussianPrior
 from model.sampling.samplers import FLOW_SAMPLERS
-from model.systems.face.face import BodyWindow, FacedSystem, faced
+from model.systems.face.face import BodyWindow, FaceFirstSystem, face_first_fields
 from model.systems.globaldiff.config import FAMILY, NetworkConfig
 
 
@@ -61,8 +61,8 @@ class MotionNetwork(ConditionedNetwork):
             has_speech: false hides speech and expression.
         """
         condition = self.condition(t, speaker)
-        speech_tokens = self.hear(speech, has_speech)
-        body = torch.cat([x_t, shown(expression, has_speech)], dim=-1)
+        speech_tokens = self.speech_tokens(speech, has_speech)
+        body = torch.cat([x_t, mask_expression(expression, has_speech)], dim=-1)
         x_1 = torch.empty_like(x_t)
         for branch, channels in ((self.hands, HAND_CHANNELS), (self.torso, TORSO_CHANNELS)):
             region, known = x_t[..., channels], seed[..., channels]
@@ -94,7 +94,7 @@ times the inside's (worst frame 1.6); held to the end 1.3 (2.7)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class GlobalDiffSystem(FacedSystem):
+class GlobalDiffSystem(FaceFirstSystem):
     """System with a motion network, its statistics, and the expression network."""
 
     config: NetworkConfig
@@ -108,7 +108,7 @@ class GlobalDiffSystem(FacedSystem):
         speech: Float[Tensor, "heard dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
-        draw: Draw,
+        draw: WindowSpec,
     ) -> BodyWindow:
         """Sample the body (`FacedSystem.body`), with in-painting of the seed early in the flow.
 
@@ -123,7 +123,7 @@ class GlobalDiffSystem(FacedSystem):
         guide = self.guide(draw)
         copies, hears = guide.copies(size), guide.is_conditional(size)
         conditions = {
-            **self.heard(speech, hears),
+            **self.conditioning_inputs(speech, hears),
             "expression": expression.expand(copies, -1, -1),
             "seed": guide.duplicate(known),
             "speaker": self.known_speaker(draw, hears),
@@ -156,21 +156,23 @@ class GlobalDiffSystem(FacedSystem):
             clean=self.normaliser.normalise(vectors),
         )
 
-    def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
+    def noise(self, draw: WindowSpec) -> Float[Tensor, "B T C"]:
         """Draw the noise at the start of the flow."""
         return draw.noise((self.config.window_frames, self.config.motion_dim))
 
-    def guide(self, draw: Draw) -> ClassifierFreeGuidance:
+    def guide(self, draw: WindowSpec) -> ClassifierFreeGuidance:
         """Return the classifier-free guidance of the network."""
         return draw.guide(self.normaliser, self.config.rotation_space)
 
-    def heard(
+    def conditioning_inputs(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
         """Return the network's speech inputs by name, one row for each copy."""
         return {"speech": speech.expand(len(hears), -1, -1), "has_speech": hears}
 
-    def known_speaker(self, draw: Draw, hears: Bool[Tensor, " copies"]) -> Int[Tensor, " copies"]:
+    def known_speaker(
+        self, draw: WindowSpec, hears: Bool[Tensor, " copies"]
+    ) -> Int[Tensor, " copies"]:
         """Return the speaker for each copy; 0 is no speaker."""
         return torch.full(hears.shape, draw.speaker)
 
@@ -197,11 +199,11 @@ def led_home(
 
 def load(name: str, folder: Path) -> GlobalDiffSystem:
     """Load a system with its expression network."""
-    trained = Trained.read(folder, name)
+    trained = TrainedWeights.read(folder, name)
     config = trained.card.config(NetworkConfig, "network")
     prior = trained.prior(config.seed_frames) if config.prior else None
     return GlobalDiffSystem(
-        **faced(FAMILY, name, trained, config, folder),
+        **face_first_fields(FAMILY, name, trained, config, folder),
         frame="world" if config.rotation_space == "global" else "parent",
         root_motion=config.root,
         network=trained.as_of(make_network(config, prior)),

@@ -72,7 +72,7 @@ class MotionTask(DescentTask):
         """Make the network, with a prior if there is one."""
         return make_network(config.network, prior)
 
-    def told(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
+    def extra_inputs(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
         """Return further inputs of the network for a batch, by name."""
         return {}
 
@@ -88,7 +88,7 @@ class MotionTask(DescentTask):
             told = conditions(config, network, batch, draws)
             told["expression"] = shard.of(batch.expression)
             told["seed"] = x_1[:, : config.network.seed_frames]
-            told |= self.told(batch, draws)
+            told |= self.extra_inputs(batch, draws)
         with shard.autocast():
             predicted = network(interpolate(x_0, x_1, t), t, **told)
         measured = self.training_terms if network.training else self.terms

@@ -11,7 +11,7 @@ from model.training.config import SMOKE, VOCAL_TRACT_RANGE, GeometricWeights, Tr
 
 MOTION_VAE = "motion-vae"
 FGD_ENCODER, FMD_ENCODER, FED_ENCODER = "fgd-encoder", "fmd-encoder", "fed-encoder"
-HEARING_JUDGE = "hearing-judge"
+MATCHING_NETWORK = "hearing-judge"
 JUDGE = AutoencoderConfig(
     rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
 )
@@ -59,7 +59,7 @@ class SpeechEncoderConfig(TrainConfig):
 
 def presets(system: str) -> Mapping[str, TrainConfig]:
     """Return the settings by name."""
-    if system == HEARING_JUDGE:
+    if system == MATCHING_NETWORK:
         judge = MatchingTrainConfig(
             system=system, steps=300, batch_size=16, learning_rate=1e-3, warmup_steps=30,
             ema_decay=0.98,
@@ -91,5 +91,5 @@ FAMILY = Family(
     presets=presets,
     package="model.systems.helpers",
     place=7,
-    helpers=(*AUTOENCODERS, HEARING_JUDGE, SPEECH_ENCODER),
+    helpers=(*AUTOENCODERS, MATCHING_NETWORK, SPEECH_ENCODER),
 )

@@ -22,7 +22,7 @@ from model.motion.packing import Normaliser
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 from model.networks.autoencoder import ResidualBlock
 from model.networks.config import MatchingConfig
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 
 _ARM_JOINTS = ("collar", "shoulder", "elbow", "wrist", "index1", "middle1")
 CHAINS: Mapping[str, tuple[str, ...]] = {
@@ -131,7 +131,9 @@ class MatchingNetwork(nn.Module):
         self.log_scale = nn.Parameter(torch.full((len(PARTS),), 2.0))
         """Logarithm of the factor of agreements in the contrastive loss, one for each part."""
 
-    def hear(self, speech: Float[Tensor, "B T dim"]) -> dict[str, Float[Tensor, "B T2 track"]]:
+    def encode_speech(
+        self, speech: Float[Tensor, "B T dim"]
+    ) -> dict[str, Float[Tensor, "B T2 track"]]:
         """Compute the tracks of speech by body part."""
         return self.speech(speech)
 
@@ -145,20 +147,22 @@ class MatchingNetwork(nn.Module):
         self, speech: Float[Tensor, "B T dim"], tracks: Float[Tensor, "B T tracks"]
     ) -> tuple[dict[str, Tensor], dict[str, Tensor], Float[Tensor, "B T2 1"], Tensor]:
         """Compute tracks of speech and of motion, predicted arm speed, and `log_scale`."""
-        heard = self.hear(speech)
+        heard = self.encode_speech(speech)
         return heard, self.see(tracks), self.speed(heard["arms"]), self.log_scale
 
 
 def agreement(
-    heard: Float[Tensor, "A T dim"], seen: Float[Tensor, "B T dim"]
+    speech_track: Float[Tensor, "A T dim"], motion_track: Float[Tensor, "B T dim"]
 ) -> Float[Tensor, "B A"]:
     """Correlate every motion's track with every speech's, over time and channels."""
-    heard, seen = (F.normalize(x.flatten(1), dim=-1, eps=LEAST_SIZE) for x in (heard, seen))
-    return seen @ heard.T
+    speech_track, motion_track = (
+        F.normalize(x.flatten(1), dim=-1, eps=LEAST_SIZE) for x in (speech_track, motion_track)
+    )
+    return motion_track @ speech_track.T
 
 
 @dataclass(frozen=True)
-class MatchingJudge:
+class SpeechMotionMatcher:
     """Trained classifier with the statistics of `motion_tracks`; its weights are constant."""
 
     network: MatchingNetwork
@@ -173,7 +177,7 @@ class MatchingJudge:
         parts: Sequence[str],
     ) -> Float[Tensor, "B A"]:
         """Compute the agreement of every motion with every speech, summed over ``parts``."""
-        heard = self.network.hear(speech)
+        heard = self.network.encode_speech(speech)
         seen = self.network.see(self.normaliser.normalise(motion_tracks(poses)))
         return torch.stack([agreement(heard[part], seen[part]) for part in parts]).sum(0)
 
@@ -183,12 +187,12 @@ class MatchingJudge:
     ) -> tuple[Float[Tensor, "B T2 1"], Float[Tensor, "B T2 1"]]:
         """Compute the arms' centred log speed, of the motion and predicted from speech."""
         tracks = self.normaliser.normalise(motion_tracks(poses))
-        told = self.network.speed(self.network.hear(speech)["arms"])
+        told = self.network.speed(self.network.encode_speech(speech)["arms"])
         return arm_speed(tracks), told
 
 
-def load_judge(folder: Path, name: str) -> MatchingJudge:
+def load_judge(folder: Path, name: str) -> SpeechMotionMatcher:
     """Load the classifier."""
-    trained = Trained.read(folder, name)
+    trained = TrainedWeights.read(folder, name)
     network = trained.as_of(MatchingNetwork(trained.card.config(MatchingConfig, "matching")))
-    return MatchingJudge(network, trained.normaliser, trained.sha256)
+    return SpeechMotionMatcher(network, trained.normaliser, trained.sha256)

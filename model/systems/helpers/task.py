@@ -212,23 +212,25 @@ class CodesTask(DescentTask):
         with shard.autocast():
             reading = network(speech)
         inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
-        found = SpeechReading(reading.phone[:, inside].float(), reading.told[:, inside].float())
+        found = SpeechReading(
+            reading.phone[:, inside].float(), reading.label_logits[:, inside].float()
+        )
         right = (found.phone.argmax(-1) == phone).float().mean()
         return StepLoss(reading_terms(found, phone, told), {"phones_right": right})
 
 
 def reading_terms(
-    found: SpeechReading, phone: Int[Tensor, "B T"], told: Float[Tensor, "B T told"]
+    predictions: SpeechReading, phone: Int[Tensor, "B T"], labels: Float[Tensor, "B T told"]
 ) -> dict[str, Float[Tensor, ""]]:
     """Compute cross-entropies, and squared errors of strength (at accents) and speed."""
-    losses = {"phone": F.cross_entropy(found.phone.flatten(0, 1), phone.flatten())}
+    losses = {"phone": F.cross_entropy(predictions.phone.flatten(0, 1), phone.flatten())}
     for number, name in enumerate(SPEECH_LABELS):
-        said, wanted = found.told[..., number], told[..., number]
+        said, wanted = predictions.label_logits[..., number], labels[..., number]
         if name not in _NUMBERS:
             losses[name] = F.binary_cross_entropy_with_logits(said, wanted)
             continue
         counts = (
-            told[..., SPEECH_LABELS.index("accent")]
+            labels[..., SPEECH_LABELS.index("accent")]
             if name == "strength"
             else torch.ones_like(said)
         )

@@ -39,7 +39,7 @@ class _Frequencies(nn.Module):
         self.register_buffer("inv_freq", 1.0 / 10000.0**powers)
 
 
-class Positions(nn.Module):
+class PositionalEncoding(nn.Module):
     """Positional encoding of the frame's number: sine in even channels, cosine in odd ones."""
 
     def __init__(self, width: int) -> None:
@@ -89,7 +89,7 @@ class OfficialExpressionNetwork(nn.Module):
             batch_first=True,
             norm_first=True,
         )
-        self.pos_enc = Positions(EXPRESSION_WIDTH)
+        self.pos_enc = PositionalEncoding(EXPRESSION_WIDTH)
         self.transformer_decoder = nn.TransformerDecoder(layer, EXPRESSION_NUM_LAYERS)
         self.audio_feature_map = nn.Linear(SPEECH_DIM + SPEAKER_DIM, EXPRESSION_WIDTH)
         self.vertice_map_r = nn.Linear(EXPRESSION_WIDTH, EXPRESSION_DIM)
@@ -162,7 +162,7 @@ class OfficialMotionNetwork(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         hand, body = len(HAND_CHANNELS), len(BODY_CHANNELS)
-        self.pos_enc = Positions(MOTION_WIDTH)
+        self.pos_enc = PositionalEncoding(MOTION_WIDTH)
         self.in_hand = nn.Linear(hand, MOTION_WIDTH)
         self.in_body = nn.Linear(body, MOTION_WIDTH)
         self.in_x_hand = nn.Linear(MOTION_DIM + EXPRESSION_DIM, MOTION_WIDTH)

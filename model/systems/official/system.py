@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from conventions.joints import JOINT_NAMES
-from model.generation.base import Draw, SpeechWindow, System, Window, Windowing
+from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec
 from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion, load_motion
 from model.motion.rotations import matrix_from_axis_angle, matrix_from_rot6d, rot6d_from_matrix
@@ -69,7 +69,9 @@ class OfficialSystem(System):
     """True if each window is smoothed before the next one starts, as in the authors' script."""
 
     @torch.inference_mode()
-    def window(self, speech: SpeechWindow, before: Window | None, draw: Draw) -> OfficialWindow:
+    def window(
+        self, speech: SpeechWindow, before: Window | None, draw: WindowSpec
+    ) -> OfficialWindow:
         assert before is None or isinstance(before, OfficialWindow)
         size = draw.samples
         heard = of_window(speech.around(0, WINDOW_FRAMES))[None]

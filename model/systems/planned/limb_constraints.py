@@ -50,8 +50,8 @@ _STOOD = "stood"
 _KNEE_AXIS = np.array([1.0, 0.0, 0.0])
 
 
-class Limbs:
-    """Follower of hands and feet for one sample's motion (`model.generation.base.Follower`).
+class LimbConstraints:
+    """Constraints of hands and feet for one sample (`model.generation.base.MotionConstraint`).
 
     Args:
         plan: None for one that arrives with the speech.
@@ -63,29 +63,29 @@ class Limbs:
     ) -> None:
         self.margin = SOFT_MARGIN
         known = {
-            FootContact(start_s, end_s, SIDES[int(foot)]): Footing(x, z, turn)
+            FootContact(start_s, end_s, SIDES[int(foot)]): FootPlacement(x, z, turn)
             for start_s, end_s, foot, x, z, turn in (kept[_STOOD].tolist() if kept else ())
         }
-        self._hands = LedHands(plan or GesturePlan(1.0))
-        self._feet = HeldFeet(plan.planted if plan else (), known)
+        self._hands = HandGuide(plan or GesturePlan(1.0))
+        self._feet = FootLock(plan.planted if plan else (), known)
 
-    def follow(self, motion: Motion) -> Motion:
+    def apply(self, motion: Motion) -> Motion:
         return self._feet.hold(self._hands.lead(motion))
 
     def go_on_with(self, ahead: StreamedPlan, first_frame: int) -> None:
         self._hands.go_on_with(ahead.condition, first_frame)
         self._feet.go_on_with(ahead.planted)
 
-    def kept(self) -> dict[str, Tensor]:
+    def state(self) -> dict[str, Tensor]:
         """Return the footings so far."""
         rows = [
             (event.start_s, event.end_s, SIDES.index(event.foot), *at)
-            for event, at in self._feet.found.items()
+            for event, at in self._feet.placements.items()
         ]
         return {_STOOD: torch.tensor(rows, dtype=torch.float64).reshape(-1, 6)}
 
 
-class Footing(NamedTuple):
+class FootPlacement(NamedTuple):
     """Position and direction of a planted foot."""
 
     x: float
@@ -96,23 +96,23 @@ class Footing(NamedTuple):
 
 
 @dataclass
-class HeldFeet:
+class FootLock:
     """Foot lock for a motion that arrives in pieces."""
 
     planted: Sequence[FootContact]
     """Times at which feet stand, from a plan. A foot without any is not changed."""
-    known: Mapping[FootContact, Footing] = field(default_factory=dict)
+    initial_placements: Mapping[FootContact, FootPlacement] = field(default_factory=dict)
     """Footings from an earlier version, which stay."""
-    found: dict[FootContact, Footing] = field(default_factory=dict, init=False)
+    placements: dict[FootContact, FootPlacement] = field(default_factory=dict, init=False)
     """Footings of all feet that have landed so far."""
     _frames: int = field(default=0, init=False)
 
     def go_on_with(self, planted: Sequence[FootContact]) -> None:
         """Continue with other times; those that began before have the same footing."""
-        stood = {(event.foot, event.start_s): place for event, place in self.found.items()}
+        stood = {(event.foot, event.start_s): place for event, place in self.placements.items()}
         self.planted = planted
         there = {event: stood.get((event.foot, event.start_s)) for event in planted}
-        self.found = {event: place for event, place in there.items() if place is not None}
+        self.placements = {event: place for event, place in there.items() if place is not None}
 
     def hold(self, motion: Motion) -> Motion:
         """Lock the feet in the frames that follow those of the last call."""
@@ -165,11 +165,11 @@ class HeldFeet:
             first, stop = _frames_of(event)
             if first in frames:
                 at = first - frames.start
-                here = Footing(float(path[at, 0]), float(path[at, 1]), float(turn[at]))
-                self.found[event] = self.known.get(event, here)
-            if event not in self.found:
+                here = FootPlacement(float(path[at, 0]), float(path[at, 1]), float(turn[at]))
+                self.placements[event] = self.initial_placements.get(event, here)
+            if event not in self.placements:
                 continue
-            footing = self.found[event]
+            footing = self.placements[event]
             time = np.asarray(frames)
             gone = stop + STEP_S * FPS
             gone = gone if after is None else min(after, gone)
@@ -242,7 +242,7 @@ _FORWARD = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass
-class LedHands:
+class HandGuide:
     """Hand constraint for a motion that arrives in pieces."""
 
     plan: GesturePlan

@@ -25,7 +25,7 @@ class PlanTokens(AddedTokens):
         super().__init__(NUM_TRACKS + 2 * config.kind_dim, config.width, config.speech_context)
         self.kinds = nn.Embedding(config.num_kinds, config.kind_dim)
 
-    def told(
+    def plan_inputs(
         self, tracks: Float[Tensor, "B heard tracks"], kinds: Int[Tensor, "B heard 2"]
     ) -> Float[Tensor, "B heard dim"]:
         """Concatenate the tracks of a plan and the embeddings of its gesture types."""
@@ -55,8 +55,8 @@ class PlannedNetwork(PriorNetwork):
 
         The plan's tracks, and the gesture types of both hands, are those of the speech's frames.
         """
-        plan = self.plan(self.plan.told(tracks, kinds), has_plan)
-        return super().forward(x_t, t, beside=plan, **conditions)
+        plan = self.plan(self.plan.plan_inputs(tracks, kinds), has_plan)
+        return super().forward(x_t, t, extra_tokens=plan, **conditions)
 
 
 SPEAKER_WIDTH = 16
@@ -97,9 +97,9 @@ class TierHead(nn.Module):
             self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.units)))
 
     def state(
-        self, heard: Float[Tensor, "*rows heard"], seen: Float[Tensor, "*rows seen"]
+        self, heard: Float[Tensor, "*rows heard"], chain_state: Float[Tensor, "*rows seen"]
     ) -> Float[Tensor, "*rows hidden"]:
-        return F.silu(self.heard(heard) + self.seen(seen))
+        return F.silu(self.heard(heard) + self.seen(chain_state))
 
     def events(self, state: Float[Tensor, "*rows hidden"]) -> Float[Tensor, "*rows events"]:
         """Compute log probabilities of staying and of each state that may begin."""
@@ -132,7 +132,7 @@ class PlannerNetwork(nn.Module):
         self.norm = nn.LayerNorm(width)
         self.heads = nn.ModuleDict({tier.name: TierHead(tier, config) for tier in TIERS})
 
-    def hear(
+    def speech_states(
         self,
         speech: Float[Tensor, "B around heard_dim"],
         speaker: Int[Tensor, " B"],
@@ -161,9 +161,9 @@ class PlannerNetwork(nn.Module):
     ) -> dict[str, Float[Tensor, ""]]:
         """Compute mean negative log-likelihoods by tier of events and their marks, per frame.
 
-        They are conditioned on the past of the tier and of its neighbour (``seen``).
+        They are conditioned on the past of the tier and of its neighbour (``chain_state``).
         """
-        heard = self.hear(speech, speaker, has_speech)
+        heard = self.speech_states(speech, speaker, has_speech)
         losses = {}
         for name, head in self.heads.items():
             assert isinstance(head, TierHead)

@@ -14,10 +14,10 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
-from model.generation.base import Draw
+from model.generation.base import WindowSpec
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
-from model.networks.trained import Trained
+from model.networks.trained import TrainedWeights
 from model.plan.kinds import KindTable, drawn_by, kinds_of
 from model.plan.plan import GesturePlan
 from model.plan.plan_features import BY_NAME, TIERS, EventOnset, chains_to_plan, seen_of, tracks_of
@@ -37,7 +37,7 @@ Leaning = Callable[
 add to its events; None adds nothing."""
 
 
-class Drawer:
+class EventChainSampler:
     """Sampler of one tier's event chain, with random numbers for every frame, used or not.
 
     So plans of other speech with one key share them.
@@ -62,13 +62,13 @@ class Drawer:
         """Event that begins next, whatever is drawn until then."""
         self._chances = _Chances(rng, len(head.tier.units))
 
-    def hear(self, heard: Float[np.ndarray, "copies T hidden"], first: int) -> None:
+    def set_speech_states(self, heard: Float[np.ndarray, "copies T hidden"], first: int) -> None:
         """Set the features of frames from ``first`` on."""
         self._heard, self._first = heard, first
         self._chances.forget_before(first)
 
     def draw(
-        self, frame: int, others: "Mapping[str, Drawer]", leaning: Leaning | None = None
+        self, frame: int, others: "Mapping[str, EventChainSampler]", leaning: Leaning | None = None
     ) -> None:
         """Draw whether something begins at this frame, or the state stays."""
         head = self._head
@@ -205,7 +205,7 @@ class Planner:
         return {PLANNER: self.sha256, **heard_with}
 
     @torch.inference_mode()
-    def plan(self, features: Float[Tensor, "T speech_dim"], draw: Draw) -> GesturePlan:
+    def plan(self, features: Float[Tensor, "T speech_dim"], draw: WindowSpec) -> GesturePlan:
         """Draw a plan for whole speech; equal keys give plans that share their noise."""
         num_frames = len(features)
         drawers = self.drawers(features, draw)
@@ -220,11 +220,13 @@ class Planner:
         chances = np.random.default_rng([*draw.key, _CALLED])
         return self.kinds.with_called_strokes(plan, draw.words, chances)
 
-    def drawers(self, features: Float[Tensor, "T speech_dim"], draw: Draw) -> dict[str, Drawer]:
+    def drawers(
+        self, features: Float[Tensor, "T speech_dim"], draw: WindowSpec
+    ) -> dict[str, EventChainSampler]:
         """Make the samplers of all tiers for some speech, each in its initial state."""
         context = self.config.context
         rows = torch.arange(-context, len(features) + context).clamp(0, len(features) - 1)
-        heard = self.hear(features[rows], draw)
+        heard = self.speech_states(features[rows], draw)
         goals = self.first_goals[draw.speaker].tolist()
         begins = {
             "left": EventOnset(0, 0, tuple(goals[0])),
@@ -237,15 +239,17 @@ class Planner:
             assert isinstance(head, TierHead)
             rng = np.random.default_rng([*draw.key, number])
             begun = begins.get(tier.name, EventOnset(0, 0, (0.0,) * len(tier.units)))
-            drawers[tier.name] = Drawer(head, heard[tier.name], draw.guidance, begun, rng)
+            drawers[tier.name] = EventChainSampler(
+                head, heard[tier.name], draw.guidance, begun, rng
+            )
         return drawers
 
-    def hear(
-        self, features: Float[Tensor, "T_and_context speech_dim"], draw: Draw
+    def speech_states(
+        self, features: Float[Tensor, "T_and_context speech_dim"], draw: WindowSpec
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
         """Compute each tier's input from features with context; a second copy has no speech."""
         copies = 1 if draw.guidance == 1 else 2
-        heard = self.network.hear(
+        heard = self.network.speech_states(
             heard_by_planner(features, self.normaliser, self.codes).expand(copies, -1, -1),
             torch.tensor([draw.speaker, 0])[:copies],
             torch.tensor([True, False])[:copies],
@@ -257,7 +261,7 @@ class Planner:
             found[tier.name] = head.heard(heard).numpy()
         return found
 
-    def with_plan(
+    def conditioning(
         self, features: Float[Tensor, "n speech_dim"], plan: GesturePlan, first: int
     ) -> Float[Tensor, "n heard_dim"]:
         """Concatenate features with a plan's frames from ``first`` on, for the motion network."""
@@ -272,12 +276,12 @@ def heard_by_planner(
 ) -> Float[Tensor, "*B T heard_dim"]:
     """Concatenate normalised features and the codes of an encoder."""
     heard = normaliser.normalise(features)
-    return heard if codes is None else torch.cat([heard, codes.of(features)], dim=-1)
+    return heard if codes is None else torch.cat([heard, codes.encode(features)], dim=-1)
 
 
 def load_planner(folder: Path) -> Planner:
     """Load the planner."""
-    trained = Trained.read(folder, PLANNER)
+    trained = TrainedWeights.read(folder, PLANNER)
     config = trained.card.config(PlannerConfig, "planner")
     with trained.card.reading():
         kinds = KindTable.of_tensors(trained.tensors)

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from conventions.rates import FPS
-from model.generation.base import Draw
+from model.generation.base import WindowSpec
 from model.plan.kinds import FOLLOWING, KindTable, Place, Stroke, strokes_of
 from model.plan.plan import (
     PHASES,
@@ -49,8 +49,8 @@ _SMILE = 1 + BY_NAME["smile"].states.index("smile")
 class CausalPlanner:
     """Streaming planner of one speaker with constant memory."""
 
-    def __init__(self, planner: Planner, draw: Draw) -> None:
-        self.manner = LiveStyle()
+    def __init__(self, planner: Planner, draw: WindowSpec) -> None:
+        self.style = LiveStyle()
         """Style; may be changed at any time, without effect on final events."""
         self._planner, self._asked = planner, draw
         nothing = torch.zeros(1, planner.config.speech_dim)
@@ -63,14 +63,14 @@ class CausalPlanner:
         """Goals of final phases, by hand and first frame."""
 
     @torch.inference_mode()
-    def go_on(
+    def advance(
         self,
         speech: Callable[[int, int], Float[Tensor, "T speech_dim"]],
         first: int,
         final: int,
         stop: int,
     ) -> StreamedPlan:
-        """Plan further (`ConditionStream.go_on`)."""
+        """Plan further (`ConditionStream.advance`)."""
         final = max(final, self._final)
         self._draw(speech, final, stop)
         origin = first - BEFORE_FRAMES
@@ -89,21 +89,23 @@ class CausalPlanner:
         self._go_back(final, origin)
         return StreamedPlan(plan, origin, planted)
 
-    def heard(
+    def conditioning(
         self, features: Float[Tensor, "n speech_dim"], ahead: StreamedPlan, first: int
     ) -> Float[Tensor, "n heard_dim"]:
         """Return the motion network's input for frames from ``first`` on."""
-        return self._planner.with_plan(features, ahead.condition, first - ahead.origin)
+        return self._planner.conditioning(features, ahead.condition, first - ahead.origin)
 
     def _draw(
         self, speech: Callable[[int, int], Float[Tensor, "T speech_dim"]], final: int, stop: int
     ) -> None:
         """Draw all frames that are not final."""
         begin, context = self._final, self._planner.config.context
-        heard = self._planner.hear(speech(begin - 2 * context, stop + context), self._asked)
-        leans = partial(_leans, self.manner)
+        heard = self._planner.speech_states(
+            speech(begin - 2 * context, stop + context), self._asked
+        )
+        leans = partial(_leans, self.style)
         for name, drawer in self._drawers.items():
-            drawer.hear(heard[name][:, context:], begin)
+            drawer.set_speech_states(heard[name][:, context:], begin)
         for frame in range(begin, stop):
             if frame == final:
                 self._keep_place()
@@ -140,9 +142,9 @@ class CausalPlanner:
         self._kinds |= {key: kind for key, kind in kinds.items() if key[1] < final}
         left, right = (self._shaped(side, hands[side], origin, final) for side in SIDES)
         smiles = tuple(
-            replace(one, size=min(1.0, one.size * self.manner.smile))
+            replace(one, size=min(1.0, one.size * self.style.smile))
             for one in plan.smiles
-            if self.manner.smile > 0
+            if self.style.smile > 0
         )
         return replace(plan, left=left, right=right, smiles=smiles)
 
@@ -166,7 +168,7 @@ class CausalPlanner:
         found: list[HandPhase] = []
         for phase in phases:
             begins = round(phase.start_s * FPS) + origin
-            shaped = self.manner.apply(phase)
+            shaped = self.style.apply(phase)
             if phase.phase in STILL and found:  # its end is not known yet, so it leads nowhere
                 shaped = replace(shaped, goal=found[-1].goal)
             if begins < final:

@@ -10,16 +10,16 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
-from model.generation.base import Draw
-from model.networks.trained import Trained
+from model.generation.base import WindowSpec
+from model.networks.trained import TrainedWeights
 from model.plan.plan import GesturePlan
 from model.plan.plan_features import FACE_TRACKS, NUM_TRACKS, at_rest
 from model.sampling.flow import ClassifierFreeGuidance
 from model.storage.cards import CheckpointError
-from model.systems.face.face import faced
+from model.systems.face.face import face_first_fields
 from model.systems.globaldiff.system import GlobalDiffSystem
 from model.systems.planned.config import FAMILY, PLANNER, PlannedNetworkConfig
-from model.systems.planned.limb_constraints import Limbs
+from model.systems.planned.limb_constraints import LimbConstraints
 from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
 from model.systems.planned.streaming_planner import CausalPlanner
@@ -54,27 +54,29 @@ class PlannedSystem(GlobalDiffSystem):
     planner: Planner
 
     def condition(
-        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
     ) -> GesturePlan:
         features = torch.from_numpy(self.encoder.encode(waveform, num_frames))
         return self.planner.plan(features, draw)
 
-    def condition_stream(self, draw: Draw) -> CausalPlanner:
+    def condition_stream(self, draw: WindowSpec) -> CausalPlanner:
         return CausalPlanner(self.planner, draw)
 
     def follower(
         self, condition: GesturePlan | None, kept: Mapping[str, Tensor] | None = None
-    ) -> Limbs:
-        return Limbs(condition, kept or {})
+    ) -> LimbConstraints:
+        return LimbConstraints(condition, kept or {})
 
-    def hear(
-        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: Draw
+    def conditioning(
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
     ) -> Float[Tensor, "T heard_dim"]:
-        """Encode speech (`System.hear`): features, the plan's tracks and gesture types."""
+        """Encode speech (`System.conditioning`): features, the plan's tracks and gesture types."""
         assert draw.condition is not None
-        return self.planner.with_plan(super().hear(waveform, num_frames, draw), draw.condition, 0)
+        return self.planner.conditioning(
+            super().conditioning(waveform, num_frames, draw), draw.condition, 0
+        )
 
-    def noise(self, draw: Draw) -> Float[Tensor, "B T C"]:
+    def noise(self, draw: WindowSpec) -> Float[Tensor, "B T C"]:
         assert draw.condition is not None
         noise = super().noise(draw)
         whole = draw.index * self.windowing.advance
@@ -92,15 +94,15 @@ class PlannedSystem(GlobalDiffSystem):
         channels = [3 * JOINT_INDEX[name] + k for name in TRUNK for k in range(3)]
         return noise @ unmix[:, channels] @ mix[channels]
 
-    def guide(self, draw: Draw) -> ClassifierFreeGuidance:
+    def guide(self, draw: WindowSpec) -> ClassifierFreeGuidance:
         """Return the motion's guidance, which is constant: the requested scale is the plan's."""
         space = self.config.rotation_space
         return ClassifierFreeGuidance(STRENGTH, self.normaliser, space, of_head=HEAD_STRENGTH)
 
-    def heard(
+    def conditioning_inputs(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
-        """Return the network's inputs (`GlobalDiffSystem.heard`), with or without a plan."""
+        """Return the inputs of `GlobalDiffSystem.conditioning_inputs`, with or without a plan."""
         features, tracks, kinds = speech.split([self.encoder.dim, NUM_TRACKS, 2], dim=1)
         copies = len(hears)
         return {
@@ -111,7 +113,9 @@ class PlannedSystem(GlobalDiffSystem):
             "has_plan": hears,
         }
 
-    def known_speaker(self, draw: Draw, hears: Bool[Tensor, " copies"]) -> Int[Tensor, " copies"]:
+    def known_speaker(
+        self, draw: WindowSpec, hears: Bool[Tensor, " copies"]
+    ) -> Int[Tensor, " copies"]:
         """Return each copy's speaker, hidden with the speech, so that guidance amplifies style."""
         return super().known_speaker(draw, hears) * hears
 
@@ -121,13 +125,13 @@ class PlannedSystem(GlobalDiffSystem):
 
 def load(name: str, folder: Path) -> PlannedSystem:
     """Load the system with its planner and expression network."""
-    trained, planner = Trained.read(folder, name), load_planner(folder)
+    trained, planner = TrainedWeights.read(folder, name), load_planner(folder)
     config = trained.card.config(PlannedNetworkConfig, "network")
     with trained.card.reading():
         known = trained.tensors["kinds.names"]
     if not torch.equal(known, planner.kinds.tensors()["kinds.names"].float()):
         raise CheckpointError(f"{name} and {PLANNER} were trained on other gestures.")
-    fields = faced(FAMILY, name, trained, config, folder)
+    fields = face_first_fields(FAMILY, name, trained, config, folder)
     fields["sha256s"] |= planner.sha256s
     return PlannedSystem(
         **fields,

@@ -87,7 +87,7 @@ class PlannedTask(MotionTask):
     def untrained(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:
         return PlannedNetwork(config.network, prior)
 
-    def told(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
+    def extra_inputs(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
         parts = self.plans.for_batch(batch, self.config.network.speech_context)
         tracks, kinds = (draws.shard.of(part) for part in parts)
         return {"tracks": tracks, "kinds": kinds, "has_plan": draws.keep(self.config.plan_dropout)}

@@ -35,7 +35,7 @@ from app.run.output.run_folder import read_run
 from app.run.pipeline import run
 from app.run.run_writer import findings_told
 from conventions.names import SampleName, short_names
-from model.diagnostics import Versions
+from model.diagnostics import RawAndFiltered
 from model.faults.analysis import Finding
 from model.metrics.results import BeatMeasures
 from model.metrics.seams import Period
@@ -62,7 +62,7 @@ def told(plot: str, reference: Any = None, **systems: Any) -> str:
 
 def test_numbers_stand_beside_each_other_as_generated_and_smoothed() -> None:
     one, two = (
-        Versions(both(tip_jerk_m_s3=raw).raw, both(tip_jerk_m_s3=savgol).savgol)
+        RawAndFiltered(both(tip_jerk_m_s3=raw).raw, both(tip_jerk_m_s3=savgol).savgol)
         for raw, savgol in ((95.0, 50.0), (123.5, 60.0))
     )
     measured = diagnostics_of(two, **{"x/a": one, "x/b": two, "x/b.s2": one})
@@ -205,9 +205,9 @@ def test_numbers_are_plain() -> None:
     assert {value: plain(value) for value in told} == told
 
 
-def beating(score: float, highest: float) -> Versions:
+def beating(score: float, highest: float) -> RawAndFiltered:
     raw = replace(both().raw, beats=BeatMeasures(score, 0.42, highest, 1.46, 120, "own"))
-    return Versions(raw, raw)
+    return RawAndFiltered(raw, raw)
 
 
 def test_only_beats_above_chance_are_told() -> None:

@@ -126,7 +126,7 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
     features, pieces = CausalMel(), []
     for block in sound(3.0):
         samples = np.frombuffer(block, "<i2").astype(np.float32) / 32_768
-        live.hear(torch.from_numpy(features.add_samples(samples)))
+        live.add_features(torch.from_numpy(features.add_samples(samples)))
         if live.is_due:
             pieces += live.step()
     poses = np.concatenate([piece.poses for piece in pieces])
@@ -294,7 +294,7 @@ def test_its_sliders_lead_from_the_next_window_on_and_of_other_systems_they_are_
 ):
     planning.set_style({"manner": {"large": 2.0, "smile": 0}})
     speak(planning, clock, 1.0, 4800)
-    assert planning._live._stream.manner == LiveStyle(large=2.0, smile=0.0)
+    assert planning._live._stream.style == LiveStyle(large=2.0, smile=0.0)
     wrong = (None, {"manner": {"large": 99}}, {"manner": {"more": 1}}, {"manner": None}, [])
     leads: list[Callable[[], None]] = [lambda told=told: planning.set_style(told) for told in wrong]
     for lead in leads:

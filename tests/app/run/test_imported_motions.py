@@ -26,8 +26,8 @@ from app.run.requests.convert import replace_fields
 from conventions.joints import JOINT_INDEX
 from model.diagnostics import diagnose
 from model.faults.analysis import Finding
-from model.faults.table import FAULTS, without
-from model.formats.reading import read_told
+from model.faults.table import FAULTS, drop_missing_parts
+from model.formats.reading import parse_import_overrides
 from model.metrics.beats import speech_onsets
 from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.protocols.table import PROTOCOLS
@@ -401,12 +401,12 @@ def finding(kind: str) -> Finding:
 
 def test_nothing_is_found_of_what_a_file_does_not_tell() -> None:
     found = [finding(fault.kind) for fault in FAULTS]
-    kept = {each.kind for each in without(found, {"hands", "face", "place", "detail"})}
+    kept = {each.kind for each in drop_missing_parts(found, {"hands", "face", "place", "detail"})}
     gone = {fault.kind for fault in FAULTS} - kept
     assert {"finger_range", "frozen_hand", "still_face", "still_translation", "jerk"} <= gone
     assert {"frozen", "pops", "amplitude", "hand_in_body", "swapped_sides"} <= kept
-    assert without(found, ()) == found
-    only = {each.kind for each in without(found, {"finger_angles"})}
+    assert drop_missing_parts(found, ()) == found
+    only = {each.kind for each in drop_missing_parts(found, {"finger_angles"})}
     assert {fault.kind for fault in FAULTS} - only == {"finger_range"}
 
 
@@ -418,7 +418,8 @@ def test_assumptions_are_told_counted_apart_and_overruled(tmp_path: Path) -> Non
     np.savez(tmp_path / "recorded.npz", poses=motion.poses, trans=motion.trans)
     asked = diagnose_request(
         motions=(tmp_path / "theirs.npz",), out=tmp_path / "out", has_figures=False,
-        reference=tmp_path / "recorded.npz", told=read_told("motions:rate=25,reference:units=m"),
+        reference=tmp_path / "recorded.npz",
+        told=parse_import_overrides("motions:rate=25,reference:units=m"),
     )  # fmt: skip
     said = " ".join(run(asked).notes)
     told = json.loads((asked.output.out / "diagnostics.json").read_text())

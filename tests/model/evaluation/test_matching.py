@@ -20,7 +20,7 @@ from model.motion.motion import first_frames, load_motion
 from model.speech.audio import load_speech
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS
-from model.systems.helpers.config import HEARING_JUDGE
+from model.systems.helpers.config import MATCHING_NETWORK
 from model.systems.helpers.matching import load_judge
 from tests.helpers import ROOT, beat2_folder
 from tests.model.systems.helpers.made_matching import (
@@ -38,12 +38,12 @@ OWN, FOREIGN = (made_features(envelope) for envelope in ENVELOPES)
 
 @pytest.fixture(scope="module")
 def bundled():
-    return load_judge(BUNDLED_WEIGHTS, HEARING_JUDGE)
+    return load_judge(BUNDLED_WEIGHTS, MATCHING_NETWORK)
 
 
 @pytest.fixture(scope="module")
 def judge(made_once):
-    return load_judge(made_once("judge", make_judge), HEARING_JUDGE)
+    return load_judge(made_once("judge", make_judge), MATCHING_NETWORK)
 
 
 def test_the_own_speech_is_preferred_and_another_is_not(judge):
@@ -99,7 +99,7 @@ def features_of(path: Path) -> np.ndarray:
 
 
 def test_the_bundled_judge_finds_the_speech_of_the_example(bundled):
-    assert (BUNDLED_WEIGHTS / f"{HEARING_JUDGE}.safetensors").stat().st_size < 2_000_000
+    assert (BUNDLED_WEIGHTS / f"{MATCHING_NETWORK}.safetensors").stat().st_size < 2_000_000
     motion = load_motion(next((EXAMPLES / "procedural_speaker").glob("*.npz")))
     own = features_of(next((EXAMPLES / "procedural_speaker").glob("*.wav")))
     late = replace(motion, poses=np.roll(motion.poses, 30, axis=0))

@@ -18,7 +18,7 @@ from model.evaluation.adherence import (
     stroke_lags,
 )
 from model.evaluation.plan_detection import (
-    Counts,
+    DetectionCounts,
     agreement,
     near,
     overlapping,
@@ -125,19 +125,19 @@ def test_distances_are_those_of_edited_and_unedited_motion():
 
 
 def test_moments_are_met_once_each():
-    assert near([1.0, 1.05, 3.0], [1.02, 5.0], 0.1) == Counts(1, 3, 2)
-    counts = Counts(1, 3, 2)
+    assert near([1.0, 1.05, 3.0], [1.02, 5.0], 0.1) == DetectionCounts(1, 3, 2)
+    counts = DetectionCounts(1, 3, 2)
     assert counts.f1 == pytest.approx(0.4)
     assert counts.as_json() == {"f1": 0.4, "precision": 0.333, "recall": 0.5, "annotated": 2}
-    assert near([], [1.0], 0.1) + near([1.0], [1.0], 0.1) == Counts(1, 1, 2)
+    assert near([], [1.0], 0.1) + near([1.0], [1.0], 0.1) == DetectionCounts(1, 1, 2)
 
 
 def test_phases_must_lie_over_each_other():
     told = [phase(0.0, 1.0, "stroke"), phase(2.0, 3.0, "stroke")]
-    assert overlapping([phase(0.1, 1.2, "stroke")], told) == Counts(1, 1, 2)
-    assert overlapping([phase(0.9, 2.1, "stroke")], told) == Counts(0, 1, 2)
+    assert overlapping([phase(0.1, 1.2, "stroke")], told) == DetectionCounts(1, 1, 2)
+    assert overlapping([phase(0.9, 2.1, "stroke")], told) == DetectionCounts(0, 1, 2)
     twice = [phase(0.0, 0.5, "stroke"), phase(0.5, 1.0, "stroke")]
-    assert overlapping(twice, told) == Counts(1, 2, 2)
+    assert overlapping(twice, told) == DetectionCounts(1, 2, 2)
 
 
 def test_holds_that_follow_on_holds_are_one():
@@ -147,9 +147,9 @@ def test_holds_that_follow_on_holds_are_one():
 
 def test_a_plan_agrees_with_itself_in_everything():
     counts = agreement(made_plan(), made_plan())
-    assert {question: one.f1 for question, one in counts.items() if one.told} == dict.fromkeys(
-        [q for q, one in counts.items() if one.told], 1.0
-    )
+    assert {
+        question: one.f1 for question, one in counts.items() if one.num_annotated
+    } == dict.fromkeys([q for q, one in counts.items() if one.num_annotated], 1.0)
     moved = agreement(made_plan().at_speed(1.5), made_plan())
     assert moved["ends of strokes"].met == 0 and moved["nods"].met == 1
 

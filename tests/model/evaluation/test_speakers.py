@@ -10,8 +10,8 @@ from conventions.joints import JOINT_INDEX
 from model.data.recordings import read_files
 from model.evaluation.classifiers import (
     PIECE_FRAMES,
-    FewClips,
-    SpeakerJudge,
+    SpeakerClassifier,
+    SpeakerComparisonClips,
     discriminant,
     judge_of,
     manner_numbers,
@@ -124,7 +124,7 @@ def test_a_lively_and_a_calm_speaker_are_told_and_short_motion_is_not():
 def test_it_learns_from_the_training_split_alone(tmp_path, data_folder):
     folder = make_data_folder(tmp_path / "data", seconds=12)
     judge = judge_of(folder, ["ann", "bob", "eve"])
-    assert isinstance(judge, SpeakerJudge) and judge.speakers == ("ann", "bob")
+    assert isinstance(judge, SpeakerClassifier) and judge.speakers == ("ann", "bob")
     path = folder / "smplxflame_30" / "1_ann_0_2_2.npz"  # of the validation split
     save_motion(moved(12, 5, 3.0), path)
     again = judge_of(folder, ["ann", "bob", "eve"])
@@ -157,7 +157,7 @@ def test_silence_follows_ten_seconds_or_what_there_is():
 def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
     found = load_system("globaldiff/local", weights)
     system = replace(found, samplers=(replace(found.samplers[0], steps=1),))
-    few = FewClips.choose(data_folder, CLIPS[:1], [system], PAIR)
+    few = SpeakerComparisonClips.choose(data_folder, CLIPS[:1], [system], PAIR)
     name, speech = CLIPS[0], read_files(data_folder, CLIPS[0])[1]
     found = few.measures(system, name, speech, USUAL)
     made = {}

@@ -15,7 +15,7 @@ import pytest
 from model.diagnostics import raw_evidence
 from model.faults.analysis import Evidence
 from model.faults.table import find_faults
-from model.metrics.lag import heard_of
+from model.metrics.lag import speech_bands_by_frame
 from model.metrics.posture import WRISTS
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
@@ -69,7 +69,7 @@ def test_nothing_is_found_in_five_minutes_of_a_procedural_speaker(number, flite)
     speaker = SPEAKERS[number % len(SPEAKERS)]
     clip = make_clip(open_body_rig(), speaker, "train", 300.0, [17, number])
     motion = motion_of(clip)
-    assert told_of(motion, heard_of(clip.utterance.waveform)) == []
+    assert told_of(motion, speech_bands_by_frame(clip.utterance.waveform)) == []
 
 
 @pytest.mark.beat2
@@ -78,4 +78,4 @@ def test_nothing_is_found_in_a_recording(name):
     folder = beat2_folder()
     motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
     sound = load_speech(folder / "wave16k" / f"{name}.wav")
-    assert told_of(motion, heard_of(sound.waveform)) == []
+    assert told_of(motion, speech_bands_by_frame(sound.waveform)) == []

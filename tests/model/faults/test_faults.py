@@ -12,10 +12,10 @@ from app.findings.verdict import verdict_of
 from app.run.examples import CLEAN
 from conventions.joints import JOINT_INDEX
 from model.diagnostics import raw_evidence
-from model.faults.analysis import Evidence, Finding, by_gravity, clock, ranked, stretches_of
-from model.faults.table import FAULTS, STILL, find_faults, without
+from model.faults.analysis import Evidence, Finding, by_gravity, clock, ranked, true_ranges
+from model.faults.table import FAULTS, STILL, drop_missing_parts, find_faults
 from model.formats.read import read_any_motion
-from model.metrics.lag import heard_of
+from model.metrics.lag import speech_bands_by_frame
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import load_speech
@@ -39,7 +39,9 @@ def person(motion: Motion, heard: np.ndarray) -> Person:
 @pytest.fixture(scope="module")
 def example() -> Person:
     """14 s that come with the program."""
-    return person(load_motion(CLEAN), heard_of(load_speech(CLEAN.with_suffix(".wav")).waveform))
+    return person(
+        load_motion(CLEAN), speech_bands_by_frame(load_speech(CLEAN.with_suffix(".wav")).waveform)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def recorded() -> Person:
     folder = beat2_folder()
     sound = load_speech(folder / "wave16k" / "2_scott_0_1_1.wav")
     motion = load_motion(folder / "smplxflame_30" / "2_scott_0_1_1.npz")
-    return person(motion, heard_of(sound.waveform))
+    return person(motion, speech_bands_by_frame(sound.waveform))
 
 
 def evidence_of(motion: Motion, person: Person, planted: Planted) -> Evidence:
@@ -78,7 +80,7 @@ def test_a_planted_fault_is_found_and_told(example, planted):
         if isinstance(value, float):
             value = pytest.approx(value, rel=0.03, abs=0.01)
         assert finding.numbers.get(name) == value, (name, finding.numbers)
-    for first, last in finding.stretches:
+    for first, last in finding.frame_ranges:
         assert 0 <= first <= last < example.motion.num_frames
     measured = {"clean": example.evidence.raw, "planted": evidence.raw}
     numbers: Any = {name: {"raw": numbers_of(raw)} for name, raw in measured.items()}
@@ -145,7 +147,7 @@ EXPECTED = {
 def test_what_is_true_of_others_is_found(name):
     (path,) = foreign_folder().glob(f"{name}.[nb][pv][zyh]")
     read = read_any_motion(path)
-    found = without(find_faults(raw_evidence(read.motion, SKELETON)), read.lacks)
+    found = drop_missing_parts(find_faults(raw_evidence(read.motion, SKELETON)), read.missing_parts)
     assert {finding.kind for finding in found} == EXPECTED[name]
 
 
@@ -154,7 +156,7 @@ def test_a_finding_tells_where_it_is_worst_and_the_gravest_come_first(example):
     motion = plant["freeze of 2 s"](plant["7 Hz in the arms"](example.motion))
     found = find_faults(raw_evidence(motion, SKELETON))
     assert found[0].kind == "frozen" and len(found) > 1
-    assert found[0].worst_frame == 300 and found[0].stretches[0] == (300, 359)
+    assert found[0].worst_frame == 300 and found[0].frame_ranges[0] == (300, 359)
     told = found[0].as_json()
     assert (told["worst_frame"], told["worst_s"], told["frames"]) == (300, 10.0, [[300, 359]])
     assert told["gravity"] == 3 and told["excess"] > 1
@@ -191,4 +193,4 @@ def test_of_motions_that_shake_the_one_whose_fingertips_jerk_most_is_told_first(
 def test_times_and_stretches():
     assert [clock(frame) for frame in (0, 45, 1799)] == ["0:00.0", "0:01.5", "1:00.0"]
     there = np.array([0, 1, 1, 0, 0, 1, 1, 1, 0, 1], bool)
-    assert stretches_of(there) == ((5, 7), (1, 2), (9, 9))
+    assert true_ranges(there) == ((5, 7), (1, 2), (9, 9))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from model.formats.convention_detection import RELAXED_HANDS
 from model.formats.read import read_any_motion
-from model.formats.reading import Assumptions, Reading
+from model.formats.reading import ImportedMotion, ImportOverrides
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
@@ -113,7 +113,7 @@ class Drawn:
     """Those that the file has."""
     tolerance_m: float = 1e-3
 
-    def outcome(self, told: Assumptions | None = None) -> tuple[str, Reading | None]:
+    def outcome(self, told: ImportOverrides | None = None) -> tuple[str, ImportedMotion | None]:
         """``right``, ``unsure`` or ``silent`` (wrong, and told as unsure or not), ``refused``."""
         try:
             reading = read_any_motion(self.path, told)

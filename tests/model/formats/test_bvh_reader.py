@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from app.run.bodies import body_motion
 from conventions.joints import HANDS, JOINT_INDEX, JOINT_NAMES
 from model.formats.read import read_any_motion
-from model.formats.reading import read_told
+from model.formats.reading import parse_import_overrides
 from model.storage.npz import MotionError
 from renderer.body.body import load_body
 from renderer.files.exports import write_bvh
@@ -31,7 +31,7 @@ def text_of(joints: list[int] = BODY_JOINTS, names=(), scale: float = 1.0, **mor
 def read(folder: Path, text: str, assume: str = ""):
     path = folder / "a.bvh"
     path.write_bytes(text.encode("latin-1"))
-    return read_any_motion(path, read_told(assume))
+    return read_any_motion(path, parse_import_overrides(assume))
 
 
 def test_our_own_bvh_comes_back(tmp_path: Path):
@@ -39,7 +39,7 @@ def test_our_own_bvh_comes_back(tmp_path: Path):
     write_bvh(load_body(), body_motion(MOTION), path)
     reading = read_any_motion(path)
     np.testing.assert_allclose(joints_of(reading.motion), WANTED, atol=2e-3)
-    assert reading.notes == () and "face" in reading.lacks
+    assert reading.notes == () and "face" in reading.missing_parts
 
 
 LIMBS = ("left upper arm", "left forearm", "right thigh", "right shin")
@@ -263,7 +263,7 @@ def test_without_legs_or_a_rest_pose_it_is_read_and_told_as_unsure(
     reading = read(tmp_path, text_of(joints, is_along_x=is_along_x))
     found, wanted = (each[:, joints] for each in (joints_of(reading.motion), WANTED))
     np.testing.assert_allclose(found, wanted, atol=0.02 if is_along_x else 2e-3)
-    assert ("legs" in reading.lacks) == (joints == UPPER)
+    assert ("legs" in reading.missing_parts) == (joints == UPPER)
     unsure = {each.kind for each in reading.assumptions if each.sure == "unsure"}
     assert unsure >= ({"layout"} if is_along_x else {"up", "facing"})
 

@@ -10,7 +10,7 @@ import pytest
 from model.diagnostics import raw_evidence
 from model.faults.table import find_faults
 from model.formats.read import read_any_motion
-from model.formats.reading import Reading, lengths_apart, read_told
+from model.formats.reading import ImportedMotion, length_notes, parse_import_overrides
 from model.motion.kinematics import open_body_skeleton
 from model.storage.npz import MotionError
 from tests.helpers import ROOT, foreign_folder
@@ -89,7 +89,7 @@ def wrong(name: str) -> str:
     return _wrong_pose(name, reading)
 
 
-def _wrong_pose(name: str, reading: Reading) -> str:
+def _wrong_pose(name: str, reading: ImportedMotion) -> str:
     found = joints_of(reading.motion)
     look = OTHER_POSE.get(name)
     tall = found[:, 15, 1] - found[:, [10, 11], 1].min(axis=1)
@@ -113,7 +113,7 @@ def _wrong_pose(name: str, reading: Reading) -> str:
     wanted = wanted[::2] if "60fps" in name else wanted
     frames = min(len(found), len(wanted))
     off = found[:frames] - found[:frames, :1] - wanted[:frames] + wanted[:frames, :1]
-    off = off[:, :22] if "hands" in reading.lacks and not is_bvh else off
+    off = off[:, :22] if "hands" in reading.missing_parts and not is_bvh else off
     off = np.delete(off, np.s_[40:46], axis=0) if name == "01_seamless.npz" else off
     apart_m = float(np.linalg.norm(off, axis=-1).max())
     return "" if apart_m < NEAR_M else f"{1000 * apart_m:.1f} mm apart"
@@ -147,7 +147,7 @@ def test_files_as_people_save_them_are_read_or_refused_as_the_manifest_says(name
 def test_what_is_refused_or_unsure_can_be_told(name: str, assume: str, frames: int):
     if not INPUTS.is_dir():
         pytest.skip("no files as people save them here (shared/data/inputs)")
-    reading = read_any_motion(INPUTS / name, read_told(assume))
+    reading = read_any_motion(INPUTS / name, parse_import_overrides(assume))
     assert reading.motion.num_frames == frames
     told = reading.of(assume.split("=")[0])  # type: ignore[arg-type]
     assert told is not None and told.sure == "told"
@@ -171,12 +171,15 @@ def test_what_is_told_overrules_what_the_motion_says(seed: int, tmp_path: Path):
     """Told its conventions, a file is read as without help; told others, otherwise."""
     file = drawn(seed, tmp_path)
     right = f"up={file.said['up']}"
-    assert file.apart_m(read_any_motion(file.path, read_told(right)).motion) < file.tolerance_m
+    assert (
+        file.apart_m(read_any_motion(file.path, parse_import_overrides(right)).motion)
+        < file.tolerance_m
+    )
     other = "z" if file.said["up"] != "z" else "x"
-    alone = read_told(f"elsewhere:up={other}")
+    alone = parse_import_overrides(f"elsewhere:up={other}")
     assert file.apart_m(read_any_motion(file.path, alone).motion) < file.tolerance_m
     if file.path.suffix != ".bvh":
-        told = read_told(f"{file.path.stem}:up={other}")
+        told = parse_import_overrides(f"{file.path.stem}:up={other}")
         assert file.apart_m(read_any_motion(file.path, told).motion) > 0.5
 
 
@@ -194,7 +197,7 @@ def test_what_is_told_overrules_what_the_motion_says(seed: int, tmp_path: Path):
 def test_files_of_others_open(name: str, frames: int, told: dict[str, str]):
     reading = read_any_motion(foreign_folder() / name)
     assert reading.motion.num_frames == frames
-    said = {each.kind: each.value for each in reading.assumptions if not each.is_usual}
+    said = {each.kind: each.value for each in reading.assumptions if not each.is_default}
     assert {kind: said.get(kind) for kind in told} == told
     assert bool(said) == bool(told)
     joints = joints_of(reading.motion)
@@ -203,8 +206,10 @@ def test_files_of_others_open(name: str, frames: int, told: dict[str, str]):
 
 def test_hands_of_published_results_keep_within_human_range_once_the_mean_hand_is_added():
     reading = read_any_motion(foreign_folder() / "talkshow_french.npy")
-    flat = read_any_motion(foreign_folder() / "talkshow_french.npy", read_told("hands=flat"))
-    assert reading.lacks == {"finger_angles", "place"}
+    flat = read_any_motion(
+        foreign_folder() / "talkshow_french.npy", parse_import_overrides("hands=flat")
+    )
+    assert reading.missing_parts == {"finger_angles", "place"}
     bends = [
         np.concatenate([-poses[:, 25:37, 2], poses[:, 40:52, 2]], axis=1)
         for poses in (each.motion.poses.reshape(-1, 55, 3) for each in (reading, flat))
@@ -217,9 +222,11 @@ def test_of_a_file_with_a_wrong_frame_time_the_right_rate_is_offered():
     if not path.is_file():
         pytest.skip("no files that outsiders met here (shared/data/inputs5)")
     reading = read_any_motion(path)
-    (note,) = lengths_apart(14.06, {"a": reading.motion.duration_s}, {"a": reading.rate})
+    (note,) = length_notes(14.06, {"a": reading.motion.duration_s}, {"a": reading.rate})
     assert "At 30 fps it would" in note and "--assume rate=30" in note
-    assert read_any_motion(path, read_told("rate=30")).motion.duration_s == pytest.approx(14.0)
+    assert read_any_motion(
+        path, parse_import_overrides("rate=30")
+    ).motion.duration_s == pytest.approx(14.0)
 
 
 def test_a_body_that_bobs_is_found_and_one_that_stands_is_not():

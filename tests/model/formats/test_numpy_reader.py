@@ -14,7 +14,7 @@ from model.formats.motion_draft import shape_of
 from model.formats.numpy_reader import CONVERT
 from model.formats.parameters import motion_files
 from model.formats.read import mean_hands, read_any_motion
-from model.formats.reading import Reading, read_told
+from model.formats.reading import ImportedMotion, parse_import_overrides
 from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import load_motion, save_motion
 from model.storage.npz import MotionError
@@ -44,13 +44,13 @@ def written(folder: Path, **changes: np.ndarray | None) -> Path:
 
 def refusal(path: Path, assume: str = "") -> str:
     with pytest.raises(MotionError) as caught:
-        read_any_motion(path, read_told(assume))
+        read_any_motion(path, parse_import_overrides(assume))
     sentence = str(caught.value)
     assert path.name in sentence and sentence.endswith(".") and "\n" not in sentence
     return sentence
 
 
-def value_of(reading: Reading, kind: str) -> tuple[str, str]:
+def value_of(reading: ImportedMotion, kind: str) -> tuple[str, str]:
     found = reading.of(kind)  # type: ignore[arg-type]
     assert found is not None
     return found.value, found.sure
@@ -72,13 +72,13 @@ def test_120_frames_per_second_become_30(tmp_path: Path):
     poses[:, 57] = time_s  # the right elbow turns at 1 rad/s
     changes = {"poses": poses, "trans": trans, "expressions": None, "mocap_frame_rate": None}
     path = written(tmp_path, **changes, mocap_framerate=np.array("120.0"))
-    reading = read_any_motion(path, read_told("units=m"))
+    reading = read_any_motion(path, parse_import_overrides("units=m"))
     assert reading.motion.num_frames == 31
     seconds = np.arange(31) / 30
     np.testing.assert_allclose(reading.motion.poses[:, 57], seconds, atol=1e-6)
     np.testing.assert_allclose(reading.motion.trans[:, 2], seconds**2, atol=1e-6)
     assert value_of(reading, "rate") == ("120", "stated")
-    assert "face" in reading.lacks and "hands" in reading.lacks
+    assert "face" in reading.missing_parts and "hands" in reading.missing_parts
 
 
 @pytest.mark.parametrize("fps", [15.0, 24.0, 50.0, 60.0])
@@ -87,7 +87,7 @@ def test_other_rates_go_the_same_path_in_other_time(tmp_path: Path, fps: float):
     arrays = {key: getattr(long, key) for key in ("poses", "trans", "expressions")}
     reading = read_any_motion(written(tmp_path, **arrays, mocap_frame_rate=np.array(fps)))
     assert reading.motion.num_frames == int(239 * 30 / fps) + 1
-    assert ("detail" in reading.lacks) == (fps < 30)
+    assert ("detail" in reading.missing_parts) == (fps < 30)
     before, after = (
         derivative_magnitudes(joints_of(each), 1).mean() for each in (long, reading.motion)
     )
@@ -98,24 +98,24 @@ def test_other_rates_go_the_same_path_in_other_time(tmp_path: Path, fps: float):
 def test_frame_rates_that_cannot_be_resampled_honestly(tmp_path: Path, fps: float):
     path = written(tmp_path, mocap_frame_rate=np.array(fps))
     assert f"{fps:g} frames per second" in refusal(path)
-    assert read_any_motion(path, read_told("rate=30")).motion.num_frames == 60
+    assert read_any_motion(path, parse_import_overrides("rate=30")).motion.num_frames == 60
 
 
 def test_a_stated_mean_hand_comes_from_the_body_else_ours_stands_in(tmp_path: Path):
     poses = POSES.copy()
     poses[:, list(HANDS)] -= RELAXED_HANDS
     path = written(tmp_path, poses=poses.reshape(60, 165))
-    reading = read_any_motion(path, read_told("hands=mean"))
+    reading = read_any_motion(path, parse_import_overrides("hands=mean"))
     np.testing.assert_allclose(reading.motion.poses, MOTION.poses, atol=1e-6)
-    assert "finger_angles" in reading.lacks and "is used instead" in " ".join(reading.notes)
+    assert "finger_angles" in reading.missing_parts and "is used instead" in " ".join(reading.notes)
     body = tmp_path / "SMPLX_NEUTRAL.npz"
     means = {"hands_meanl": np.full(45, 0.1), "hands_meanr": np.full(45, 0.2)}
     np.savez(body, **means, joint2num=np.array({"a": 1}, dtype=object))
-    reading = read_any_motion(path, read_told("hands=mean"), body)
+    reading = read_any_motion(path, parse_import_overrides("hands=mean"), body)
     added = reading.motion.poses.reshape(-1, 55, 3)[:, list(HANDS)] - poses[:, list(HANDS)]
     np.testing.assert_allclose(added[:, :15], 0.1, atol=1e-6)
     np.testing.assert_allclose(added[:, 15:], 0.2, atol=1e-6)
-    assert "finger_angles" not in reading.lacks
+    assert "finger_angles" not in reading.missing_parts
     np.savez(body, hands_meanl=np.zeros(3), hands_meanr=np.zeros(3))
     assert mean_hands(body) is None
 
@@ -157,7 +157,7 @@ def test_parts_may_have_a_batch_axis_and_any_form(tmp_path: Path, frames: int):
 def test_form_that_does_not_fit_is_refused_with_those_that_do(tmp_path: Path):
     path = written(tmp_path, poses=in_form(POSES, "6d").reshape(60, -1))
     assert "6d or 6d-columns" in refusal(path, "rotations=matrix")
-    turned = read_any_motion(path, read_told("rotations=6d-columns")).motion.poses
+    turned = read_any_motion(path, parse_import_overrides("rotations=6d-columns")).motion.poses
     rows = Rotation.from_rotvec(turned.reshape(-1, 3))
     inverse = Rotation.from_rotvec(-MOTION.poses.reshape(-1, 3))
     assert (rows.inv() * inverse).magnitude().reshape(60, 55)[:, 1:22].max() < 1e-3
@@ -184,7 +184,7 @@ def test_parameters_of_one_row_hold_for_all_frames(tmp_path: Path, has_place: bo
         "expression": row,
     }
     path = written(tmp_path, poses=None, trans=None, expressions=None, betas=None, **parts)
-    reading = read_any_motion(path, read_told("hands=flat"))
+    reading = read_any_motion(path, parse_import_overrides("hands=flat"))
     found = reading.motion.poses.reshape(-1, 55, 3)
     np.testing.assert_allclose(found[:, :22], POSES[:, :22], atol=1e-6)
     np.testing.assert_allclose(found[:, 22], np.tile(POSES[7, 22], (60, 1)), atol=1e-6)
@@ -218,7 +218,7 @@ def test_frames_that_a_mask_marks_are_interpolated_or_told(
     marks[[0, 20, 21, 22]] = 0
     poses[20:23, 57], trans[20:23] = 1.5, 3.0
     path = written(tmp_path, poses=poses, trans=trans, **{key: marks})
-    reading = read_any_motion(path, read_told(assume))
+    reading = read_any_motion(path, parse_import_overrides(assume))
     notes = " ".join(reading.notes)
     assert f"frames {value}, `{key}` marks frames 0, 20-22 as invalid" in notes
     wanted = MOTION if value == "bridge" else None
@@ -249,7 +249,7 @@ def test_a_folder_with_a_file_for_each_parameter_is_one_motion(tmp_path: Path, l
     assert whole.name == "whole.npy" and path == files["smplx_mesh_global_orient"]
     assert str(name) == ("AAA111/a.npy" if "AAA" in layout else "a.npy")
     for each in (path, files["smplx_mesh_transl"]):
-        reading = read_any_motion(each, read_told("hands=flat"))
+        reading = read_any_motion(each, parse_import_overrides("hands=flat"))
         np.testing.assert_allclose(reading.motion.poses[:, :66], MOTION.poses[:, :66], atol=1e-6)
         np.testing.assert_allclose(reading.motion.trans, MOTION.trans, atol=1e-6)
     files["smplx_mesh_body_pose"].unlink()
@@ -295,18 +295,20 @@ def test_a_heading_is_turned_only_where_it_is_kept_throughout(tmp_path: Path):
     poses[:, 0] = 0
     poses[:, 0, 1] = np.linspace(0, 2 * np.pi, 60)  # turns once about itself
     facing = read_any_motion(written(tmp_path, poses=poses)).of("facing")
-    assert facing is not None and facing.value == "as-is" and facing.is_usual
+    assert facing is not None and facing.value == "as-is" and facing.is_default
     poses[:, 0, 1] = np.radians(80)
     path = written(tmp_path, poses=poses)
     assert value_of(read_any_motion(path), "facing") == ("x", "likely")
-    kept = read_any_motion(path, read_told("facing=as-is")).motion.poses[0, 1]
+    kept = read_any_motion(path, parse_import_overrides("facing=as-is")).motion.poses[0, 1]
     assert kept == pytest.approx(np.radians(80), abs=1e-6)
 
 
 def test_what_is_said_and_does_not_apply_is_told(tmp_path: Path):
     path = tmp_path / "a.npy"
     np.save(path, np.zeros((9, 66)))
-    reading = read_any_motion(path, read_told("units=cm,hands=mean,motion=2,frames=bridge,rate=30"))
+    reading = read_any_motion(
+        path, parse_import_overrides("units=cm,hands=mean,motion=2,frames=bridge,rate=30")
+    )
     vain = [each.kind for each in reading.assumptions if "does not apply" in each.why]
     assert vain == ["hands", "motion", "units"] and "rate 30, as you say" in " ".join(reading.notes)
 
@@ -317,7 +319,7 @@ def test_a_plain_motion_comes_before_others_of_its_file(tmp_path: Path):
     reading = read_any_motion(path)
     np.testing.assert_array_equal(reading.motion.poses, MOTION.poses)
     assert "beside gt" in reading.notes[0]
-    chosen = read_any_motion(path, read_told("motion=gt"))
+    chosen = read_any_motion(path, parse_import_overrides("motion=gt"))
     np.testing.assert_array_equal(chosen.motion.poses, other)
 
 
@@ -421,10 +423,10 @@ def test_diffsheg_rows_of_the_upper_body(tmp_path: Path):
     joints = [3, 6, 9, *range(12, 22), *range(25, 55), 22]
     columns = [POSES[:, joints].reshape(60, -1), MOTION.expressions]
     np.save(tmp_path / "out.npy", np.concatenate(columns, axis=1)[None])
-    reading = read_any_motion(tmp_path / "out.npy", read_told("hands=flat"))
+    reading = read_any_motion(tmp_path / "out.npy", parse_import_overrides("hands=flat"))
     found = reading.motion.poses.reshape(-1, 55, 3)
     np.testing.assert_allclose(found[:, joints], POSES[:, joints], atol=1e-6)
     rest = [joint for joint in range(55) if joint not in joints]
     assert (found[:, rest] == 0).all() and len(rest) == 11
     np.testing.assert_array_equal(reading.motion.expressions, MOTION.expressions)
-    assert {"legs", "place"} <= reading.lacks
+    assert {"legs", "place"} <= reading.missing_parts

@@ -4,17 +4,23 @@ from pathlib import Path
 
 import pytest
 
-from model.formats.reading import Assumption, Reading, apart, lengths_apart, read_told
+from model.formats.reading import (
+    Assumption,
+    ImportedMotion,
+    apart,
+    length_notes,
+    parse_import_overrides,
+)
 from model.storage.npz import MotionError
 from tests.helpers import smooth_motion_example
 
 MOTION = smooth_motion_example(4)
 UP = Assumption("up", "z", "it stands along it", "unsure", ("y", "x"))
-USUAL = Assumption("rate", "30", "as stated", "stated", is_usual=True)
+USUAL = Assumption("rate", "30", "as stated", "stated", is_default=True)
 
 
 def test_a_note_names_file_value_reason_and_the_way_out():
-    reading = Reading(MOTION, (UP, USUAL), "a.npz")
+    reading = ImportedMotion(MOTION, (UP, USUAL), "a.npz")
     (note,) = reading.notes
     assert note == "a.npz: up z, it stands along it (if not, say --assume up=y|x)."
     assert reading.of("up") is UP and reading.of("hands") is None
@@ -29,8 +35,8 @@ def test_a_note_names_file_value_reason_and_the_way_out():
 
 def test_what_differs_between_compared_motions_is_told():
     slow = Assumption("rate", "15", "as stated")
-    one = Reading(MOTION, (slow,), lacks=frozenset({"detail", "face"}))
-    other = Reading(MOTION, (USUAL,), lacks=frozenset({"face"}))
+    one = ImportedMotion(MOTION, (slow,), missing_parts=frozenset({"detail", "face"}))
+    other = ImportedMotion(MOTION, (USUAL,), missing_parts=frozenset({"face"}))
     first, second = apart({"a": one, "b": other})
     assert "differ in frame rate (a 15, b 30)" in first
     assert second.startswith("a was upsampled from a lower frame rate")
@@ -38,25 +44,28 @@ def test_what_differs_between_compared_motions_is_told():
 
 
 def test_a_rate_at_which_the_speech_would_fit_is_told():
-    assert lengths_apart(10.0, {"a": 10.9, "b": 9.1}) == []
-    (note,) = lengths_apart(10.0, {"a": 5.0, "b": 20.0})
+    assert length_notes(10.0, {"a": 10.9, "b": 9.1}) == []
+    (note,) = length_notes(10.0, {"a": 5.0, "b": 20.0})
     assert "2 of the motions 5.0 to 20.0 s" in note and "as long as the speech" not in note
-    (note,) = lengths_apart(10.0, {"a": 5.0})
+    (note,) = length_notes(10.0, {"a": 5.0})
     assert "a 5.0 s" in note and "At 15 fps it would be as long as the" in note
-    (note,) = lengths_apart(14.06, {"a": 17.5}, {"a": 24.0})  # a BVH whose Frame Time is wrong
+    (note,) = length_notes(14.06, {"a": 17.5}, {"a": 24.0})  # a BVH whose Frame Time is wrong
     assert "At 30 fps it would" in note and "(--assume rate=30)" in note
-    assert "At" not in lengths_apart(14.06, {"a": 17.5}, {"a": 30.0})[0]
+    assert "At" not in length_notes(14.06, {"a": 17.5}, {"a": 30.0})[0]
 
 
 def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
     said = "up=z, b, c.npz:up=x,*.npz:up=y,*.npz:hands=mean,reference:rate=25,units=cm"
-    told = read_told(f"{said},motions:rate=24")
-    assert told.of("a.bvh", "motions") == {"up": "z", "units": "cm", "rate": "24"}
-    assert told.of("B.NPZ") == {"up": "y", "units": "cm", "hands": "mean"}
-    assert told.of("b, c.npz")["up"] == "x"
-    assert told.of("reference")["rate"] == "25"
-    assert read_told("").says == ()
-    assert told.unknown([Path("x/b, c.npz")]) == "" and told.known([]).of("a.npz")["up"] == "z"
+    told = parse_import_overrides(f"{said},motions:rate=24")
+    assert told.for_file("a.bvh", "motions") == {"up": "z", "units": "cm", "rate": "24"}
+    assert told.for_file("B.NPZ") == {"up": "y", "units": "cm", "hands": "mean"}
+    assert told.for_file("b, c.npz")["up"] == "x"
+    assert told.for_file("reference")["rate"] == "25"
+    assert parse_import_overrides("").entries == ()
+    assert (
+        told.unknown([Path("x/b, c.npz")]) == ""
+        and told.restricted_to([]).for_file("a.npz")["up"] == "z"
+    )
     assert "There is no file 'b, c.npz', for which up=x is given; there are a" in told.unknown(
         [Path("a.npz")], "a"
     )
@@ -74,4 +83,4 @@ def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
 )
 def test_what_nobody_can_say_is_refused(written: str, said: str):
     with pytest.raises(MotionError, match=said):
-        read_told(written)
+        parse_import_overrides(written)

@@ -20,7 +20,7 @@ def streamed(live: LiveMotion, blocks):
     """All frames, in pieces as they became final."""
     pieces = []
     for block in blocks:
-        live.hear(block)
+        live.add_features(block)
         while live.is_due:
             pieces += live.step()
     return pieces
@@ -28,12 +28,12 @@ def streamed(live: LiveMotion, blocks):
 
 def test_frames_are_final_ten_at_a_time_and_twelve_behind_the_speech(loaded):
     live = LiveMotion(loaded("gan/5"), OPTIONS, PACE)
-    live.hear(FEATURES[:21])
+    live.add_features(FEATURES[:21])
     assert not live.is_due
-    live.hear(FEATURES[21:22])
+    live.add_features(FEATURES[21:22])
     assert live.is_due and live.step()[0].num_frames == 10
     assert not live.is_due and live.next_frame == 10
-    live.hear(FEATURES[22:122])
+    live.add_features(FEATURES[22:122])
     assert live.step()[0].num_frames == 52 and live.step()[0].num_frames == 48
 
 

@@ -8,10 +8,10 @@ import torch
 
 from model.generation.regenerate import (
     ENDING,
+    GenerationState,
     KeptError,
-    KeptPerformance,
     load_performance,
-    perform,
+    regenerate,
     save_performance,
 )
 from model.generation.windows import GenerateOptions, generate_motion
@@ -44,13 +44,13 @@ def system(planned_weights):
 
 
 @pytest.fixture(scope="module")
-def first(system) -> KeptPerformance:
-    return perform(system, SPEECH, options(PLAN))
+def first(system) -> GenerationState:
+    return regenerate(system, SPEECH, options(PLAN))
 
 
 @pytest.fixture(scope="module")
-def changed(system, first) -> KeptPerformance:
-    return perform(system, SPEECH, options(WITHOUT), first)
+def changed(system, first) -> GenerationState:
+    return regenerate(system, SPEECH, options(WITHOUT), first)
 
 
 def arrays(motion: Motion) -> np.ndarray:
@@ -61,7 +61,7 @@ def test_a_performance_is_the_motion_that_is_generated_and_again_the_same(system
     (motion,) = generate_motion(system, SPEECH, options(PLAN))
     np.testing.assert_array_equal(arrays(first.motion), arrays(motion))
     assert first.fresh == (range(0, FRAMES),)
-    again = perform(system, SPEECH, options(PLAN), first)
+    again = regenerate(system, SPEECH, options(PLAN), first)
     assert again.fresh == () and all(a is b for a, b in zip(again.made, first.made, strict=True))
     np.testing.assert_array_equal(arrays(again.motion), arrays(first.motion))
 
@@ -73,7 +73,7 @@ def test_only_what_was_changed_is_performed_anew(system, first, changed, where):
         "start": (1.0, add_gesture(PLAN, "you", 1.0, "left").plan),
         "end": (13.8, with_event(PLAN, Nod(13.8, 6.0)).plan),
     }[where]
-    again = changed if plan is WITHOUT else perform(system, SPEECH, options(plan), first)
+    again = changed if plan is WITHOUT else regenerate(system, SPEECH, options(plan), first)
     (fresh,) = again.fresh
     assert fresh.start <= 30 * at < fresh.stop and len(fresh) < FRAMES * 0.75
     same = (arrays(again.motion) == arrays(first.motion)).all(axis=1)
@@ -89,7 +89,7 @@ def test_what_is_performed_anew_is_what_the_changed_plan_would_have_been(system,
 
 def test_an_edit_taken_back_is_the_first_performance_nearly(system, first, changed):
     """The plan heard is the old one again, so all that was made of it comes back."""
-    back = perform(system, SPEECH, options(PLAN), changed)
+    back = regenerate(system, SPEECH, options(PLAN), changed)
     frames = back.fresh[0]
     off = np.abs(arrays(back.motion) - arrays(first.motion))
     assert off[: frames.stop - 52].max() == 0 and off[frames.stop :].max() == 0
@@ -115,7 +115,7 @@ def test_pieces_put_together_are_the_motion_and_what_did_not_change_comes_first(
         return False
 
     plan = delete_gesture(PLAN, Gesture("right", 12.0)).plan
-    again = perform(system, SPEECH, options(plan), first, should_cancel, pieces.append)
+    again = regenerate(system, SPEECH, options(plan), first, should_cancel, pieces.append)
     np.testing.assert_array_equal(arrays(concatenate(pieces)), arrays(again.motion))
     assert asked_after[0] == again.fresh[0].start // 52 > 0
 
@@ -124,8 +124,8 @@ def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_pat
     path = tmp_path / f"take{ENDING}"
     save_performance(first, path)
     read = load_performance(path, system, PLAN, first.motion)
-    assert torch.equal(read.heard, first.heard)
-    again = perform(system, SPEECH, options(WITHOUT), read)
+    assert torch.equal(read.conditioning, first.conditioning)
+    again = regenerate(system, SPEECH, options(WITHOUT), read)
     np.testing.assert_array_equal(arrays(again.motion), arrays(changed.motion))
     path.write_bytes(path.read_bytes()[:1000])
     for broken in (path, tmp_path / "gone"):
@@ -135,8 +135,8 @@ def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_pat
 
 def test_it_stops_when_asked_to_and_refuses_what_it_cannot_keep(system, first):
     with pytest.raises(Cancelled):
-        perform(system, SPEECH, options(PLAN), None, lambda: True)
+        regenerate(system, SPEECH, options(PLAN), None, lambda: True)
     with pytest.raises(ValueError, match="One sample with a condition"):
-        perform(system, SPEECH, replace(options(PLAN), samples=2))
+        regenerate(system, SPEECH, replace(options(PLAN), samples=2))
     with pytest.raises(ValueError, match="One sample with a condition"):
-        perform(system, SPEECH, replace(options(PLAN), conditions=()), first)
+        regenerate(system, SPEECH, replace(options(PLAN), conditions=()), first)

@@ -7,7 +7,7 @@ import pytest
 
 from conventions.rates import FPS, SAMPLE_RATE
 from model.faults.glitches import shifted_speech
-from model.metrics.lag import find_lag, heard_of
+from model.metrics.lag import find_lag, speech_bands_by_frame
 from model.motion.motion import Motion, in_step, load_motion
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, smooth_motion_example
@@ -35,7 +35,7 @@ def speaking(sound: np.ndarray, seed: int = 0, share: float = 0.6) -> Motion:
     """A face that follows the sound's level through a random mixture, with as much of its own."""
     rng = np.random.default_rng(seed)
     motion = smooth_motion_example(SECONDS * FPS, seed)
-    level = heard_of(sound).mean(axis=1)
+    level = speech_bands_by_frame(sound).mean(axis=1)
     level = (level - level.mean()) / level.std()
     own = rng.normal(size=(len(level), 4))
     kernel = np.hanning(9) / np.hanning(9).sum()
@@ -69,7 +69,7 @@ def stretched(motion: Motion, times: float) -> Motion:
 
 @pytest.mark.parametrize("frames", [-30, -12, 0, 1, 23, 75])
 def test_a_lag_is_found_to_half_a_frame_with_its_sign(sound, frames):
-    lag = find_lag(moved(speaking(sound), frames), heard_of(sound))
+    lag = find_lag(moved(speaking(sound), frames), speech_bands_by_frame(sound))
     assert lag.lag_ground == "face"
     assert lag.lag_s == pytest.approx(frames / FPS, abs=0.5 / FPS)
     assert lag.lag_low_s <= lag.lag_s <= lag.lag_high_s < lag.lag_low_s + 0.1
@@ -79,14 +79,14 @@ def test_a_lag_is_found_to_half_a_frame_with_its_sign(sound, frames):
 def test_a_lag_between_two_frames_is_told_between_them(sound):
     motion = speaking(sound)
     first, second = (moved(motion, frames).expressions for frames in (12, 13))
-    lag = find_lag(replace(motion, expressions=(first + second) / 2), heard_of(sound))
+    lag = find_lag(replace(motion, expressions=(first + second) / 2), speech_bands_by_frame(sound))
     assert lag.lag_s == pytest.approx(12.5 / FPS, abs=0.2 / FPS)
 
 
 @pytest.mark.parametrize("times", [0.98, 1.01, 1.05])
 def test_a_lag_that_grows_is_told_from_one_that_does_not(sound, times):
     motion = stretched(speaking(sound), times)
-    lag = find_lag(motion, heard_of(sound))
+    lag = find_lag(motion, speech_bands_by_frame(sound))
     seconds = min(motion.duration_s, SECONDS)
     grows = (1 - 1 / times) * seconds
     assert lag.lag_drift_s == pytest.approx(grows, abs=0.12)
@@ -94,7 +94,7 @@ def test_a_lag_that_grows_is_told_from_one_that_does_not(sound, times):
 
 
 def test_nothing_is_told_of_another_speech_of_no_movement_and_of_a_short_clip(sound):
-    heard = heard_of(sound)
+    heard = speech_bands_by_frame(sound)
     motion = speaking(sound)
     still = replace(motion, expressions=np.zeros_like(motion.expressions))
     cut = slice(0, 11 * FPS)
@@ -111,14 +111,14 @@ def test_nothing_is_told_of_another_speech_of_no_movement_and_of_a_short_clip(so
 
 def test_arms_that_follow_the_sound_give_ground_where_there_is_no_face(sound):
     motion = speaking(sound)
-    level = heard_of(sound).mean(axis=1)
+    level = speech_bands_by_frame(sound).mean(axis=1)
     fast = np.clip(level - level.min(), 0, None) / np.ptp(level)
     poses = motion.poses.copy()
     for joint, sign in ((16, 1), (17, -1), (18, 1), (19, -1)):
         poses[:, 3 * joint : 3 * joint + 3] = 0
         poses[:, 3 * joint] = sign * np.cumsum(fast * np.sign(np.sin(np.arange(900) / 40))) / 30
     still = replace(motion, expressions=np.zeros_like(motion.expressions), poses=poses)
-    lag = find_lag(moved(still, 14), heard_of(sound))
+    lag = find_lag(moved(still, 14), speech_bands_by_frame(sound))
     assert lag.lag_ground == "body"
     assert lag.lag_s == pytest.approx(14 / FPS, abs=2 / FPS)
 
@@ -139,7 +139,9 @@ def test_it_is_a_finding_that_says_how_to_put_it_right(sound):
     from model.diagnostics import raw_evidence
 
     def told(motion: Motion) -> list:
-        return list(shifted_speech(raw_evidence(motion, SKELETON, heard=heard_of(sound))))
+        return list(
+            shifted_speech(raw_evidence(motion, SKELETON, heard=speech_bands_by_frame(sound)))
+        )
 
     motion = speaking(sound)
     assert told(motion) == [] and told(moved(motion, 3)) == []
@@ -159,7 +161,7 @@ def test_it_is_a_finding_that_says_how_to_put_it_right(sound):
 def test_recorded_clips_are_placed_to_a_tenth_of_a_second(name):
     """Whole and from pieces of 30 s; `test_lag_figures` has all that docs/formats.md tells."""
     motion = load_motion(beat2_folder() / "smplxflame_30" / f"{name}.npz")
-    heard = heard_of(load_speech(beat2_folder() / "wave16k" / f"{name}.wav").waveform)
+    heard = speech_bands_by_frame(load_speech(beat2_folder() / "wave16k" / f"{name}.wav").waveform)
     length = min(motion.num_frames, len(heard))
     for piece, frames in ((slice(0, length), -30), (slice(300, 1200), 13), (slice(600, 1500), 0)):
         places = np.clip(np.arange(piece.start, piece.stop) - frames, 0, length - 1)

@@ -9,7 +9,7 @@ import pytest
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.metrics.lag import find_lag, heard_of
+from model.metrics.lag import find_lag, speech_bands_by_frame
 from model.motion.motion import Motion, load_motion
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder
@@ -25,7 +25,7 @@ def clips() -> dict[str, Clip]:
     found = {}
     for path in sorted((folder / "smplxflame_30").glob("*.npz")):
         motion = load_motion(path)
-        heard = heard_of(load_speech(folder / "wave16k" / f"{path.stem}.wav").waveform)
+        heard = speech_bands_by_frame(load_speech(folder / "wave16k" / f"{path.stem}.wav").waveform)
         length = min(motion.num_frames, len(heard))
         found[path.stem] = motion.part(slice(0, length)), heard[:length]
     return found

@@ -11,8 +11,8 @@ from model.metrics.speech_effect import (
     TRACKS,
     arm_rotations_alike,
     arm_speed,
-    decided,
     likeness,
+    speech_and_noise_shares,
     speed_in_silence,
     spoken_and_silent,
 )
@@ -46,7 +46,7 @@ def grid(share: float) -> dict:
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 def test_shares_are_those_that_were_planted(share):
-    found = decided(grid(share))
+    found = speech_and_noise_shares(grid(share))
     assert set(found) == set(TRACKS)
     for part, told in found.items():
         assert told.by_speech == pytest.approx(share, abs=0.12), part
@@ -75,7 +75,7 @@ def test_rotations_of_arms_alone_are_compared():
 
 def test_a_motion_in_other_units_has_no_brows():
     flame = {key: replace(m, expression_basis="flame100") for key, m in grid(0.5).items()}
-    assert set(decided(flame)) == set(TRACKS) - {"brows"}
+    assert set(speech_and_noise_shares(flame)) == set(TRACKS) - {"brows"}
 
 
 def test_what_cannot_be_compared_is_refused():
@@ -87,14 +87,14 @@ def test_what_cannot_be_compared_is_refused():
         one_less,
     ):
         with pytest.raises(ValueError, match="two noise seeds"):
-            decided(missing)
+            speech_and_noise_shares(missing)
     for frames in (LEAST_FRAMES, LEAST_FRAMES - 1):
         short = motions | {("0", 0): motions["0", 0].part(slice(frames))}
         if frames == LEAST_FRAMES:
-            decided(short)
+            speech_and_noise_shares(short)
             continue
         with pytest.raises(ValueError, match="3 s"):
-            decided(short)
+            speech_and_noise_shares(short)
 
 
 LONG = 150

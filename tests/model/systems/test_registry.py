@@ -16,13 +16,13 @@ from model.systems import registry
 from model.systems.registry import (
     GROUP,
     check_family,
+    default_systems_for,
     families,
     list_speakers,
     list_systems,
     load_system,
     planning_systems,
     register_installed,
-    usual_systems,
 )
 from tests.helpers import ROOT
 
@@ -60,7 +60,7 @@ def test_families_declare_only_systems_of_their_own():
         declared |= {*family.about, *family.samplers, *family.whole_speech}
         assert declared <= {*family.systems}
         assert {*family.about} == {*family.systems}
-    assert planning_systems() and all(usual_systems(use) for use in get_args(Use))
+    assert planning_systems() and all(default_systems_for(use) for use in get_args(Use))
 
 
 def test_nothing_outside_the_families_knows_a_system_by_its_name():

@@ -243,12 +243,12 @@ def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_g
     said = {"told": "*.bvh:up=z,a:rate=25,gone:up=x,units=cm", "channel": "right"}
     asked = own(own_form, "/up/a.npz", "/up/s.wav", **said)
     assert asked.speech.path == Path("/up/s.wav")
-    assert [each[0] for each in asked.imports.import_overrides.says] == ["a", ""]
+    assert [each[0] for each in asked.imports.import_overrides.entries] == ["a", ""]
     assert asked.speech.channel == 1
     sets = own(own_form, "/up/a.tar.gz", **said)
     assert has_sets(sets.motions.motions) and not has_sets(asked.motions.motions)
     assert sets.motions.names == ("a",) and sets.speech.channel == 1
-    assert len(sets.imports.import_overrides.says) == 4
+    assert len(sets.imports.import_overrides.entries) == 4
 
 
 @pytest.mark.parametrize(

@@ -235,7 +235,10 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
         tmp_path / "reference a.npz",
         tmp_path / "a.wav",
     )
-    assert (one.imports.import_overrides.says, one.speech.channel) == ((("motions", "up", "z"),), 0)
+    assert (one.imports.import_overrides.entries, one.speech.channel) == (
+        (("motions", "up", "z"),),
+        0,
+    )
     assert all(own.sets_shown not in update for update in (*updates, end)), "the sets stay"
     assert "a of &lt;i&gt;mine" in end["runs"]["value"]
 

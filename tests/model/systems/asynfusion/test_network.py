@@ -49,7 +49,7 @@ def test_each_branch_hears_the_other():
 def test_alone_a_branch_hears_what_the_buffer_holds():
     network, x_t = tiny_network(), made_pair()
     conditions = made_conditions()
-    heard = network.hear(conditions.pop("speech"), conditions.pop("has_speech"))
+    heard = network.speech_tokens(conditions.pop("speech"), conditions.pop("has_speech"))
     asked = {"heard": heard, "seed": seed_of(x_t), **conditions}
     buffer: FeatureBuffer = {}
     both = network.evaluate(BRANCHES, x_t, T, buffer, **asked)

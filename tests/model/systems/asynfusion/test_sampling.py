@@ -175,7 +175,9 @@ def test_speech_moves_the_body_further_and_leaves_jaw_and_face(strength):
 def asked(network: DualBranchNetwork, guide: ClassifierFreeGuidance = AS_TRAINED) -> dict:
     conditions, seed = made_conditions(), made_pair(seed=2)
     del conditions["has_speech"]
-    heard = network.hear(guide.duplicate(conditions.pop("speech")), guide.is_conditional(2))
+    heard = network.speech_tokens(
+        guide.duplicate(conditions.pop("speech")), guide.is_conditional(2)
+    )
     return {"heard": heard, "seed": (seed[0][:, :8], seed[1][:, :8]), **conditions}
 
 

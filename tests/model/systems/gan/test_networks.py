@@ -124,7 +124,7 @@ def sampled(generator: Generator, steps: int, size: int, **changes: torch.Tensor
     way = [torch.full((size,), t) for t in times(steps)]
     for k in range(steps):
         mean, deviation = generator(x, way[k], way[k + 1], **known)
-        x_0 = generator.drawn(mean, deviation, torch.randn_like(x), known["has_seed"])
+        x_0 = generator.sample_x_0(mean, deviation, torch.randn_like(x), known["has_seed"])
         mean, deviation = posterior(x, x_0, way[k + 1], way[k])
         x = mean + deviation * torch.randn_like(x)
     return x

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.generation.base import Draw, SpeechWindow
+from model.generation.base import SpeechWindow, WindowSpec
 from model.generation.windows import GenerateOptions, generate_motion
 from model.systems.gan.config import SYSTEMS
 from model.systems.gan.system import GanSystem
@@ -45,7 +45,7 @@ def test_ddim_follows_the_mean_instead_of_drawing(system, monkeypatch):
     asked = {name: GenerateOptions("ann", sampler=name, steps=3) for name in ("posterior", "ddim")}
     drawn, followed = (generate_motion(system, SPEECH, one)[0].poses for one in asked.values())
     assert np.isfinite(followed).all() and np.abs(drawn - followed).max() > 1e-3
-    monkeypatch.setattr(type(system.network), "drawn", None)
+    monkeypatch.setattr(type(system.network), "sample_x_0", None)
     again = generate_motion(system, SPEECH, asked["ddim"])
     np.testing.assert_array_equal(again[0].poses, followed)
 
@@ -59,7 +59,7 @@ def test_speech_can_be_heard_more_strongly_and_not_at_all(system):
 
 
 def test_noise_of_every_step_window_and_sample_is_its_own():
-    draw = Draw(1, seed=5, samples=2, index=0, sampler="posterior", steps=5, guidance=1.0)
+    draw = WindowSpec(1, seed=5, samples=2, index=0, sampler="posterior", steps=5, guidance=1.0)
     shape = 2, 60, 168
     drawn = [replace(draw, index=i).noise(shape, k) for i in (0, 1) for k in (1, 2)]
     numbers = torch.cat([*drawn, draw.noise((60, 168))[:, None]], dim=1).flatten(0, 1).flatten(1)
@@ -72,7 +72,7 @@ def test_noise_of_every_step_window_and_sample_is_its_own():
 
 def test_a_window_goes_on_from_the_one_before(system):
     heard, context = torch.randn(200, 68), system.windowing.context
-    draw = Draw(1, seed=0, samples=4, index=0, sampler="posterior", steps=5, guidance=1.0)
+    draw = WindowSpec(1, seed=0, samples=4, index=0, sampler="posterior", steps=5, guidance=1.0)
     first = system.window(SpeechWindow.of(heard, 0, 60, context), None, draw)
     second = system.window(SpeechWindow.of(heard, 52, 60, context), first, replace(draw, index=1))
     apart = (second.rotmat[:, :8] - first.rotmat[:, -8:]).abs().mean()

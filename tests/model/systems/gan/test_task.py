@@ -18,7 +18,7 @@ from model.systems.gan.config import (
     WEIGHTS,
 )
 from model.systems.gan.network import Discriminator, Generator
-from model.systems.gan.task import Drawn, GanTask, make_task
+from model.systems.gan.task import DenoisingBatch, GanTask, make_task
 from model.systems.registry import load_system
 from model.training.parallel import UNSHARDED, ShardedRandom
 from model.training.task import Task, TaskSetup
@@ -57,7 +57,7 @@ def networks_of(task: GanTask) -> tuple[Generator, Discriminator]:
     return task.network, task.discriminator
 
 
-def drawn_by(task: GanTask, batch: Batch, seed: int) -> Drawn:
+def drawn_by(task: GanTask, batch: Batch, seed: int) -> DenoisingBatch:
     draws = ShardedRandom(len(batch.clips), torch.Generator().manual_seed(seed), UNSHARDED)
     return task.draw(task.network, batch, draws)
 

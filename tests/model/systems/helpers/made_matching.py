@@ -12,7 +12,7 @@ from model.data.prepared import PreparedClip, PreparedData
 from model.motion.motion import Motion
 from model.networks.config import MatchingConfig
 from model.storage.checkpoint import save_weights
-from model.systems.helpers.config import HEARING_JUDGE, MatchingTrainConfig, presets
+from model.systems.helpers.config import MATCHING_NETWORK, MatchingTrainConfig, presets
 from model.systems.helpers.task import make_task
 from model.training.task import DescentTask, TaskSetup
 from tests.helpers import smooth_motion_example
@@ -24,7 +24,7 @@ ARMS = [
 
 
 def tiny_config(**changes) -> MatchingTrainConfig:
-    config = presets(HEARING_JUDGE)["smoke"]
+    config = presets(MATCHING_NETWORK)["smoke"]
     return replace(config, matching=SHAPE, augment_speech=False, **changes)
 
 
@@ -90,4 +90,4 @@ def make_judge(folder: Path) -> None:
     """The files of a trained judge."""
     task, _ = trained(folder)
     card = {"config": {"matching": vars(SHAPE)}, "speakers": {}}
-    save_weights(folder, HEARING_JUDGE, task.export(), card)
+    save_weights(folder, MATCHING_NETWORK, task.export(), card)

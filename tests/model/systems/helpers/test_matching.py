@@ -13,8 +13,8 @@ from model.systems.helpers.matching import (
     PARTS,
     STILL_RAD_S,
     TRACKS,
-    MatchingJudge,
     MatchingNetwork,
+    SpeechMotionMatcher,
     agreement,
     arm_speed,
     motion_tracks,
@@ -48,11 +48,11 @@ def wandering(batch: int, frames: int = 300, seed: int = 0) -> torch.Tensor:
 
 
 @pytest.fixture(scope="module")
-def judge() -> MatchingJudge:
+def judge() -> SpeechMotionMatcher:
     torch.manual_seed(0)
     network = shaken(MatchingNetwork(SHAPE), by=0.1).requires_grad_(False)
     statistics = Normaliser(torch.full((len(TRACKS),), -1.0), torch.full((len(TRACKS),), 0.5))
-    return MatchingJudge(network, statistics, "")
+    return SpeechMotionMatcher(network, statistics, "")
 
 
 @pytest.mark.parametrize("rad_s", [0.0, 0.5, 4.0])

@@ -54,14 +54,14 @@ def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
 def test_an_encoder_that_was_trained_gives_codes_beside_features(root, tmp_path):
     codes = load_codes(root / "encoder" / "weights")
     features = torch.randn(2, 40, 68)
-    found = codes.of(features)
+    found = codes.encode(features)
     assert found.shape == (2, 40, 8) and found.abs().max() <= 1
-    torch.testing.assert_close(codes.of(features[1]), found[1])
+    torch.testing.assert_close(codes.encode(features[1]), found[1])
     later = features.clone()
     later[:, 20:] += 1
     reach = codes.network.config.context
-    torch.testing.assert_close(codes.of(later)[:, : 20 - reach], found[:, : 20 - reach])
-    assert not torch.allclose(codes.of(later)[:, 20 - reach], found[:, 20 - reach], atol=1e-6)
+    torch.testing.assert_close(codes.encode(later)[:, : 20 - reach], found[:, : 20 - reach])
+    assert not torch.allclose(codes.encode(later)[:, 20 - reach], found[:, 20 - reach], atol=1e-6)
     card = json.loads((root / "encoder" / "weights" / "speech-encoder.json").read_text())
     assert 0 <= card["validation"]["phones_right"] <= 1
     assert set(card["validation"]) == {"phone", *SPEECH_LABELS, "phones_right", "total"}

@@ -13,7 +13,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from model.generation.base import Draw, SpeechWindow, Windowing
+from model.generation.base import SpeechWindow, Windowing, WindowSpec
 from model.storage.cards import Card
 from model.systems.official.checkpoints import PARTS
 from model.systems.official.config import FAMILY, FILTERED
@@ -71,7 +71,7 @@ def test_one_pass_of_each_network(carried, networks):
 @pytest.mark.parametrize("kind", ["filtered", "unfiltered"])
 def test_two_windows(carried, networks, kind, monkeypatch):
     noise = torch.stack([normal(seed, 2, 60, 333)[:1] for seed in (4000, 4001)])
-    monkeypatch.setattr(Draw, "noise", lambda draw, shape: noise[draw.index])
+    monkeypatch.setattr(WindowSpec, "noise", lambda draw, shape: noise[draw.index])
     start = replace(
         smooth_motion_example(8), poses=carried["start_poses"], trans=carried["start_trans"]
     )
@@ -91,7 +91,7 @@ def test_two_windows(carried, networks, kind, monkeypatch):
         filters=kind == "filtered",
     )
     frames = by_frame(torch.stack([heard(3000), heard(3001)]))
-    draw = Draw(2, 0, samples=1, index=0, sampler="reinterpolate", steps=5, guidance=1.0)
+    draw = WindowSpec(2, 0, samples=1, index=0, sampler="reinterpolate", steps=5, guidance=1.0)
     first = system.window(SpeechWindow(frames[:60]), None, draw)
     second = system.window(SpeechWindow(frames[52:]), first, replace(draw, index=1))
     joined = system.join(first.part(slice(52, 60)), second)

@@ -20,9 +20,9 @@ from model.systems.planned.limb_constraints import (
     LED,
     LIFT_M,
     LONGEST,
-    Footing,
-    HeldFeet,
-    LedHands,
+    FootLock,
+    FootPlacement,
+    HandGuide,
 )
 from tests.model.motion.made import about, posed
 from tests.model.plan.made import phase, resting
@@ -68,7 +68,7 @@ def before() -> Motion:
 
 @pytest.fixture(scope="module")
 def after(before) -> Motion:
-    return HeldFeet(STANDS).hold(before)
+    return FootLock(STANDS).hold(before)
 
 
 def test_a_planted_foot_stays_to_a_tenth_of_a_millimetre_with_its_sole_flat(before, after):
@@ -94,15 +94,15 @@ def test_the_rest_of_the_body_and_feet_that_are_never_planted_are_left_alone(bef
     others = [joint for joint in range(len(JOINT_NAMES)) if joint not in LEG]
     np.testing.assert_array_equal(poses_of(before, others), poses_of(after, others))
     np.testing.assert_array_equal(before.trans[:, [0, 2]], after.trans[:, [0, 2]])
-    assert HeldFeet(()).hold(before) is before
-    left = HeldFeet(STANDS[:2]).hold(before)
+    assert FootLock(()).hold(before) is before
+    left = FootLock(STANDS[:2]).hold(before)
     right_leg = [joint for joint in LEG if JOINT_NAMES[joint].startswith("right")]
     np.testing.assert_array_equal(poses_of(before, right_leg), poses_of(left, right_leg))
 
 
 def test_a_body_that_stands_too_high_is_let_down_until_its_legs_reach():
     high = trembling(high=0.1)
-    low = HeldFeet(STANDS).hold(high)
+    low = FootLock(STANDS).hold(high)
     np.testing.assert_allclose(joints(low)[:, ANKLES[1], 1], ANKLE_M, atol=1e-4)
     assert (high.trans[:, 1] - low.trans[:, 1]).min() > 0.05
 
@@ -111,8 +111,8 @@ def test_a_body_that_stands_too_high_is_let_down_until_its_legs_reach():
 @given(st.lists(st.integers(1, FRAMES - 1), max_size=5, unique=True), st.integers(0, 5))
 def test_feet_in_pieces_of_any_length_are_held_as_in_the_whole(cuts, seed):
     motion = trembling(seed)
-    whole = HeldFeet(STANDS).hold(motion)
-    held = HeldFeet(STANDS)
+    whole = FootLock(STANDS).hold(motion)
+    held = FootLock(STANDS)
     edges = [0, *sorted(cuts), FRAMES]
     pieces = concatenate([held.hold(motion.part(slice(*edge))) for edge in pairwise(edges)])
     np.testing.assert_allclose(pieces.poses, whole.poses, atol=1e-6)
@@ -122,15 +122,15 @@ def test_feet_in_pieces_of_any_length_are_held_as_in_the_whole(cuts, seed):
 @pytest.mark.parametrize("side", SIDES)
 def test_a_known_footing_is_kept(before, side):
     stand = FootContact(1.0, 4.0, side)
-    held = HeldFeet((stand,), {stand: Footing(0.3, 0.1, 0.2)})
+    held = FootLock((stand,), {stand: FootPlacement(0.3, 0.1, 0.2)})
     at = joints(held.hold(before))[40:110, JOINT_INDEX[f"{side}_ankle"]]
     np.testing.assert_allclose(at, np.tile([0.3, ANKLE_M, 0.1], (70, 1)), atol=1e-4)
-    assert held.found == {stand: Footing(0.3, 0.1, 0.2)}
+    assert held.placements == {stand: FootPlacement(0.3, 0.1, 0.2)}
 
 
 def test_stands_that_round_to_no_frame_or_lie_behind_the_motion_do_no_harm(before):
     stands = (FootContact(1.0, 1.001, "left"), FootContact(40.0, 50.0, "left"))
-    assert np.isfinite(HeldFeet(stands).hold(before).poses).all()
+    assert np.isfinite(FootLock(stands).hold(before).poses).all()
 
 
 LONG = 240
@@ -157,7 +157,7 @@ def swayed() -> Motion:
 
 @pytest.fixture(scope="module")
 def led(swayed) -> Motion:
-    return LedHands(PLAN).lead(swayed)
+    return HandGuide(PLAN).lead(swayed)
 
 
 def off(motion: Motion, side: Side) -> np.ndarray:
@@ -184,8 +184,8 @@ def test_nothing_but_shoulders_and_elbows_turns(swayed, led):
 
 def test_a_hand_that_is_where_it_should_be_stays(led):
     for _ in range(12):
-        led = LedHands(PLAN).lead(led)
-    again = LedHands(PLAN).lead(led)
+        led = HandGuide(PLAN).lead(led)
+    again = HandGuide(PLAN).lead(led)
     assert np.abs(again.poses - led.poses).max() < 2e-3
 
 
@@ -193,7 +193,7 @@ def test_places_out_of_reach_leave_the_elbow_a_little_bent(swayed):
     plan = GesturePlan(8.0, right=(phase(0.0, 8.0, "hold", (0.7, 0.5, 0.6)),))
     led = swayed
     for _ in range(4):
-        led = LedHands(plan).lead(led)
+        led = HandGuide(plan).lead(led)
     shoulder, elbow, wrist = (JOINT_INDEX[f"right_{j}"] for j in ("shoulder", "elbow", "wrist"))
     span = np.linalg.norm(joints(led)[:, wrist] - joints(led)[:, shoulder], axis=1)
     rest = BODY.rest_joints
@@ -202,18 +202,18 @@ def test_places_out_of_reach_leave_the_elbow_a_little_bent(swayed):
 
 
 def test_hands_that_no_plan_tells_of_are_left_alone(swayed):
-    assert LedHands(GesturePlan(8.0)).lead(swayed) is swayed
-    right = LedHands(GesturePlan(8.0, right=PLAN.right)).lead(swayed)
+    assert HandGuide(GesturePlan(8.0)).lead(swayed) is swayed
+    right = HandGuide(GesturePlan(8.0, right=PLAN.right)).lead(swayed)
     np.testing.assert_array_equal(poses_of(right, ARMS[:2]), poses_of(swayed, ARMS[:2]))
 
 
 def test_pieces_are_led_as_the_whole(swayed, led):
-    hands = LedHands(PLAN)
+    hands = HandGuide(PLAN)
     parts = [hands.lead(swayed.part(slice(a, b))) for a, b in ((0, 52), (52, 60), (60, LONG))]
     np.testing.assert_allclose(concatenate(parts).poses, led.poses, atol=1e-6)
 
 
 def test_what_lies_far_from_a_change_of_the_plan_stays_bit_for_bit(swayed, led):
-    other = LedHands(add_gesture(PLAN, "you", 4.0, "right").plan).lead(swayed)
+    other = HandGuide(add_gesture(PLAN, "you", 4.0, "right").plan).lead(swayed)
     same = (led.poses == other.poses).all(axis=1)
     assert same[:80].all() and same[180:].all() and not same[100:115].any()

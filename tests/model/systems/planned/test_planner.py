@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from model.generation.base import Draw
+from model.generation.base import WindowSpec
 from model.generation.live import LiveMotion, Pace
-from model.generation.windows import GenerateOptions, draw_of
+from model.generation.windows import GenerateOptions, first_window_spec
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points, wrist_positions_in_chest
 from model.plan.editing import within_reach
@@ -25,7 +25,7 @@ from model.plan.plan_features import (
 from model.plan.style import LiveStyle
 from model.systems.planned.config import PLANNED
 from model.systems.planned.network import MarkMixture
-from model.systems.planned.planner import Drawer, Planner, _Events, load_planner
+from model.systems.planned.planner import EventChainSampler, Planner, _Events, load_planner
 from model.systems.planned.streaming_planner import CausalPlanner
 from model.systems.registry import load_system
 from tests.model.plan.made import made_plan
@@ -35,8 +35,8 @@ def features(num_frames: int, seed: int = 0) -> torch.Tensor:
     return torch.randn(num_frames, 68, generator=torch.Generator().manual_seed(seed))
 
 
-def draw(seed: int, sample: int = 0, guidance: float = 2.0) -> Draw:
-    return Draw(1, seed, 1, 0, "euler", 2, guidance, sample)
+def draw(seed: int, sample: int = 0, guidance: float = 2.0) -> WindowSpec:
+    return WindowSpec(1, seed, 1, 0, "euler", 2, guidance, sample)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_shares_are_those_of_slow_counting(planner):
     told = features(2)
     with torch.no_grad():
         around = told[torch.arange(-31, 33).clamp(0, 1)][None]
-        heard = planner.network.hear(around, torch.tensor([1]), torch.tensor([True]))
+        heard = planner.network.speech_states(around, torch.tensor([1]), torch.tensor([True]))
         begun = planner.drawers(told, draw(0, guidance=1.0))
         chains = {name: drawer.chain for name, drawer in begun.items()}
         frames = {t.name: frames_of(t, chains[t.name], np.arange(2)) for t in TIERS}
@@ -79,7 +79,9 @@ def test_shares_are_those_of_slow_counting(planner):
         told_head = head.heard(heard).numpy()
     counts = np.zeros(7)
     for seed in range(500):
-        right = Drawer(head, told_head, 1.0, chains["right"][0], np.random.default_rng(seed))
+        right = EventChainSampler(
+            head, told_head, 1.0, chains["right"][0], np.random.default_rng(seed)
+        )
         right.draw(1, begun)
         counts[0 if len(right.chain) == 1 else 1 + right.chain[-1].state] += 1
     np.testing.assert_allclose(counts / 500, expected, atol=0.07)
@@ -114,7 +116,7 @@ def test_losses_are_means_over_frames(planner):
     who, hears = torch.tensor([1]), torch.tensor([True])
     with torch.no_grad():
         losses = planner.network(speech, who, hears, seen, event, mark)
-        heard = planner.network.hear(speech, who, hears)
+        heard = planner.network.speech_states(speech, who, hears)
         head = planner.network.heads["nod"]
         state = head.state(heard, seen["nod"])
         logs = head.events(state)[0]
@@ -154,10 +156,10 @@ def known(speech: torch.Tensor):
 def told(planner: Planner, speech, manner: LiveStyle = USUAL, long: int = LONG):
     """What is planned with each hop of some speech, or, of a function, of what is supposed then."""
     stream = CausalPlanner(planner, DRAW)
-    stream.manner = manner
+    stream.style = manner
     for first in range(0, long, HOP):
         now = speech(first) if callable(speech) else speech
-        yield first, stream.go_on(known(now), first, first + HOP, first + HOP + AHEAD)
+        yield first, stream.advance(known(now), first, first + HOP, first + HOP + AHEAD)
 
 
 def began(planner: Planner, speech, manner: LiveStyle = USUAL, long: int = LONG):
@@ -216,7 +218,7 @@ def test_paths_of_hands_stay_where_they_have_been(planner):
 def test_what_was_expected_so_far_is_carried_from_hop_to_hop(planner):
     stream, whole = CausalPlanner(planner, DRAW), planner.drawers(SPEECH, DRAW)
     for first in range(0, 60, HOP):
-        stream.go_on(known(SPEECH), first, first + HOP, first + HOP + AHEAD)
+        stream.advance(known(SPEECH), first, first + HOP, first + HOP + AHEAD)
     for frame in range(1, 60):
         for drawer in whole.values():
             drawer.draw(frame, whole)
@@ -228,7 +230,7 @@ def test_what_was_expected_so_far_is_carried_from_hop_to_hop(planner):
 def test_memory_does_not_grow(planner):
     stream, sizes = CausalPlanner(planner, draw(4, guidance=1.0)), []
     for first in range(0, 360, 60):
-        stream.go_on(lambda a, b: features(b - a), first, first + 60, first + 61)
+        stream.advance(lambda a, b: features(b - a), first, first + 60, first + 61)
         sizes.append(sum(len(drawer.chain) for drawer in stream._drawers.values()))
     assert sizes[-1] < 1.6 * sizes[2] and min(stream._goals, key=lambda key: key[1])[1] >= 0
 
@@ -246,9 +248,9 @@ def test_sliders_act_on_what_has_not_begun(planner):
     plans = []
     for manner in (changed, USUAL):
         stream = CausalPlanner(planner, DRAW)
-        stream.go_on(known(SPEECH), 0, 60, 120)
-        stream.manner = manner
-        plans.append(stream.go_on(known(SPEECH), 60, 120, 200))
+        stream.advance(known(SPEECH), 0, 60, 120)
+        stream.style = manner
+        plans.append(stream.advance(known(SPEECH), 60, 120, 200))
     plan, usual_plan = plans
     assert plan.condition.smiles == () and usual_plan.condition.smiles
     compared = 0
@@ -282,7 +284,7 @@ def streamed(planned_weights, speech: torch.Tensor, size: int, pace: Pace):
     live = LiveMotion(load_system(PLANNED, planned_weights), OPTIONS, pace)
     pieces, aheads = [], []
     for heard in speech.split(size):
-        live.hear(heard)
+        live.add_features(heard)
         while live.is_due:
             first = live.next_frame
             pieces += live.step()
@@ -328,6 +330,6 @@ def test_what_performs_no_plans_is_led_by_nobody(weights):
     live = LiveMotion(system, GenerateOptions("ann", steps=1), Pace(hop=10, heard_ahead=12))
     assert live.ahead is None
     with pytest.raises(ValueError, match="follows speech alone"):
-        live.lead(LiveStyle())
+        live.set_style(LiveStyle())
     with pytest.raises(ValueError, match="follows speech alone"):
-        system.condition_stream(draw_of(system, OPTIONS))
+        system.condition_stream(first_window_spec(system, OPTIONS))

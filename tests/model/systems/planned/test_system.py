@@ -16,7 +16,7 @@ from model.data.recordings import DataError
 from model.generation.windows import (
     GenerateOptions,
     draw_conditions,
-    draw_of,
+    first_window_spec,
     generate_motion,
 )
 from model.plan.files import read_plan_file, write_plan_file
@@ -74,7 +74,7 @@ def test_each_sample_performs_a_plan_of_its_own(system):
 
 def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_what_hears(system):
     (plan,) = draw_conditions(system, SPEECH, OPTIONS)
-    draw = replace(draw_of(system, OPTIONS), condition=plan)
+    draw = replace(first_window_spec(system, OPTIONS), condition=plan)
     whole = draw.noise((system.config.window_frames, system.config.motion_dim))
     unmix = system.normaliser.unmix
     moved, unscaled = (noise[0] @ unmix for noise in (system.noise(draw), whole))
