@@ -76,13 +76,13 @@ def test_a_tab_that_is_closed_ends_its_run_and_one_without_a_connection_does_not
     visitor: Callable[..., BrowserContext], fake: Fake, runs: Runs, blocks: Blocks, speech: Path
 ) -> None:
     context, address = visitor(), blocks.local_url or ""
-    for leave in ("close", "reload"):
+    for number, leave in enumerate(("close", "reload"), start=1):
         page = opened(context, address)
         start(page, speech)
+        wait_for(lambda number=number: runs.num_begun == number)  # the first screen has two bodies
         staged(page, 2)
-        begun = runs.num_begun
         getattr(page, leave)()
-        wait_for(lambda begun=begun: len(runs.ends) == begun)
+        wait_for(lambda number=number: len(runs.ends) == number)
     assert runs.ends == ["cancelled"] * 2 and runs.num_begun == 2
 
     start(ready(page), speech)

@@ -203,7 +203,7 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     add(page, 0, kind="beat")  # where there is no time something else is offered
     said(page, "there is no time")
     offered = editor(page).locator(".said-of-edits + .row button")
-    expect(offered).to_have_text([re.compile(r"Nearest free place, \d\.\d s"), "In place of you"])
+    expect(offered).to_have_text([re.compile(r"Nearest free time, \d\.\d s"), "In place of you"])
     offered.last.click()
     done()
     assert right_hand(page, tmp_path) == [2.1, 4.15, 6.5]
@@ -307,7 +307,7 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(
     expect(stop).to_be_visible()
     page.wait_for_function(HEARD)
     assert sockets and sockets[0].endswith("/live/speak")
-    expect(live.locator(".latency")).to_contain_text("hears 0.60 s")
+    expect(live.locator(".latency")).to_contain_text("audio window 0.60 s")
     latency_ms = float(live.get_attribute("data-latency") or "nan")
     assert latency_ms > 600  # what it is depends on the machine; it is measured
     page.wait_for_function("() => document.querySelector('.live meter').value > 0.3")

@@ -237,7 +237,7 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     desk = take_part("pairwise", "?p=0")
     assert findings(desk) == []
     said = desk.locator("#main").inner_text()
-    assert f"it: {CONTACT}" in said and "Ethics approval: Board 7" in said
+    assert f"please contact {CONTACT}" in said and "Ethics approval: Board 7" in said
     assert re.search(r"takes about \d+ minutes: a short practice page, then \d+ pages", said)
     for key in ("Tab", "Space", "Tab", "Enter"):
         desk.keyboard.press(key)
@@ -549,7 +549,7 @@ def test_a_leaderboard_sorts_by_the_distance_to_recorded(
 ) -> None:
     def entry(system: str, jerk: float) -> Entry:
         value = MetricValue(jerk, jerk - 1, jerk + 1, "m/s³", 9)
-        return Entry(system, "t", system, 9, "2026", "p", {"All joints: Mean jerk": value}, {})
+        return Entry(system, "t", system, 9, "2026", "p", {"joint_jerk_m_s3": value}, {})
 
     path = tmp_path / "board.html"
     numbers = {"a": 30.0, "b": 11.0, "c": 1.0, "reference": 10.0}
