@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 TITLE = "Co-speech motion workbench"
 TAGLINE = (
-    "Generates SMPL-X motion from speech with several models at once, for the same speaker and "
-    "from the same noise. Watch the results side by side and see where the jitter comes from."
+    "Generates SMPL-X motion from one speech recording with several models, with the same speaker "
+    "style and the same noise. Watch the results side by side and see where the jitter comes from."
 )
 DEMO_WEIGHTS = (
-    "<b>Demonstration weights</b>, trained by this project on {data}: no number here reproduces "
-    "the papers."
+    "<b>Demonstration weights</b>, trained by this project on {data}. The results here are not "
+    "those reported in the papers."
 )
 UNTRAINED = (
     "These weights are <b>random (untrained)</b>. The motion is meaningless; the page only shows "
@@ -40,13 +40,14 @@ SAMPLES_LABEL = "Samples per system"
 GUIDANCE_LABEL = "Speech guidance scale"
 GUIDANCE_HELP = (
     "How strongly the speech influences the gestures (classifier-free guidance). The papers' code "
-    "uses 1; with 1, different speech with the same seed gives nearly the same gestures."
+    "uses 1. At 1, the speech has little effect: with the same seed, different speech gives nearly "
+    "the same gestures."
 )
 GUIDANCE_NAMES = {1.0: "1, as trained"}
 ADVANCED_LABEL = "Advanced"
-FILTER_LABEL = "Smooth all systems (Savitzky-Golay 7/2)"
+FILTER_LABEL = "Filter the motion of all systems (Savitzky-Golay, 7 frames, order 2)"
 FILTER_HELP = (
-    "Off: the raw output of the models. On: smoothed, as the official code does before rendering. "
+    "Off: the raw output of the models. On: filtered, as the official code does before rendering. "
     "The metrics always include both."
 )
 REFERENCE_LABEL = "Reference motion (.npz, .npy or .bvh, optional)"
@@ -114,8 +115,8 @@ FIGURES = {
 CAPTION = "Caption (for your paper)"
 NUMBERS_HEADING = "Metrics"
 NUMBERS_HELP = (
-    "Tracked point: {point}. Lower jerk means smoother, not better: people do move when they talk. "
-    "Read beat alignment together with its chance level."
+    "Tracked point: {point}. Lower jerk means smoother, not better: natural gestures "
+    "have jerk, too. Read beat alignment together with its chance level."
 )
 AS_GENERATED = "As generated"
 FILTERED = "Filtered"
@@ -175,11 +176,11 @@ READY = "Ready."
 LOADING = "Loading the run."
 STARTING = "Starting."
 STARTING_SYSTEMS = "Loading the models."
-DONE = "Done in {seconds:.0f} s: {rows}, {frames} frames each at 30 fps."
+DONE = "Done in {seconds:.0f} s: {rows} of up to {frames} frames (30 fps)."
 SEEN_STARTING = "The recording of the viewer starts as soon as a renderer is free."
 SEEN_COMING = "Rendering the recording of the viewer: {share:.0%}."
 SEEN_DONE = "The recording of the viewer is ready: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
-SEEN_DAMAGED = "The state of the viewer could not be used: {why}"
+SEEN_DAMAGED = "The viewer sent invalid data: {why} Please reload the page."
 PLAN_LABEL = "Gesture plan (.json, .TextGrid or .eaf)"
 EDITS_DAMAGED = "The gesture editor sent an invalid request. Please reload the page."
 EDITS_GONE = (
@@ -189,7 +190,7 @@ TOO_MANY_TAKES = (
     "This run already has {limit} edited versions. Generate the motion again to make more."
 )
 TAKE_BEGINS = "Regenerating the motion."
-TAKE_COMING = "Regenerating version {number}. The finished part already plays."
+TAKE_COMING = "Regenerating version {number}. The finished part can already be played."
 TAKE_DONE = "Version {number} is ready."
 EDITOR_BEGINS = "The editor is loading the gestures and the models (only once)."
 EDITOR_READY = "Select a gesture on the timeline, or add one."

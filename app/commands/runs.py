@@ -80,11 +80,13 @@ class Pool:
 
 
 def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool) -> None:
-    """Generate motion from speech, with videos, metrics and Figure 6.
+    """Generate motion from speech, with videos, metrics and figures.
 
-    Several systems generate motion for the same speech with the same noise, and are compared: npz,
-    mp4, comparison.mp4, figure6, diagnostics, provenance. For many speeches, each gets its own
-    folder; run the same command again to continue after an interruption.
+    Several systems generate motion for the same speech with the same noise, and are compared. The
+    output folder contains the motions (.npz), their videos (.mp4), comparison.mp4, the figures, the
+    metrics (diagnostics.json and .csv) and the origin of the results (provenance.json). For many
+    speeches, each gets its own folder; run the same command again to continue after an
+    interruption.
     """
     from app.run.batch.speech_batch import is_batch_input
 
@@ -227,7 +229,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
 
 
 def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
-    """Show the effect of equal noise on local and on global rotations.
+    """Show the effect of equal noise on local (parent-relative) and on global joint rotations.
 
     This is the paper's argument on a body: the same random rotations are applied to the local and
     to the global rotations of a motion, both bodies are rendered side by side, and the displacement
@@ -293,7 +295,7 @@ def leaderboard_add(
     systems: Names = (),
     note: str = "",
 ) -> None:
-    """Add the results of `diagnose` for whole sets to a leaderboard.
+    """Add the results of `diagnose` for complete test sets to a leaderboard.
 
     A leaderboard is one JSON file. Entries with the same clips, recorded motion and encoders share
     a table.

@@ -104,8 +104,10 @@ def _attribution(diagnostics: Diagnostics) -> str:
     if not told:
         effect = f"reduces the jerk of the {point} by less than {least}"
         return f"Filtering a single joint {effect} in {join_names(without)}."
-    few = f"; in {join_names(without)} no joint by {least} or more" if without else ""
-    return f"Joint whose filtering reduces the jerk of the {point} most: {join_names(told)}{few}."
+    few = f"; in {join_names(without)} no joint does by {least} or more" if without else ""
+    return (
+        f"Joint that, if filtered, reduces the jerk of the {point} most: {join_names(told)}{few}."
+    )
 
 
 def _seams(diagnostics: Diagnostics, raw: Table) -> str:

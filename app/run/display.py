@@ -214,7 +214,9 @@ class ViewerState(BrowserMessage):
             views = [panel.view for panel in picture]
             fits = fits and views[:1] == [None] and len(set(views)) == len(views)
         if not fits or max(self.shown) >= len(self.bodies):
-            raise RunError(text.SEEN_DAMAGED.format(why="its pictures are not of its bodies."))
+            raise RunError(
+                text.SEEN_DAMAGED.format(why="the displayed views do not match the bodies.")
+            )
         for panel in chain(*self.panels):
             left, top, width, height = panel.rect
             inside = (

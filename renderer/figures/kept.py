@@ -33,7 +33,7 @@ DRAW: Mapping[str, "Callable[[Any], Figure]"] = {
     "error_growth": draw_error_growth,
     "steps": draw_step_curve,
 }
-"""Functions that draw the figures of a run from their contents, by the name of the figure."""
+"""Functions that redraw a run's figures from the saved contents, by the figure's name."""
 _KINDS: Mapping[str, Any] = {
     kind.__name__: kind for kind in (Figure6, SpeechEffectRow, Jitter, JitterSheet, JointMarks)
 }

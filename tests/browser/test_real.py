@@ -162,7 +162,7 @@ def drag(page: Page, what: Locator, seconds: float, is_edge: bool = False) -> No
 def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     page: Page, files: dict[str, Path], tmp_path: Path
 ) -> None:
-    expect(page.locator("#status")).to_contain_text(f"{round(30 * LONG_S)} frames each")
+    expect(page.locator("#status")).to_contain_text(f"up to {round(30 * LONG_S)} frames")
     expect(page.locator("#numbers thead th[data-name]")).to_have_text(["planned"])
     lasts = "seconds => document.querySelector('#player audio').duration === seconds"
     page.wait_for_function(lasts, arg=LONG_S)

@@ -231,7 +231,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     )
     expect(theirs.locator("#player .no-stage")).to_contain_text("does not support 3D graphics")
     expect(theirs.locator(f'#numbers tr[data-measure="{JERK}"] td .raw').first).to_have_text("110")
-    expect(theirs.locator("#status")).to_contain_text(f"{FRAMES} frames each")
+    expect(theirs.locator("#status")).to_contain_text(f"up to {FRAMES} frames")
     expect(theirs.locator("#runs .link")).to_contain_text("expires in")
     expect(theirs.locator("#runs li")).to_have_count(0)  # it is another's
     turn_to_part(theirs, "Files")

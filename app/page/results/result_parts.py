@@ -30,7 +30,7 @@ class ResultParts:
         self.player = player_part(prefix)
         with gr.Row(elem_classes="seen-video"):
             self.seen = told_part(prefix + "seen")
-            """Progress of a video of the viewer, and its link."""
+            """Progress of recording the viewer as a video, then the link to the video."""
             how: dict[str, Any] = {"visible": False, "size": "sm", "scale": 0, "min_width": 90}
             self.seen_cancel = gr.Button(text.CANCEL, elem_id=prefix + "seen-cancel", **how)
         self.seen_start = gr.Button(elem_classes="seen-start told-elsewhere")

@@ -124,7 +124,7 @@ async def _send(socket: WebSocket, unsent: asyncio.Queue[Message]) -> None:
 
 
 async def _sent(socket: WebSocket, message: Message) -> bool:
-    """Send a message; return false if it was the final sentence."""
+    """Send a message; return False if it was the closing message, after which nothing is sent."""
     if isinstance(message, str):
         await _end(socket, message)
     elif isinstance(message, bytes):

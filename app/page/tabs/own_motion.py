@@ -183,9 +183,9 @@ def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
     )
 
 
-ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech", "transcript": "words"}
+ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech file", "transcript": "transcript"}
 """Kinds of files of which there is one for all motions."""
-ONE_FILE = "Only one {what} file can be used; {count} were added."
+ONE_FILE = "Only one {what} can be used; {count} were added."
 NO_REFERENCE = "The reference {name!r} is no longer among the files. Please choose it again."
 NO_SETS = "Zips cannot be mixed with single motion files. Add one zip for each system."
 SetsParts = tuple[gr.HTML, gr.Dropdown]

@@ -184,7 +184,7 @@ class TabRunner(ABC):
 
     tab: ClassVar[str]
     is_told: ClassVar[bool] = True
-    """True if the tab itself shows the reason of a failure."""
+    """True if the tab itself shows the reason for a failure."""
     outlives: ClassVar[bool] = False
     """True if a run is listed among the visitor's runs, and continues when its page loses the
     connection."""

@@ -228,7 +228,7 @@ class MechanismRunner(FigureRunner):
             value=RotationNoiseRequest.noise_rad,
             step=0.005,
             buttons=[],
-            label="Rotation noise per joint (rad, about each axis)",
+            label="Rotation noise per joint (standard deviation about each axis, rad)",
             elem_id="mechanism-noise",
         )
         return {"noise_rad": noise, "motion": _file("Motion of your own (optional)", MOTION_TYPES)}

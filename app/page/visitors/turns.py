@@ -64,7 +64,7 @@ class Turns(queueing.Queue):
         self.pending_messages_per_session = _AllMessages(MAX_SESSIONS)
         self._jobs = jobs
         self._abandoned: set[str] = set()
-        """Ids of events that continue without a page."""
+        """Ids of events that keep running after their page was closed or disconnected."""
         self._checked = ""
         """Address of the last checked upload."""
 

@@ -71,7 +71,7 @@ from processes.job import Job
 from processes.pool import JobPool
 
 FORMAT = 8
-"""Format of a clip's record; others are measured again."""
+"""Format version of a clip's record; clips with a record of another version are measured again."""
 METRICS_VERSION = 7
 """Version of the metrics' definitions; results of different versions cannot be compared."""
 _SPEECH = "the speech"

@@ -167,9 +167,9 @@ OverridesFlag = Annotated[
     text_type(parse_overrides, "WHAT=VALUE,...", show=lambda overrides: "nothing"),
     arg(
         name="assume",
-        help="How to interpret motion files that lack metadata: up=z,units=cm,rate=25,"
-        "hands=mean,rotations=6d-columns,facing=x,motion=2,frames=bridge,lag=.4; NAME:up=z for one "
-        "of them.",
+        help="How to interpret motion files that lack metadata, for example up=z,units=cm,rate=25 "
+        "(up axis, units, frame rate). Other keys: hands=mean, rotations=6d-columns, facing=x, "
+        "motion=2, frames=bridge, lag=.4 (docs/formats.md). NAME:up=z applies to one file only.",
     ),
 ]
 Channel = Annotated[int | None, text_type(parse_channel, "left|right|N", "all, mixed")]
@@ -215,8 +215,8 @@ class SpeechInput:
     channel: Channel = None
     """Audio channel to use, such as one side of a dialogue."""
     transcript: File = None
-    """Transcript: a TextGrid with word times, or plain English text (.txt) that is aligned with the
-    speech. It is used for metrics and the timeline."""
+    """Transcript: a TextGrid or subtitles with times, or plain English text (.txt), which is then
+    aligned with the speech automatically. It is used for metrics and the timeline."""
     words: Annotated[WordSource, Switch("recognise", "none")] = "none"
     """Recognise English words if there is no transcript. This takes about a fifth of the speech's
     duration on one core."""
@@ -252,7 +252,7 @@ class PlanSource(SpeechInput):
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingOptions:
-    """Systems that generate and their sampling options; all systems start from the same noise."""
+    """Systems to run and their sampling options; all systems start from the same noise."""
 
     systems: Names = ()
     """Names of systems."""
@@ -262,7 +262,7 @@ class SamplingOptions:
     """Speaker style of the motion."""
     seed: int = 0
     """Seed of the noise. The same speech file, options and seed give the same motion, whether the
-    clip is generated alone or among others."""
+    clip is generated alone or in a batch."""
     samples: int = 1
     """Number of samples per system."""
     steps: PerSystem = None
@@ -367,10 +367,10 @@ class MetricOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class FigureOptions:
-    """Content of Figure 6, and file formats of all figures."""
+    """Content of Figure 6 (fingertip path and poses, as in the paper); formats of all figures."""
 
     start_frame: Annotated[int, arg(name="start")] = 0
-    """First of the 300 frames in Figure 6."""
+    """Frame at which Figure 6 starts; it shows up to 300 frames (10 s)."""
     figure_panels: FigurePanels = tuple(FIGURE_PANELS)
     """Panels of Figure 6: a for coordinates, b for snapshots, c for the path in space, d for
     jitter."""
@@ -390,7 +390,8 @@ class VideoOptions:
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
     open body."""
     look: BodyLook = BODY_LOOKS[0]
-    """Body shape and skin tone of the open body; a licensed body has only the first."""
+    """Body shape and skin tone of the open body; licensed bodies and characters
+    have one look only."""
     views: Views = ("front",)
     """Camera views of videos; the first is used for the comparison."""
     close_ups: CloseUps = ("hands",)
@@ -426,7 +427,7 @@ class OutputOptions:
     has_poses: Annotated[bool, negative_flag("poses", "Draw Figure 6 without poses.")] = True
     """True to show poses in Figure 6 even if no videos are rendered."""
     has_figures: Annotated[bool, negative_flag("figures", "Draw no figures.")] = True
-    """True to draw Figure 6 and the jitter sheet."""
+    """True to draw Figure 6 and the figure on the sources of jitter."""
     title: Suppress[str] = ""
     """Title of the run; by default composed from its inputs."""
     is_kept: Suppress[bool] = False

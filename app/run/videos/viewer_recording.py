@@ -31,8 +31,8 @@ from renderer.video.workers import RenderJob, draw_jobs
 NAME = "stage.mp4"
 NO_LINES = "Skeletons and joint axes are only shown in the viewer, not in the video."
 TOO_SMALL = (
-    "The bodies are too small to be recorded ({why}). Enlarge one, or make the browser window "
-    "larger."
+    "The viewer cannot be recorded at this size. {why} Enlarge a body, or resize the browser "
+    "window."
 )
 MAX_ENLARGED = 1.5
 """Maximum number of video pixels per pixel of the page."""

@@ -281,7 +281,7 @@ def test_render_says_what_it_cannot_do(motion, capsys):
         (".mp4", "must end in one of"),
         ("a.png --stills 0", "1 to 64; got 0"),
         ("a.png --stills 65", "1 to 64; got 65"),
-        ("a.png --contact-sheet-every 0", "got one in 0"),
+        ("a.png --contact-sheet-every 0", "got 0"),
         ("a.glb --stills 2", "A .glb file holds no pictures"),
         ("a.bvh --contact-sheet-every 2", "A .bvh file holds no pictures"),
         ("a.glb --exaggerate 5", "holds the motion as it is"),

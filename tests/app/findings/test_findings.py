@@ -80,7 +80,7 @@ def test_numbers_stand_beside_each_other_as_generated_and_smoothed() -> None:
 
 
 def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
-    start = "Joint whose filtering reduces the jerk of the right middle fingertip most: in"
+    start = "Joint that, if filtered, reduces the jerk of the right middle fingertip most: in"
     few = (
         "Filtering a single joint reduces the jerk of the right middle fingertip by less than 5 % "
         "in a."
@@ -94,7 +94,7 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
         a, b = ({"tip_jerk_attribution": shares(*each)} for each in (of_joints, (0.0, 0.3)))
         assert told("attribution", a=a) == words
         if words == few:
-            words = f"{start} b the right elbow (by 30 %); in a no joint by 5 % or more."
+            words = f"{start} b the right elbow (by 30 %); in a no joint does by 5 % or more."
             assert told("attribution", a=a, b=b) == words
 
 

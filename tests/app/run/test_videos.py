@@ -355,7 +355,7 @@ def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_p
     face = ViewerPanel(view="face", rect=(0, 10, 1000, 990))
     panels = ((ViewerPanel(rect=(0, 0, 10, 10)), face),)
     seen = changed(GRID, size=(1000.0, 1000.0), panels=panels)
-    with pytest.raises(RunError, match="too small to be recorded"):
+    with pytest.raises(RunError, match="cannot be recorded at this size"):
         draw_viewer_video(asked(tmp_path, seen), NO_CALLBACKS)
     told: list[object] = []
     with pytest.raises(Cancelled):

@@ -83,7 +83,7 @@ def test_everything_that_is_seen_is_read():
     ids=lambda value: "",
 )  # fmt: skip
 def test_a_stage_that_tells_anything_else_is_refused_with_a_sentence(value):
-    with pytest.raises(RunError, match="The state of the viewer could not be used"):
+    with pytest.raises(RunError, match="The viewer sent invalid data"):
         ViewerState.parse(json.dumps(value) if isinstance(value, dict) else value)
 
 
