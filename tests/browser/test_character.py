@@ -7,7 +7,16 @@ from playwright.sync_api import Browser, expect
 
 from renderer.body.body import load_body
 from renderer.body.gltf import Gltf
-from tests.browser.conftest import AT_REST, Fake, bar_of, opened, saved, staged, start
+from tests.browser.conftest import (
+    AT_REST,
+    BUILDS_ARE_THERE,
+    Fake,
+    bar_of,
+    opened,
+    saved,
+    staged,
+    start,
+)
 from tests.renderer.body.made_character import character
 
 pytestmark = pytest.mark.browser
@@ -28,6 +37,7 @@ def test_character_moves_on_the_stage_and_is_saved_with_the_motion(
     page = opened(context, fake_address)
     start(page, speech)
     staged(page, 3)
+    page.wait_for_function(BUILDS_ARE_THERE)  # they change the open body a little
     page.wait_for_function(AT_REST)
     canvas, stage = page.locator("#player .stage canvas"), page.locator("#player .stage")
     bar_of(page).locator(".more").click()

@@ -335,7 +335,7 @@ def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(
     page.get_by_role("button", name=live_tab.KEEP).click()
     expect(status).to_contain_text("is being saved")
     expect(page.locator("#live-status")).to_contain_text("Done in")
-    expect(page.locator("#live-message")).to_contain_text("made while the speech was spoken")
+    expect(page.locator("#live-message")).to_contain_text("generated live")
     page.wait_for_function(KEPT)
     expect(page.locator("#live-downloads")).to_contain_text("provenance")
     page.wait_for_function("() => document.querySelector('#live-player audio').duration > 2")

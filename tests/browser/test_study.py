@@ -269,7 +269,7 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     assert findings(phone) == []
     watch_all(phone)
     choose(phone, "right")
-    phone.locator(".reasons").get_by_text("Motion smoothness").click()
+    phone.locator(".reasons").get_by_text("Smoothness of the movements").click()
     expect(phone.locator("#next")).to_be_in_viewport(ratio=0.99)  # with the reasons below
     before = place(phone)
     phone.reload()

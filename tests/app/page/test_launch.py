@@ -153,7 +153,9 @@ def test_a_port_that_is_taken_is_told_before_anything_is_made(weights, tmp_path,
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         config = AppConfig(port=port, weights=weights, temp=tmp_path / "page")
-        with pytest.raises(OSError, match=rf"Port {port} of 127\.0\.0\.1 is taken.* with --port"):
+        with pytest.raises(
+            OSError, match=rf"Port {port} of 127\.0\.0\.1 is already in use.* with --port"
+        ):
             launch(config, is_warmed_up=False)
     assert not (tmp_path / "page").exists()
     with pytest.raises(RunError, match="No trained systems"):

@@ -251,7 +251,10 @@ def test_impossible_answers_are_set_aside() -> None:
     for forge, words in [
         (lambda who: replace(who, finished=who.started - timedelta(seconds=1)), "finished before"),
         (each(lambda number: {"ms": 1}), "faster than the videos last"),
-        (each(lambda number: {"ms": 1 if number % 5 == 0 else 9_000}), "sooner than"),
+        (
+            each(lambda number: {"ms": 1 if number % 5 == 0 else 9_000}),
+            "4 of 18 trials answered faster",
+        ),
         (lambda who: replace(who, finished=who.started + timedelta(seconds=60)), "in 60 s from"),
         (lambda who: replace(who, answers=who.answers[::-1]), "another order"),
         (always(left, num_failed=1), "same position chosen, and 1 attention check failed"),
