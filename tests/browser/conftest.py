@@ -172,6 +172,11 @@ def no_script_has_failed() -> Iterator[None]:
     assert not _FAILED_SCRIPTS, "\n".join(_FAILED_SCRIPTS)
 
 
+def forget_failed_fetches() -> None:
+    """Forget scripts that failed because a test had cut the page's connection."""
+    _FAILED_SCRIPTS[:] = [each for each in _FAILED_SCRIPTS if "Failed to fetch" not in each]
+
+
 @pytest.fixture
 def visitor(browser: Browser) -> Iterator[Callable[..., BrowserContext]]:
     """A browser that shares nothing with the others, closed after the test."""

@@ -14,7 +14,15 @@ from app.page.visitors.turns import Turns
 from app.run.callbacks import RunCallbacks
 from app.run.requests.requests import AnyRun
 from processes.job import Cancelled
-from tests.browser.conftest import Fake, opened, ready, served_blocks, staged, start
+from tests.browser.conftest import (
+    Fake,
+    forget_failed_fetches,
+    opened,
+    ready,
+    served_blocks,
+    staged,
+    start,
+)
 from tests.waiting import wait_for
 
 if TYPE_CHECKING:
@@ -94,6 +102,7 @@ def test_a_tab_that_is_closed_ends_its_run_and_one_without_a_connection_does_not
     fake.figures.set()
     wait_for(lambda: len(runs.ends) == 3)
     assert runs.ends[-1] == "finished"
+    forget_failed_fetches()
     context.set_offline(False)
     page.close()
     page = opened(context, address)
