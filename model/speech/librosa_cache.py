@@ -32,7 +32,15 @@ def load_librosa() -> ModuleType:
 
 
 def begin_import() -> None:
-    """Import the library in a thread, while the caller reads something else."""
+    """Import the library in a thread, while the caller reads something else.
+
+    SciPy is imported before: its modules import each other in circles, and two threads that import
+    it at once can each find a half of it.
+    """
+    import scipy.ndimage
+    import scipy.signal
+    import scipy.stats  # noqa: F401
+
     threading.Thread(target=load_librosa, daemon=True).start()
 
 

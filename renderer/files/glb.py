@@ -258,9 +258,10 @@ def _mesh(
         ]
         mesh["weights"] = [0.0] * len(used)
         names = body.expression_names
-        mesh["extras"] = {"targetNames": [names[k] if names else f"expression{k}" for k in used]}
+        extras: dict = {"targetNames": [names[k] if names else f"expression{k}" for k in used]}
         if body.jaw_component in used:
-            mesh["extras"]["jawTarget"] = used.index(body.jaw_component)
+            extras["jawTarget"] = used.index(body.jaw_component)
+        mesh["extras"] = extras
     return mesh
 
 

@@ -25,7 +25,7 @@ from tests.app.fakes import made_motion
 from tests.app.page.results.made_run import made_run
 from tests.app.study import made
 from tests.app.study.made_study import make_study
-from tests.browser.conftest import WIDTHS, Fake, opened, served, watched
+from tests.browser.conftest import WIDTHS, Fake, opened, ready, served, watched
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -154,6 +154,18 @@ def test_a_run_on_the_page_and_as_a_file(
     expect(page.locator(".lockstep")).to_contain_text(HOSTILE[1])
     page.locator(".stage").first.wait_for()
     sense.expect_harmless(page)
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_parameters_of_links_of_the_page(
+    part: int, context: BrowserContext, sense: Sense, fake_address: str
+) -> None:
+    page = opened(context, fake_address)
+    for text in HOSTILE[part::4]:
+        value = quote(text, safe="")
+        query = "&".join(f"{key}={value}" for key in ("run", "link", "speech", "systems", "seed"))
+        page.goto(f"{fake_address}?{query}&{value}#{value}")
+        sense.expect_harmless(ready(page), text)
 
 
 @pytest.fixture

@@ -220,19 +220,22 @@ def test_what_no_stage_shows_is_refused() -> None:
     thin = ViewerPanel(view="right_hand", rect=(0, 100, 40, 1))
     for changes, words in [
         ({"bodies": ()}, "no body in the viewer yet"),
-        ({"mode": "wipe"}, "are not of its bodies"),
-        ({"mode": "ghost", "shown": (0,), "panels": (PANELS, PANELS)}, "are not of its bodies"),
+        ({"mode": "wipe"}, "views do not match the bodies"),
+        (
+            {"mode": "ghost", "shown": (0,), "panels": (PANELS, PANELS)},
+            "views do not match the bodies",
+        ),
         (
             {"bodies": many, "shown": tuple(range(MAX_SHOWN + 1))},
             "1 to 12 bodies; the stage shows 13",
         ),
         ({"shown": ()}, "the stage shows 0"),
-        ({"shown": (0, 3)}, "are not of its bodies"),
+        ({"shown": (0, 3)}, "views do not match the bodies"),
         ({"shown": (-1,)}, "greater than or equal to 0"),
         ({"size": (10.0, 420.0)}, "greater than or equal to 64"),
-        ({"panels": (PANELS, PANELS)}, "are not of its bodies"),
-        ({"panels": (PANELS[1:],)}, "are not of its bodies"),
-        ({"panels": ((body, right, right),)}, "are not of its bodies"),
+        ({"panels": (PANELS, PANELS)}, "views do not match the bodies"),
+        ({"panels": (PANELS[1:],)}, "views do not match the bodies"),
+        ({"panels": ((body, right, right),)}, "views do not match the bodies"),
         ({"panels": ((ViewerPanel(rect=(0, 0, 900, 100)),),)}, "The body has no room"),
         ({"panels": ((body, thin),)}, "right hand has no room"),
         ({"exaggeration": 50.0}, "by a factor of 1 to 20; got 50"),
