@@ -98,8 +98,8 @@ class PageCache:
 
 def _query(scope: Scope, path: str) -> bytes:
     """Return the part of a query on which Gradio's answer depends: whether it names the page."""
-    named = parse_qs(scope["query_string"], keep_blank_values=True)
-    return b"page=" if path == "/config" and named.get(b"page") == [b""] else b""
+    named = parse_qs(scope["query_string"].decode("latin-1"), keep_blank_values=True)
+    return b"page=" if path == "/config" and named.get("page") == [""] else b""
 
 
 async def _send(answer: _Answer, root: bytes, is_head: bool, send: Send) -> None:

@@ -8,7 +8,7 @@ from app.page.routes.page_cache import PageCache
 from tests.app.page.conftest import ADDRESS, served_page
 
 HOSTS = ("127.0.0.1", "localhost:80", "lab.example:8443", "localhost:<'&>", 'localhost:"')
-QUERIES = ("", "?page=", "?run=a&__theme=dark", "?deep_link=a&page=b&all_endpoints=1")
+QUERIES = ("", "?page=", "?run=%E2%80%AE&__theme=dark", "?deep_link=a&page=b&all_endpoints=1")
 ACCOUNT = ("ann", "her pass:word")
 
 
