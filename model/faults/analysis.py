@@ -16,6 +16,7 @@ from model.metrics.posture import FEET
 from model.metrics.results import Measures, as_json
 from model.metrics.smoothness import angular_velocity
 from model.motion.motion import Motion
+from model.motion.runs import true_runs
 from model.motion.tracks import Tracks
 
 BODY = (*LOWER_BODY, *UPPER_BODY, *HANDS)
@@ -153,9 +154,8 @@ def clock(frame: int) -> str:
 
 def true_ranges(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
     """Return first and last frame of the longest `MOST_STRETCHES` runs of true, longest first."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]])))
-    runs = sorted(zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda run: run[0] - run[1])
-    return tuple((int(first), int(last)) for first, last in runs[:MOST_STRETCHES])
+    runs = sorted(true_runs(is_there), key=lambda run: run[0] - run[1])
+    return tuple((start, end - 1) for start, end in runs[:MOST_STRETCHES])
 
 
 def worst_second(values: Float[np.ndarray, " N"], is_least: bool = False) -> int | None:

@@ -39,6 +39,7 @@ from model.formats.parameters import (
 )
 from model.formats.reading import Assumption, Confidence, Part
 from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
+from model.motion.runs import true_runs
 from model.storage.npz import (
     MAX_ABS_VALUE,
     MAX_FILE_BYTES,
@@ -363,8 +364,7 @@ def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_A
 
 def stretches(marks: np.ndarray) -> str:
     """Format the ranges of set marks, for example ``3, 40-45``."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], marks.astype(int), [0]])))
-    pairs = edges.reshape(-1, 2)
+    pairs = true_runs(marks.astype(bool))
     named = [f"{a}-{b - 1}" if b - a > 1 else str(a) for a, b in pairs[:8]]
     return ", ".join(named) + (f" and {len(pairs) - 8} more" if len(pairs) > 8 else "")
 

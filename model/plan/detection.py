@@ -23,6 +23,7 @@ from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.kinematics import RestSkeleton, face_unit_names
 from model.motion.motion import Motion
+from model.motion.runs import equal_runs, true_runs
 from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest
 from model.plan.plan import (
     PHASES,
@@ -94,11 +95,11 @@ def hand_phases(
     speed = np.zeros(len(wrist))
     if len(wrist) > 1:
         speed = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * FPS
-    for first, stop in _runs(states):
+    for first, stop in equal_runs(states):
         if speed[first:stop].max() < STILL_M_S and PHASES[states[first]] in MOVES:
             goes_back = PHASES[states[first]] == "retraction"
             states[first:stop] = PHASES.index("rest" if goes_back else "hold")
-    for first, stop in _runs(states):
+    for first, stop in equal_runs(states):
         phase = PHASES[states[first]]
         parts = _beats(speed, first, stop) if phase == "beat" else [first, stop]
         for start, end in pairwise(parts):
@@ -187,12 +188,6 @@ def _most_likely(
     return states
 
 
-def _runs(values: np.ndarray) -> list[tuple[int, int]]:
-    """Return the first frame and the end of each stretch of equal values."""
-    edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
-    return list(pairwise(edges))
-
-
 def _beats(speed: Float[np.ndarray, " T"], first: int, stop: int) -> list[int]:
     """Return the boundaries of consecutive beats, which are where the hand reverses."""
     least = round(LEAST_BEAT_S * FPS)
@@ -202,11 +197,7 @@ def _beats(speed: Float[np.ndarray, " T"], first: int, stop: int) -> list[int]:
 
 
 def _spans(is_on: Bool[np.ndarray, " T"], least_s: float) -> list[tuple[int, int]]:
-    return [
-        (first, stop)
-        for first, stop in _runs(is_on.astype(int))
-        if is_on[first] and (stop - first) / FPS >= least_s
-    ]
+    return [(first, stop) for first, stop in true_runs(is_on) if (stop - first) / FPS >= least_s]
 
 
 def _seconds(frames: np.ndarray) -> list[float]:
@@ -286,7 +277,7 @@ def _stands(tracks: Tracks) -> Iterator[Stand]:
     leg = np.where(share > STAND_SHARE, 1, np.where(share < -STAND_SHARE, -1, 0))
     legs: dict[int, Leg] = {1: "left", -1: "right", 0: "both"}
     at = 0
-    for first, stop in _runs(leg):
+    for first, stop in equal_runs(leg):
         if (stop - first) / FPS < LEAST_STAND_S and stop < len(leg):
             continue  # too short: a shift to the other leg
         yield Stand(at / FPS, stop / FPS, legs[int(leg[first])])

@@ -22,6 +22,7 @@ from jaxtyping import Float, Float32, Float64
 
 from conventions.names import pluralise, printable
 from conventions.rates import FPS, SAMPLE_RATE
+from model.motion.runs import true_runs
 from model.storage.files import file_sha256, write_atomically
 
 SILENT_BELOW = 1e-3
@@ -405,8 +406,7 @@ def _with_late_start(
 
 def _told_of_gaps(waveform: Float32[np.ndarray, " N"], filled: Sequence[int]) -> list[str]:
     """Return notes on the silence that was filled in; its places are the stretches of zeros."""
-    edges = np.diff(np.concatenate([[0], waveform == 0, [0]]).astype(np.int8))
-    stretches = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
+    stretches = iter(true_runs(waveform == 0))
     found: list[tuple[float, float]] = []
     for count in filled:
         start = next((start for start, end in stretches if end - start >= count), len(waveform))

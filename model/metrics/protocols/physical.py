@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from scipy.signal import find_peaks
 
 from model.metrics.protocols.clip import Clip, Sums
+from model.motion.runs import true_runs
 
 BODY_JOINTS = 22
 FEET = (10, 11)
@@ -73,7 +74,7 @@ def _floating_frames(
     )
     is_odd &= root_step[:, None] >= ROOT_STEP_M
     implausible = contact.any(1) & (is_odd | ~contact).all(1)
-    airborne = [_runs(~contact[:, foot]) for foot in range(2)]
+    airborne = [true_runs(~contact[:, foot]) for foot in range(2)]
     floating = sum(
         int((ratio[start:end, foot] < FLOATING_RATIO).sum())
         for foot in range(2)
@@ -91,13 +92,6 @@ def _floating_frames(
         if end - start >= MIN_FRAMES and _num_turns(feet[start:end, 0]) >= MIN_PEAKS
     )
     return int(implausible.sum()) + floating / 2 + turning
-
-
-def _runs(mask: Bool[np.ndarray, " T"]) -> list[tuple[int, int]]:
-    """Return start and end of each run of true values."""
-    edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
-    starts, ends = (np.flatnonzero(edges == edge).tolist() for edge in (1, -1))
-    return list(zip(starts, ends, strict=True))
 
 
 def _num_turns(path: Float[np.ndarray, "T 3"]) -> int:
