@@ -288,10 +288,7 @@ def _versions(
 def _measure_published(
     motion: Motion, tracks: Tracks, inputs: ProtocolInputs, recorded: Sequence[Evidence]
 ) -> PublishedMeasures:
-    reference = None
-    if recorded:
-        reference = inputs.clip(recorded[0].motion, recorded[0].tracks)
-        motion = replace(motion, betas=recorded[0].motion.betas)  # faces of one shape
+    reference = inputs.clip(recorded[0].motion, recorded[0].tracks) if recorded else None
     sums = protocol_sums(inputs.clip(motion, tracks, reference))
     return PublishedMeasures(protocol_values(sums))
 

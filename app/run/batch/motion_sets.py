@@ -35,8 +35,8 @@ from app.run.batch.published_metrics import (
     mean_sums,
     rule_lines,
     save_sums,
-    sums_of,
     sums_path,
+    varied_clip,
 )
 from app.run.batch.speech_batch import ENDINGS as SOUND_ENDINGS
 from app.run.batch.speech_batch import inputs_digest, run_jobs
@@ -56,7 +56,8 @@ from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import LACKS, MOTIONS, REFERENCE, ImportedMotion
 from model.metrics.lag import speech_bands_by_frame
-from model.metrics.protocols.clip import ProtocolInputs, Sums
+from model.metrics.protocols.clip import Clip, ProtocolInputs, Sums
+from model.metrics.protocols.formulas import protocol_sums
 from model.metrics.protocols.table import PROTOCOLS, protocol_of, without_parts
 from model.metrics.results import BeatSpeeds
 from model.motion.kinematics import open_body_skeleton
@@ -264,11 +265,11 @@ def _by_rule(
 ) -> dict[tuple[str, str, str, str], float]:
     """Return the values of all protocols by system, id, name and variation."""
     values = {
-        (system, protocol, key, variation): float(drawn[0])
+        (system, protocol, key, variation): value
         for system in systems
         for protocol in PROTOCOLS
         for variation in VARIATIONS
-        for key, drawn in published.values(protocol, system, variation).items()
+        for key, value in published.value(protocol, system, variation).items()
     }
     for system in systems:
         for key in ("beat_align", "l1_diversity_m"):
@@ -387,12 +388,16 @@ class _Clip:
         reference = None
         systems: dict[str, Any] = {}
         motions: dict[str, list[Motion]] = {}
+        clips: dict[str, list[Clip]] = {}
         for name in sorted(readings, key=lambda name: name != REFERENCE_NAME):  # first
             told = []
             for sample, reading in readings[name].items():
                 motion = first_frames(reading.motion, shortest)
                 motions.setdefault(name, []).append(motion)
                 evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
+                recorded = None if name == REFERENCE_NAME else clips.get(REFERENCE_NAME, [None])[0]
+                clip = heard["inputs"].clip(motion, evidence.tracks, recorded)
+                clips.setdefault(name, []).append(clip)
                 faults = drop_missing_parts(find_faults(evidence), reading.missing_parts)
                 told.append({
                     "numbers": numbers_of(
@@ -408,7 +413,7 @@ class _Clip:
         self.record.parent.mkdir(parents=True, exist_ok=True)
         variations = _variations(self.request)
         save_codes(self.record, motions, self.request.metrics, variations)
-        save_sums(self.record, self._sums(readings, motions, heard["inputs"]))
+        save_sums(self.record, self._sums(readings, motions, clips, heard["inputs"]))
         told = {"frames": shortest, "systems": systems, "unread": unread}
         write_atomically(
             self.record, json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n"
@@ -418,23 +423,30 @@ class _Clip:
         self,
         readings: Mapping[str, Mapping[str, ImportedMotion]],
         motions: Mapping[str, Sequence[Motion]],
+        clips: Mapping[str, Sequence[Clip]],
         inputs: ProtocolInputs,
     ) -> dict[tuple[str, str], dict[str, Sums]]:
-        """Return the sums of published protocols by system and variation."""
-        sums: dict[tuple[str, str], dict[str, Sums]] = {}
-        varied, with_own = _variations(self.request), bool(self.request.metrics.expected)
-        for name, samples in motions.items():
-            recorded = None
-            if name != REFERENCE_NAME and REFERENCE_NAME in motions:
-                recorded = motions[REFERENCE_NAME][0]
-            for variation in (PLAIN, *varied):
-                sums[name, variation] = mean_sums([
-                    without_parts(
-                        sums_of(motion, recorded, inputs, variation, with_own),
-                    reading.missing_parts )
-                    for motion, reading in zip(samples, readings[name].values(), strict=True)
-                ])  # fmt: skip
-        return sums
+        """Return the sums of published protocols by system and variation.
+
+        Args:
+            motions: samples by system, the reference first; ``clips`` are theirs, unvaried.
+        """
+        by_variation: dict[str, Mapping[str, Sequence[Clip]]] = {PLAIN: clips}
+        for variation in _variations(self.request):
+            varied: dict[str, list[Clip]] = {}
+            for name, samples in motions.items():
+                recorded = varied.get(REFERENCE_NAME, [None])[0]
+                varied[name] = [varied_clip(each, inputs, variation, recorded) for each in samples]
+            by_variation[variation] = varied
+        with_own = bool(self.request.metrics.expected)
+        return {
+            (name, variation): mean_sums([
+                without_parts(protocol_sums(clip, with_own), reading.missing_parts)
+                for clip, reading in zip(samples, readings[name].values(), strict=True)
+            ])
+            for variation, by_system in by_variation.items()
+            for name, samples in by_system.items()
+        }  # fmt: skip
 
     def _heard(self, num_frames: int) -> dict[str, Any]:
         """Return the arguments of `raw_evidence` that do not depend on the motion."""

@@ -17,8 +17,8 @@ import numpy as np
 from app.findings.measure_rows import written
 from conventions.names import REFERENCE_NAME
 from model.evaluation.tables import drawn_clips, interval_of
-from model.metrics.protocols.clip import ProtocolInputs, Sums
-from model.metrics.protocols.formulas import FORMULAS, protocol_sums
+from model.metrics.protocols.clip import Clip, ProtocolInputs, Sums
+from model.metrics.protocols.formulas import FORMULAS
 from model.metrics.protocols.table import PROTOCOLS
 from model.motion.kinematics import RestSkeleton, open_body_skeleton
 from model.motion.motion import Motion, first_frames
@@ -80,29 +80,19 @@ def varied(motion: Motion, name: str) -> Motion:
     return VARIATIONS[name].motion(motion)
 
 
-def sums_of(
-    motion: Motion,
-    reference: Motion | None,
-    inputs: ProtocolInputs,
-    variation: str = PLAIN,
-    with_own: bool = False,
-) -> dict[str, Sums]:
-    """Compute the sums of all protocols for a motion, under a variation of the rule.
+def varied_clip(
+    motion: Motion, inputs: ProtocolInputs, variation: str, recorded: Clip | None = None
+) -> Clip:
+    """Make the clip of a motion under a variation of the rule.
 
     Args:
-        with_own: also for metrics of this program that have a protocol of their own.
+        recorded: clip of the recorded motion under the same variation.
     """
     bones = open_body_skeleton()
     scale = VARIATIONS[variation].scale
     skeleton = RestSkeleton(bones.rest_joints * scale, bones.tip_offsets * scale)
-    recorded = None
-    if reference is not None:
-        there = varied(reference, variation)
-        recorded = inputs.clip(there, track_points(there, skeleton))
-        motion = replace(motion, betas=reference.betas)  # faces of one shape
     here = varied(motion, variation)
-    clip = inputs.clip(here, track_points(here, skeleton), recorded)
-    return protocol_sums(clip, with_own)
+    return inputs.clip(here, track_points(here, skeleton), recorded)
 
 
 def sums_path(record: Path) -> Path:
@@ -156,14 +146,18 @@ class PublishedMetrics:
 
     def values(self, protocol: str, system: str, variation: str = PLAIN) -> dict[str, np.ndarray]:
         """Return the value of all clips and those of the draws, by name; NaN for an empty draw."""
-        sums = self._sums.get((variation, protocol, system), {})
-        if not sums:
-            return {}
-        draws = [
-            FORMULAS[protocol].evaluate({key: each[k] for key, each in sums.items()})
-            for k in range(len(self._draws))
-        ]
+        draws = [self._evaluate(protocol, system, variation, k) for k in range(len(self._draws))]
         return {key: np.array([each.get(key, np.nan) for each in draws]) for key in draws[0]}
+
+    def value(self, protocol: str, system: str, variation: str) -> dict[str, float]:
+        """Return the value of all clips by name."""
+        return self._evaluate(protocol, system, variation, 0)
+
+    def _evaluate(self, protocol: str, system: str, variation: str, draw: int) -> dict[str, float]:
+        sums = self._sums.get((variation, protocol, system))
+        if sums is None:
+            return {}
+        return FORMULAS[protocol].evaluate({key: each[draw] for key, each in sums.items()})
 
     def rows(self, systems: Sequence[str]) -> Iterator[tuple[Any, ...]]:
         """Yield table rows (`app.run.batch.table.HEADER`) of values and paired differences."""

@@ -34,6 +34,8 @@ class Clip:
     semantics: Float[np.ndarray, " T"] | None = None
     """Semantic relevance of each frame, 0 to 1, as annotated in BEAT."""
     face_vertices: FaceVertices | None = None
+    betas: np.ndarray | None = None
+    """Body shape, which the face of a motion that is compared with this one has as well."""
 
     @property
     def rooted(self) -> Float[np.ndarray, "T 55 3"]:
@@ -63,15 +65,19 @@ class ProtocolInputs:
     face_vertices: Callable[[Motion], FaceVertices | None] | None = None
 
     def clip(self, motion: Motion, tracks: Tracks, reference: Clip | None = None) -> Clip:
-        """Make the clip of a motion."""
+        """Make the clip of a motion; its face has the body shape of its reference."""
+        face = motion
+        if reference is not None and reference.betas is not None:
+            face = replace(motion, betas=reference.betas)
         return Clip(
             tracks.joints,
-            tracks.global_rot[:, 0],
+            tracks.global_rot[:, 0].copy(),  # a view would keep all of a long clip's
             reference,
             self.waveform,
             self.mean_speeds,
             None if self.semantics is None else self.semantics[: motion.num_frames],
-            None if self.face_vertices is None else self.face_vertices(motion),
+            None if self.face_vertices is None else self.face_vertices(face),
+            motion.betas,
         )
 
 
