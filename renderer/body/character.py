@@ -37,7 +37,7 @@ from renderer.body.body_file import (
     Rig,
 )
 from renderer.body.face_shapes import FaceShapes
-from renderer.body.gltf import MAX_FILE_BYTES, Gltf
+from renderer.body.gltf import Gltf, read_glb
 from renderer.body.texture import TextureMaker
 
 SUFFIXES = (".glb", ".vrm")
@@ -85,12 +85,7 @@ def read_character(path: Path) -> BodyArrays:
     Raises:
         BodyError: if the file is damaged, too large, or no humanoid with a skin.
     """
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise BodyError(
-            f"{path.name} has {path.stat().st_size / 1e6:.0f} MB; a character may have "
-            f"{MAX_FILE_BYTES / 1e6:.0f}: export it with smaller textures."
-        )
-    content = path.read_bytes()
+    content = read_glb(path)
     try:
         with np.errstate(all="ignore"):  # the result is checked as a whole
             return _Character(Gltf(content, path.name)).arrays(path, content)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import struct
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,25 @@ _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
+def read_glb(path: Path) -> bytes:
+    """Read the content of a character's file.
+
+    Raises:
+        BodyError: if it is too large.
+        OSError: if it cannot be read.
+    """
+    _check_size(path.name, path.stat().st_size)
+    return path.read_bytes()
+
+
+def _check_size(name: str, num_bytes: int) -> None:
+    if num_bytes > MAX_FILE_BYTES:
+        raise BodyError(
+            f"{name} has {num_bytes / 1e6:.0f} MB; a character may have "
+            f"{MAX_FILE_BYTES / 1e6:.0f}: export it with smaller textures."
+        )
+
+
 class Gltf:
     """Parsed file. Its nodes form trees, whose parents and global matrices are computed once.
 
@@ -43,11 +63,7 @@ class Gltf:
 
     def __init__(self, content: bytes, name: str) -> None:
         self.name = name
-        if len(content) > MAX_FILE_BYTES:
-            raise BodyError(
-                f"{name} has {len(content) / 1e6:.0f} MB; a character may have "
-                f"{MAX_FILE_BYTES / 1e6:.0f}: export it with smaller textures."
-            )
+        _check_size(name, len(content))
         if len(content) < 20 or content[:4] != b"glTF":
             raise BodyError(f"{name} is no binary glTF; export it as .glb or .vrm.")
         self.version, length, json_bytes = struct.unpack_from("<III", content, 4)

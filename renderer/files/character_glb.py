@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from conventions.rates import FPS
 from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import BodyError
-from renderer.body.gltf import Gltf
+from renderer.body.gltf import Gltf, read_glb
 from renderer.files.glb import Buffer, glb_bytes, joined, markers_of, same_sign
 
 
@@ -33,7 +33,7 @@ def animated_glb(
     if rig is None:
         return glb_bytes(body, motion, markers=markers)
     try:
-        gltf = Gltf(rig.path.read_bytes(), body.name)
+        gltf = Gltf(read_glb(rig.path), body.name)
     except OSError as error:
         raise BodyError(f"{body.name} is not there any more.") from error
     document, buffer = gltf.document, Buffer()
