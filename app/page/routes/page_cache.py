@@ -22,7 +22,7 @@ PATHS = ("/", "/config")
 _CHUNK_BYTES = 2**16
 """Size of the pieces of an answer, so that one that nobody reads takes no more memory."""
 _ESCAPES = {ord(character): f"\\u{ord(character):04x}" for character in "<>&'"}
-"""As Gradio escapes JSON within HTML."""
+"""Escapes of characters that Gradio replaces in JSON within HTML."""
 
 
 class _Key(NamedTuple):
@@ -98,8 +98,10 @@ class PageCache:
 
 def _query(scope: Scope, path: str) -> bytes:
     """Return the part of a query on which Gradio's answer depends: whether it names the page."""
+    if path != "/config":
+        return b""
     named = parse_qs(scope["query_string"].decode("latin-1"), keep_blank_values=True)
-    return b"page=" if path == "/config" and named.get("page") == [""] else b""
+    return b"page=" if named.get("page") == [""] else b""
 
 
 async def _send(answer: _Answer, root: bytes, is_head: bool, send: Send) -> None:

@@ -18,6 +18,8 @@ export function normals(count) {
   return Float32Array.from({ length: count }, () => Math.sqrt(-2 * Math.log(1 - uniform())) * Math.cos(2 * Math.PI * uniform()));
 }
 
+let drawn = new Float32Array(); // longer motions begin with the noise of shorter ones
+
 /**
  * Add the same random turns, of `rad` about each axis, to the rotations of every joint but the face. With noise on
  * global rotations a joint also loses that of its parent.
@@ -28,7 +30,8 @@ export function normals(count) {
  * @param {{ parents: ArrayLike<number>, names: string[] }} skeleton
  */
 export function noisy(motion, space, rad, { parents, names }) {
-  const unit = normals(3 * NUM_JOINTS * motion.length);
+  if (drawn.length < 3 * NUM_JOINTS * motion.length) drawn = normals(3 * NUM_JOINTS * motion.length);
+  const unit = drawn;
   const turns = new Float32Array(4 * NUM_JOINTS * motion.length);
   const rotations = Float32Array.from(motion.rotations);
   for (let at = 0, from = 0; at < turns.length; at += 4, from += 3) {
