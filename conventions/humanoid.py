@@ -149,7 +149,9 @@ class JointTree:
         for side, arm in zip(("left", "right"), self._sided(arms, left), strict=True):
             found |= self._limb(arm, side, ("collar", "shoulder", "elbow", "wrist", ""), ARM)
             found |= self._fingers(found[f"{side}_wrist"][-1], side, ahead)
-        for side, leg in zip(("left", "right"), self._sided(legs, left) if legs else ()):  # noqa: B905
+        for side, leg in zip(
+            ("left", "right"), self._sided(legs, left) if legs else (), strict=False
+        ):
             found |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"), LEG)
         return found
 
@@ -359,7 +361,7 @@ def _plain_labels(names: Sequence[str]) -> list[str]:
     """Simplify names to lower case, without punctuation and their common prefix."""
     plain = [plain_name(name) for name in names]
     first, last = min(plain, default=""), max(plain, default="")
-    shared = next((i for i, (a, b) in enumerate(zip(first, last)) if a != b), 0)  # noqa: B905
+    shared = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), 0)
     return [label[shared:] for label in plain] if shared >= 3 else plain
 
 

@@ -293,7 +293,7 @@ class LiveSession:
             frames_message(first, motion, made_ms=made_ms, waited_ms=waited_ms, visitors=visitors)
         )
         if self._live.ahead is not None:
-            self._tell({"plan": told_plan(self._live.ahead, first)})
+            self._tell({"plan": planned_events_json(self._live.ahead, first)})
         self._check_cost()
 
     @property
@@ -379,7 +379,7 @@ def warm_up(system: System, speaker: str) -> None:
     live.step()
 
 
-def told_plan(ahead: StreamedPlan, first: int) -> dict[str, Any]:
+def planned_events_json(ahead: StreamedPlan, first: int) -> dict[str, Any]:
     """Return the JSON of planned events from a frame on, in seconds of the session.
 
     They replace all events sent earlier for that time.

@@ -34,7 +34,7 @@ from app.run.run_writer import RunMotions, RunWriter, open_run_writer
 from app.run.tasks import RunResult
 from app.run.timeline import WordSearch, read_transcript_of_run, with_snaps
 from app.run.videos.videos import Snapshots, comparison_video, draw_poses, draw_rows
-from conventions.names import REFERENCE_NAME
+from conventions.names import REFERENCE_NAME, pluralise
 from model.diagnostics import Diagnostics
 from model.metrics.protocols.table import WORKBENCH
 from model.speech.transcript import Transcript
@@ -296,7 +296,7 @@ def _write_provenance(motions: RunMotions, transcript: Transcript, run: RunWrite
 def _generated_sentence(request: GenerateRequest, motions: RunMotions, seconds: float) -> str:
     """Return the final status message of a run that generated motion."""
     count = len(motions.motions)
-    rows = f"{count} {'motion' if count == 1 else 'motions'}"
+    rows = pluralise(count, "motion")
     frames = max(motion.num_frames for motion in motions.viewer_motions.values())
     line = text.DONE.format(seconds=seconds, rows=rows, frames=frames)
     recording = request.live_recording
@@ -307,7 +307,7 @@ def _measured_sentence(request: DiagnoseRequest, motions: RunMotions) -> str:
     """Return the final status message of a run that measured motions."""
     count = len(motions.motions) - (request.imports.reference is not None)
     line = OPENED if request.motions.source_run else MEASURED
-    return line.format(motions=f"{count} motion{'s' if count > 1 else ''}")
+    return line.format(motions=pluralise(count, "motion"))
 
 
 def _return_large_blocks() -> None:

@@ -331,7 +331,7 @@ class RunWriter(RunCallbacks):
             }
             for name, versions in of_all[:MAX_ROWS]
         }
-        record.findings = findings_told(diagnostics.findings)
+        record.findings = finding_records(diagnostics.findings)
         verdict = verdict_of(record.point, [record.numbers], is_made)
         if verdict is not None and (is_made or len(of_all) > 1):
             record.verdict = VerdictRecord(
@@ -348,7 +348,7 @@ def draw_figure(asked: tuple[Path, Path], *_: object) -> None:
     kept.draw_saved(*asked)
 
 
-def findings_told(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRecord]:
+def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRecord]:
     """Return the findings of several motions, the most severe first, then those without any.
 
     The normal range of a metric is named only once.

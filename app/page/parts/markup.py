@@ -246,7 +246,7 @@ def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
     )
 
 
-def told_part(
+def hidden_html(
     elem_id: str | None = None, module: str = "", function: str = "", part: str = ""
 ) -> gr.HTML:
     """Make an HTML component that is hidden while empty, optionally mounted by a module.

@@ -11,7 +11,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.markup import explained, player_part, told_part
+from app.page.parts.markup import explained, hidden_html, player_part
 from app.page.routes.media import Address
 from renderer.figures.style import CONTENTS_ENDING, FORMS
 
@@ -20,16 +20,16 @@ class ResultParts:
     """Result components of one tab; empty ones are hidden."""
 
     def __init__(self, prefix: str = "", ready: str = text.READY) -> None:
-        self.message = told_part(prefix + "message")
+        self.message = hidden_html(prefix + "message")
         self.status = gr.HTML(markup.idle_status(ready), elem_id=prefix + "status")
         self.clips = gr.HTML("", visible=False, apply_default_css=False, elem_id=prefix + "clips")
         """Table over several clips."""
         self.clip = gr.Radio([], label="Shown below", visible=False, elem_id=prefix + "clip")
         """Selection of the clip shown below, by the token of its run."""
-        self.verdict = told_part(prefix + "verdict")
+        self.verdict = hidden_html(prefix + "verdict")
         self.player = player_part(prefix)
         with gr.Row(elem_classes="seen-video"):
-            self.seen = told_part(prefix + "seen")
+            self.seen = hidden_html(prefix + "seen")
             """Progress of recording the viewer as a video, then the link to the video."""
             how: dict[str, Any] = {"visible": False, "size": "sm", "scale": 0, "min_width": 90}
             self.seen_cancel = gr.Button(text.CANCEL, elem_id=prefix + "seen-cancel", **how)
@@ -37,10 +37,10 @@ class ResultParts:
         """Hidden button clicked by the viewer."""
         self.take_start = gr.Button(elem_classes="take-start told-elsewhere")
         """Hidden button clicked by the plan editor."""
-        self.figures = told_part(prefix + "figures", part="figures")
-        self.numbers = told_part(prefix + "numbers", "measures.js", "mountMeasures", "numbers")
-        self.downloads = told_part(prefix + "downloads", part="files")
-        self.runs = told_part(prefix + "runs", "runs.js", "mountRuns")
+        self.figures = hidden_html(prefix + "figures", part="figures")
+        self.numbers = hidden_html(prefix + "numbers", "measures.js", "mountMeasures", "numbers")
+        self.downloads = hidden_html(prefix + "downloads", part="files")
+        self.runs = hidden_html(prefix + "runs", "runs.js", "mountRuns")
         """Link to the opened run, and list of the visitor's own."""
 
     @property

@@ -146,7 +146,7 @@ class RunRunner(TabRunner):
         )
         so_far: Updates = {}
 
-        def told(events: list[RunEvent]) -> Updates:
+        def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {parts.status: line.html(events)}
             if any(isinstance(event, FolderUpdated) for event in events):
                 begun = showings()
@@ -170,7 +170,7 @@ class RunRunner(TabRunner):
                     opened = request.output.out.with_name(OPENED)
                     shutil.rmtree(opened, ignore_errors=True)
 
-            yield from self.followed(job, do, told)
+            yield from self.followed(job, do, updates_of)
         except Cancelled:
             raise
         except Exception as error:

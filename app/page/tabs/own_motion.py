@@ -16,7 +16,7 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import values_of
 from app.page.parts.catalogue import point_choices
-from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, reveal_on_click, shown, told_part
+from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, hidden_html, reveal_on_click, shown
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.results.tables import clip_choices, sets_html
 from app.page.tabs.motion import FIGURE, LAST_FRAME, FormParts, figure_fields, with_panels
@@ -79,7 +79,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
             form = build_own_form(services)
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             of_sets = (
-                told_part("own-sets"),
+                hidden_html("own-sets"),
                 gr.Dropdown([], label=CLIP_LABEL, visible=False, elem_id="own-sets-clip"),
             )
             parts = ResultParts("own-")

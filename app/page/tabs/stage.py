@@ -153,13 +153,13 @@ class SeenRunner(TabRunner):
             self._parts.seen_cancel: gr.update(visible=True),
         }
 
-        def told(events: list[RunEvent]) -> Updates:
+        def updates_of(events: list[RunEvent]) -> Updates:
             share = last_share(events)
             if share is None:
                 return {}
             return {self._status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
 
-        video = yield from self.done(job, DRAW_VIEWER_VIDEO, request, told)
+        video = yield from self.done(job, DRAW_VIEWER_VIDEO, request, updates_of)
         count = len(seen.shown)
         line = text.SEEN_DONE.format(
             bodies="one body" if count == 1 else f"{count} bodies",
@@ -278,7 +278,7 @@ class VideosBehind:
     def _drawn(self, job: Job, run: KeptRun, video: VideoOptions) -> Iterator[Updates]:
         remaining = Remaining()
 
-        def told(events: list[RunEvent]) -> Updates:
+        def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
             if any(isinstance(event, FolderUpdated) for event in events):
                 updates[self._parts.player] = run.showing.value()
@@ -291,7 +291,7 @@ class VideosBehind:
 
         request = RunVideosRequest(run=run.showing.folder, out=job.folder / "drawn", video=video)
         do = partial(self._services.videos.do, DRAW_VIDEOS, request)
-        yield from follow(do, job, told, {self._parts.status: gr.skip()})
+        yield from follow(do, job, updates_of, {self._parts.status: gr.skip()})
         downloads = shown(run.downloads(run.showing))
         yield {self._parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
 

@@ -18,7 +18,7 @@ from app.errors import Cancelled, RunError
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, default_systems
-from app.page.parts.markup import PRIVATE, Updates, reveal_on_click, shown, told_part
+from app.page.parts.markup import PRIVATE, Updates, hidden_html, reveal_on_click, shown
 from app.page.results.result_parts import files_listed, saved_link
 from app.page.routes.media import PAGE_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
 from app.page.tabs.motion import SEED_LIMIT, fresh_copy
@@ -58,7 +58,7 @@ def build_study_tab(services: Services) -> Fields:
                 )
             with gr.Column(elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id="study-status")
-                made = told_part("study-made", "study_key.js", "mountKey")
+                made = hidden_html("study-made", "study_key.js", "mountKey")
     protocol, speeches, systems, changed = (
         fields[name] for name in ("protocol", "speeches", "systems", "changed")
     )
@@ -215,7 +215,7 @@ def build_analysis(services: Services) -> None:
                 start = gr.Button("Analyse", variant="primary", elem_id="analysis-start")
         with gr.Column(scale=9, min_width=320, elem_classes="results"):
             status = gr.HTML(markup.idle_status(text.READY), elem_id="analysis-status")
-            report = told_part("analysis-report")
+            report = hidden_html("analysis-report")
     fields = {"answers": answers, "key": key}
     reveal_on_click(start, status)
     runner = AnalysisRunner(services, fields, status, report)

@@ -14,7 +14,7 @@ from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, about_systems, groups_of, strength_choices
-from app.page.parts.markup import Updates, player_part, reveal_on_click, shown, told_part
+from app.page.parts.markup import Updates, hidden_html, player_part, reveal_on_click, shown
 from app.page.results.player import NOTHING, Showing, with_noise
 from app.page.results.result_parts import figures_html
 from app.page.tabs.runner import Services, TabRunner, last_share, page_request
@@ -125,8 +125,8 @@ class FigureRunner(TabRunner):
             with gr.Column(scale=9, min_width=320, elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id=f"{self.tab}-status")
                 self.player = player_part(f"{self.tab}-")
-                self.message = told_part(f"{self.tab}-says")
-                self.figure = told_part(f"{self.tab}-figures")
+                self.message = hidden_html(f"{self.tab}-says")
+                self.figure = hidden_html(f"{self.tab}-figures")
         super().__init__(services, status)
         reveal_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]
@@ -157,7 +157,7 @@ class FigureRunner(TabRunner):
         address = self._services.media.share(job.folder, job.cookie)
         showing = Showing(asked.output.out, address, job.folder.name)
 
-        def told(events: list[RunEvent]) -> Updates:
+        def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
             has_grown = any(isinstance(event, FolderUpdated) for event in events)
             if has_grown and showing.has_begun and showing.record.has_motion:
@@ -167,7 +167,7 @@ class FigureRunner(TabRunner):
                 updates[self._status] = markup.sentence_status(f"Measuring: {share:.0%}")
             return updates
 
-        yield from self.done(job, self.measure, asked, told)
+        yield from self.done(job, self.measure, asked, updates_of)
         record = showing.record
         lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
         files = (asked.output.out / name for name in record.result_files)

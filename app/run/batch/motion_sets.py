@@ -383,7 +383,7 @@ class _Clip:
             for sample, each in found.items()
         }
         shortest = min(each.motion.num_frames for each in of_all.values())
-        heard = self._heard(shortest)
+        heard = self._shared_inputs(shortest)
         apart = parts_apart({which: each.missing_parts for which, each in of_all.items()})
         reference = None
         systems: dict[str, Any] = {}
@@ -448,7 +448,7 @@ class _Clip:
             for name, samples in by_system.items()
         }  # fmt: skip
 
-    def _heard(self, num_frames: int) -> dict[str, Any]:
+    def _shared_inputs(self, num_frames: int) -> dict[str, Any]:
         """Return the arguments of `raw_evidence` that do not depend on the motion."""
         speech = None
         if self.sound is not None:

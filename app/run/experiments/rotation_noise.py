@@ -65,7 +65,7 @@ def compare_rotation_noise(
         request.output.out, record, callbacks, is_kept=request.output.is_kept
     ) as run:
         tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
-        run.add_notes(*found.notes, *_growth_told(growth, request.noise_rad))
+        run.add_notes(*found.notes, *_growth_sentences(growth, request.noise_rad))
         shown = run.write_viewer_files({**noisy, WITHOUT_NOISE: found.motion}, None, tip)
         run.write_timeline(shown, EMPTY_TRANSCRIPT)
         _draw_growth(request, growth, run)
@@ -115,7 +115,7 @@ def _draw_bodies(
     run.add_files(video)
 
 
-def _growth_told(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
+def _growth_sentences(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
     """Yield sentences on the result of the experiment, and on its limits."""
     jerk = growth.jerk_m_s3
     yield growth_sentence(growth, noise_rad)

@@ -24,7 +24,7 @@ from app.run.requests.requests import (
     systems_of,
 )
 from app.run.run_writer import RunWriter, open_run_writer
-from conventions.names import file_stem, short_names
+from conventions.names import file_stem, pluralise, short_names
 from model.evaluation.classifiers import manner_of, wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
@@ -47,7 +47,6 @@ from renderer.figures.style import MAX_SYSTEMS
 
 HEARD_S = 60.0
 """Part of each speech that is used (s)."""
-COMPARED = "Compared {count} system{s}."
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
 _COLUMNS = (
     *("same_speech", "same_noise", "neither", "by_speech", "by_noise", "lead"),
@@ -102,12 +101,12 @@ def measure_speech_effect(
                     save_motion(motion, path)
                     run.add_files(path)
         told = {
-            system: _heard_numbers(system, made, request.speakers)
+            system: _effect_numbers(system, made, request.speakers)
             for system, made in of_system.items()
         }
         labels = short_names(told)
         run.add_notes(
-            *(_heard_sentence(labels[system], numbers) for system, numbers in told.items())
+            *(_effect_sentence(labels[system], numbers) for system, numbers in told.items())
         )
         table = [
             (system, part, *shares.values())
@@ -116,7 +115,7 @@ def measure_speech_effect(
         ]
         run.write_table("hearing", told, [("system", "part", *_COLUMNS), *table])
         _draw_hearing(told, of_system, run, request)
-        run.finish(COMPARED.format(count=len(told), s="s" if len(told) > 1 else ""))
+        run.finish(f"Compared {pluralise(len(told), 'system')}.")
 
 
 def _generated(
@@ -195,7 +194,7 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
     return dict(grids)
 
 
-def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:
+def _effect_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:
     """Return the content of ``hearing.json`` for one system."""
 
     def shares(found: CorrelationShares) -> dict[str, float]:
@@ -222,7 +221,7 @@ def _heard_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -
     return {**told, "speakers": compared}
 
 
-def _heard_sentence(system: str, numbers: Mapping[str, Any]) -> str:
+def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
     """Format the results of a system's arms as sentences."""
     arms = numbers["parts"]["arms"]
     lead, low, high = (round(100 * arms[key]) for key in ("lead", "lead_low", "lead_high"))

@@ -33,7 +33,7 @@ from app.findings.verdict import verdict_of
 from app.run.examples import FIRST_MOTION, tremble
 from app.run.output.run_folder import read_run
 from app.run.pipeline import run
-from app.run.run_writer import findings_told
+from app.run.run_writer import finding_records
 from conventions.names import SampleName, short_names
 from model.diagnostics import RawAndFiltered
 from model.faults.analysis import Finding
@@ -111,7 +111,7 @@ def test_joins_stand_out_where_a_finding_says_so_and_nowhere_else() -> None:
         said = sentences_of(measured)["seams"]
         assert "planned 2.1, b 1.0. Jerk that recurs significantly with" in said
         assert said.endswith(words)
-        out = findings_told(findings)[-1].sentence
+        out = finding_records(findings)[-1].sentence
         assert ("planned" in out) == (not found)
 
 
@@ -391,7 +391,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     assert (last.name, last.sentence) == ("", "No findings in A.")
     more = record.model_copy(update={"findings": [*[first] * 5, last]})
     assert more.top_findings == [*[first] * 3, last]
-    assert findings_told({"A": []})[0].sentence == "No findings."
+    assert finding_records({"A": []})[0].sentence == "No findings."
 
 
 JERKS = st.floats(1.0, 500.0)

@@ -24,7 +24,7 @@ from app.live.session import (
     RecordingBuffer,
     check_live,
     performed,
-    told_plan,
+    planned_events_json,
     why_less,
 )
 from app.live.session_process import SessionScheduler, live_options
@@ -256,7 +256,9 @@ def test_a_system_that_plans_tells_its_plan_and_keeps_what_was_planned_when_each
     def watched() -> Any:
         first = planning._live.next_frame
         motion = step()
-        made.append((first, planning._live.next_frame, told_plan(planning._live.ahead, first)))
+        made.append(
+            (first, planning._live.next_frame, planned_events_json(planning._live.ahead, first))
+        )
         return motion
 
     planning._live.step = watched  # type: ignore[method-assign]

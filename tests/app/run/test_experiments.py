@@ -16,7 +16,7 @@ from app.errors import Cancelled, RunError
 from app.run import models
 from app.run.callbacks import RunCallbacks
 from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
-from app.run.experiments.speech_effect import _heard_sentence, measure_speech_effect
+from app.run.experiments.speech_effect import _effect_sentence, measure_speech_effect
 from app.run.experiments.step_sweep import MAX_S, measure_step_sweep
 from app.run.models import get_system
 from app.run.output.run_folder import read_run
@@ -172,7 +172,7 @@ def test_speech_decides_more_only_where_the_printed_interval_says_so(
     lead = by_speech - by_noise
     arms = {"by_speech": by_speech, "by_noise": by_noise, "lead": lead}
     arms |= {"lead_low": lead - reach, "lead_high": lead + reach}
-    said = _heard_sentence("a", {"parts": {"arms": arms}, "arm_rotations_same_noise": 0.5})
+    said = _effect_sentence("a", {"parts": {"arms": arms}, "arm_rotations_same_noise": 0.5})
     speech, chance, _, low, high = (
         int(each.replace("\N{MINUS SIGN}", "-"))
         for each in re.findall(

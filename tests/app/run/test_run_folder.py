@@ -29,7 +29,7 @@ from app.run.output.run_folder import (
     zip_run,
 )
 from app.run.pipeline import record_of, run
-from app.run.run_writer import findings_told, open_run_writer
+from app.run.run_writer import finding_records, open_run_writer
 from app.run.timeline import read_transcript_of_run
 from model.faults.analysis import WRONG, Finding
 from model.motion.motion import load_motion, save_motion
@@ -229,7 +229,7 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
             Finding("It trembles.", {}, "rare", kind="noise", excess=9.0),
         ],
     }
-    told = [(each.name, each.sentence, each.at) for each in findings_told(findings)]
+    told = [(each.name, each.sentence, each.at) for each in finding_records(findings)]
     assert told == [
         ("b", "A hand is in the chest.", None),
         ("a", "It jumps (rare).", 1.5),
