@@ -27,13 +27,14 @@ from playwright.sync_api import TimeoutError as TimedOut
 from app import text
 from app.config import AppConfig
 from app.page.launch import launch
+from app.run import tasks as run_tasks
 from app.run.batch.saved_run import run_in_folder
 from app.run.callbacks import RunCallbacks
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, DiagnoseRequest
 from app.study.design.plan import read_plan
 from app.study.export import export_study, zipped
-from app.study.make.workspace import ExportRequest
+from app.study.make.workspace import EXPORT_STUDY, ExportRequest
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
 from model.speech.librosa_cache import load_librosa
@@ -244,6 +245,9 @@ def served_blocks(
     Args:
         does: tasks by functions of a test's own, as of `FakeWorker`.
     """
+    tasks = [each for each in vars(run_tasks).values() if isinstance(each, run_tasks.Task)]
+    known = {run_in_folder.__name__, *(task.name for task in (*tasks, EXPORT_STUDY))}
+    assert does.keys() <= known, "a task of another name would be done by the real one"
     load_librosa()  # where nothing is kept it compiles, for longer than a browser waits for a run
     before = os.environ.get("GRADIO_TEMP_DIR")
     with pytest.MonkeyPatch.context() as patch:
