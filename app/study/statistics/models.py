@@ -24,6 +24,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 from scipy import sparse, stats
+from scipy.special import log_softmax
 
 from app.study.statistics.shares import CONFIDENCE, Limits, Number, with_holm
 
@@ -37,6 +38,7 @@ ELO_MEAN, ELO_SCALE = 1000.0, 400.0
 """Mean Elo rating, and the difference at which a system is expected to win ten times of eleven."""
 _MAX_ITERATIONS = 200
 _LONGEST_STEP = 2.0
+_MAX_HALVINGS = 30
 _TOLERANCE = 1e-9
 _LEAST_SPREAD = 1e-6
 """Difference below which resamples are equal; Newton's method leaves differences of 1e-9."""
@@ -140,14 +142,17 @@ def _maximum(
     counts: Float[np.ndarray, "B M O"],
     start: Float[np.ndarray, " P"],
 ) -> Float[np.ndarray, "B P"]:
-    """Compute the maximum-likelihood parameters of B tables of counts by Newton's method."""
+    """Compute the maximum-likelihood parameters of B tables of counts by Newton's method.
+
+    A step is halved until the penalised log-likelihood rises: whole steps can go back and forth
+    over the maximum for ever, where a few counts all agree.
+    """
     beta = np.tile(start, (len(counts), 1))
     votes = counts.sum(2)
     squares = np.einsum("mop,moq->mopq", design, design)
+    height, log_shares = _log_likelihood(design, counts, beta)
     for _ in range(_MAX_ITERATIONS):
-        logits = np.einsum("mop,bp->bmo", design, beta, optimize=True)
-        weights = np.exp(logits - logits.max(2, keepdims=True))
-        expected = votes[..., None] * weights / weights.sum(2, keepdims=True)  # (B, M, O)
+        expected = votes[..., None] * np.exp(log_shares)  # (B, M, O)
         gradient = np.einsum("bmo,mop->bp", counts - expected, design, optimize=True)
         gradient -= beta / PRIOR_SD**2
         # Minus the second derivative: covariance of the design, plus the prior's precision.
@@ -158,10 +163,29 @@ def _maximum(
         second += np.eye(design.shape[2]) / PRIOR_SD**2
         step = np.linalg.solve(second, gradient[..., None])[..., 0]
         length = np.abs(step).max(1, keepdims=True)
-        beta += step * np.minimum(1, _LONGEST_STEP / np.maximum(length, _TOLERANCE))
+        step *= np.minimum(1, _LONGEST_STEP / np.maximum(length, _TOLERANCE))
         if length.max() < _TOLERANCE:
-            return beta
+            return beta + step
+        # Newton's step points upwards; near the maximum rounding may hide the rise.
+        for _ in range(_MAX_HALVINGS):
+            new_height, new_log_shares = _log_likelihood(design, counts, beta + step)
+            falls = new_height < height - _TOLERANCE * np.abs(height)
+            if not falls.any():
+                break
+            step[falls] /= 2
+        beta, height, log_shares = beta + step, new_height, new_log_shares
     raise AssertionError("Newton's method did not converge on a concave likelihood.")
+
+
+def _log_likelihood(
+    design: Float[np.ndarray, "M O P"],
+    counts: Float[np.ndarray, "B M O"],
+    beta: Float[np.ndarray, "B P"],
+) -> tuple[Float[np.ndarray, " B"], Float[np.ndarray, "B M O"]]:
+    """Compute the penalised log-likelihood of each table, and the log-shares of its outcomes."""
+    log_shares = log_softmax(np.einsum("mop,bp->bmo", design, beta, optimize=True), axis=2)
+    height = np.einsum("bmo,bmo->b", counts, log_shares, optimize=True)
+    return height - (beta**2).sum(1) / (2 * PRIOR_SD**2), log_shares
 
 
 def strength_numbers(votes: pd.DataFrame, systems: Sequence[str], has_sides: bool) -> list[Number]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from app.study.design.key import Protocol
@@ -72,6 +72,8 @@ def check_interval(told: str, chance: float) -> None:
     clips=st.integers(1, 6),
     seed=st.integers(0, 1000),
 )
+# Six raters of one clip: whole steps of Newton's method never end on some of their resamples.
+@example(protocol="pairwise", strengths=[-0.5, 0.0, -3.0], ties=0.0, count=6, clips=1, seed=0)
 def test_no_two_sentences_of_a_report_contradict_each_other(
     protocol: Protocol, strengths: list[float], ties: float, count: int, clips: int, seed: int
 ) -> None:
