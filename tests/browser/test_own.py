@@ -5,14 +5,14 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import BrowserContext, Page, expect
 
 from app import text
 from app.page.tabs.own_motion import CLIP_LABEL, TAB
@@ -58,21 +58,10 @@ PLAYER = "document.querySelector('#own-player .lockstep')"
 OWN_STAGED = STAGED.replace("#player", "#own-player")
 
 
-@pytest.fixture(scope="module")
-def visited(browser: Browser, real_address: str) -> Iterator[Page]:
-    context = browser.new_context(
-        viewport={"width": 1280, "height": 900},
-        reduced_motion="reduce",
-    )
-    yield opened(context, real_address)
-    context.close()
-
-
 @pytest.fixture
-def page(visited: Page) -> Page:
-    """The page of all journeys here, as a laptop shows it."""
-    turn_to(visited, (1280, 900, "light"))
-    return visited
+def page(visitor: Callable[..., BrowserContext], real_address: str) -> Page:
+    """The page of a new visitor, as a laptop shows it: a second try begins anew, too."""
+    return opened(visitor(), real_address)
 
 
 def give_motions(page: Page, *paths: Path) -> None:
