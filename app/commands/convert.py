@@ -27,7 +27,7 @@ from model.formats.reading import ImportOverrides
 if TYPE_CHECKING:
     from model.formats.reading import ImportedMotion
 
-FORMS = (".npz", ".bvh", ".glb")
+FORMS = (".npz", ".bvh", ".glb", ".vrma")
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class ConvertRequest:
     files: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE")]
     """Motion files of any supported format, or folders or zips of them."""
     out: Path
-    """Output file (.npz, .bvh, .glb), or a folder for all outputs."""
-    to: Literal[".npz", ".bvh", ".glb"] = ".npz"
+    """Output file (.npz, .bvh, .glb, .vrma), or a folder for all outputs."""
+    to: Literal[".npz", ".bvh", ".glb", ".vrma"] = ".npz"
     """File format for a folder of outputs."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     body: File = field(default_factory=default_body)
@@ -51,7 +51,7 @@ class ConvertRequest:
 
 
 def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
-    """Convert motion files to BEAT2 npz, BVH or glTF.
+    """Convert motion files to BEAT2 npz, BVH, glTF or VRMA.
 
     Files are written as they were interpreted: at 30 frames per second, in metres, y up, hands
     relative to the flat hand, 55 joints. The assumptions are reported. Files that cannot be read
@@ -164,6 +164,7 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Impor
     from model.storage.files import written_atomically
     from renderer.files.character_glb import animated_glb
     from renderer.files.exports import write_bvh
+    from renderer.files.vrma import vrma_bytes
 
     reading = read_any_motion(path, request.import_overrides, request.body, name)
     if request.flame_to_arkit is not None:
@@ -179,5 +180,6 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Impor
             if out.suffix.lower() == ".bvh":
                 write_bvh(body, motion, part)
             else:
-                part.write_bytes(animated_glb(body, motion))
+                write = vrma_bytes if out.suffix.lower() == ".vrma" else animated_glb
+                part.write_bytes(write(body, motion))
     return reading

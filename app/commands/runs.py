@@ -270,7 +270,7 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
 
     The suffix of --out selects the format. A .png is a contact sheet of eight poses, or what
     --stills and --contact-sheet-every select; with a .mp4, they are written under its name. A
-    .blender.npz is for the SMPL-X add-on of Blender.
+    .blender.npz is for the SMPL-X add-on of Blender, a .vrma for players of VRM characters.
     """
     from app.run.videos.export import render_motion
 

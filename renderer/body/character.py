@@ -51,7 +51,7 @@ MAX_ARM_TWIST_DEG = 30.0
 _TRUNK = ("spine1", "spine2", "spine3")
 _EYE = re.compile(r"eye(ball)?(left|right|[lr])?[0-9]*$")
 _VRM_FINGERS = {"Index": "index", "Middle": "middle", "Ring": "ring", "Little": "pinky"}
-_VRM_BONES: dict[str, str] = {
+VRM_BONES: dict[str, str] = {
     "hips": "pelvis", "spine": "spine1", "chest": "spine2", "upperChest": "spine3",
     "neck": "neck", "head": "head", "jaw": "jaw", "leftEye": "left_eye", "rightEye": "right_eye",
     **{
@@ -122,7 +122,7 @@ class _Character:
             if (node := self.bones.get(f"{name}3")) is not None
             for child in gltf.nodes[node].get("children", ())[:1]
         }
-        self.turns = _zero_pose_turns(self._at, tips, self._rest, self._tips)
+        self.turns = zero_pose_turns(self._at, tips, self._rest, self._tips)
         self.joints = self._zero_pose_joints()
 
     def _bones(self) -> dict[str, int]:
@@ -153,10 +153,10 @@ class _Character:
             matches = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
             return {
                 joint: int(matches[bone]["node"])
-                for bone, joint in _VRM_BONES.items()
+                for bone, joint in VRM_BONES.items()
                 if bone in matches and 0 <= int(matches[bone]["node"]) < len(self._gltf.nodes)
             }
-        joints = _VRM_BONES | _VRM0_THUMBS
+        joints = VRM_BONES | _VRM0_THUMBS
         return {
             joints[bone["bone"]]: int(bone["node"])
             for bone in extensions.get("VRM", {}).get("humanoid", {}).get("humanBones", ())
@@ -475,7 +475,7 @@ def _about(axis: np.ndarray, angle: float) -> Rotation:
     return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
 
 
-def _zero_pose_turns(
+def zero_pose_turns(
     theirs: dict[str, np.ndarray],
     their_tips: dict[str, np.ndarray],
     rest: Float64[np.ndarray, "J 3"],

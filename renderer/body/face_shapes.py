@@ -18,23 +18,25 @@ Targets = dict[int, dict[int, float]]
 _MIN_OFFSET_M = 2e-5
 _SIDES = re.compile(r"[_ .](l|r)$", re.IGNORECASE)
 
+VRM_PRESETS: dict[str, tuple[tuple[str, float], ...]] = {
+    "jawOpen": (("aa", 1.0), ("a", 1.0)),
+    "mouthFunnel": (("oh", 0.8), ("o", 0.8)),
+    "mouthPucker": (("ou", 0.8), ("u", 0.8)),
+    "mouthStretchLeft": (("ih", 0.5), ("i", 0.5)),
+    "mouthStretchRight": (("ih", 0.5), ("i", 0.5)),
+    "mouthSmileLeft": (("happy", 0.4), ("joy", 0.4)),
+    "mouthSmileRight": (("happy", 0.4), ("joy", 0.4)),
+    "mouthFrownLeft": (("sad", 0.3), ("sorrow", 0.3)),
+    "mouthFrownRight": (("sad", 0.3), ("sorrow", 0.3)),
+    "browInnerUp": (("surprised", 0.4),),
+    "browDownLeft": (("angry", 0.3),),
+    "browDownRight": (("angry", 0.3),),
+    "eyeBlinkLeft": (("blinkLeft", 1.0), ("blink_l", 1.0), ("blink", 0.5)),
+    "eyeBlinkRight": (("blinkRight", 1.0), ("blink_r", 1.0), ("blink", 0.5)),
+}
+"""Presets of VRM for ARKit shapes, each with its weight: of 1.0, then 0.x."""
 _FALLBACKS: dict[str, dict[str, tuple[tuple[str, float], ...]]] = {
-    "VRM's presets": {
-        "jawOpen": (("aa", 1.0), ("a", 1.0)),
-        "mouthFunnel": (("oh", 0.8), ("o", 0.8)),
-        "mouthPucker": (("ou", 0.8), ("u", 0.8)),
-        "mouthStretchLeft": (("ih", 0.5), ("i", 0.5)),
-        "mouthStretchRight": (("ih", 0.5), ("i", 0.5)),
-        "mouthSmileLeft": (("happy", 0.4), ("joy", 0.4)),
-        "mouthSmileRight": (("happy", 0.4), ("joy", 0.4)),
-        "mouthFrownLeft": (("sad", 0.3), ("sorrow", 0.3)),
-        "mouthFrownRight": (("sad", 0.3), ("sorrow", 0.3)),
-        "browInnerUp": (("surprised", 0.4),),
-        "browDownLeft": (("angry", 0.3),),
-        "browDownRight": (("angry", 0.3),),
-        "eyeBlinkLeft": (("blinkLeft", 1.0), ("blink_l", 1.0), ("blink", 0.5)),
-        "eyeBlinkRight": (("blinkRight", 1.0), ("blink_r", 1.0), ("blink", 0.5)),
-    },
+    "VRM's presets": VRM_PRESETS,
     "Oculus visemes": {
         "jawOpen": (("viseme_aa", 1.0),),
         "mouthFunnel": (("viseme_O", 0.8),),
@@ -77,9 +79,10 @@ class FaceShapes:
         for mesh, described in enumerate(meshes):
             extras = described.get("extras") or {}
             names = extras.get("targetNames") if isinstance(extras, dict) else None
+            primitive = described["primitives"][0]
             if names is None:
-                names = (described["primitives"][0].get("extras") or {}).get("targetNames", ())
-            for target, name in enumerate(names):
+                names = (primitive.get("extras") or {}).get("targetNames", ())
+            for target, name in enumerate(names[: len(primitive.get("targets", ()))]):
                 binds.setdefault(_plain(str(name)), []).append((mesh, target, 1.0))
         extensions = self._gltf.document.get("extensions", {})
         groups = extensions.get("VRM", {}).get("blendShapeMaster", {}).get("blendShapeGroups", ())

@@ -11,11 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from conventions.rates import FPS
 from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import BodyError
 from renderer.body.gltf import Gltf, read_glb
-from renderer.files.glb import Buffer, glb_bytes, joined, markers_of, same_sign
+from renderer.files.glb import Buffer, animation_of, glb_bytes
 
 
 def animated_glb(
@@ -24,7 +23,7 @@ def animated_glb(
     """Return a character's own file with the motion as its animation; of other bodies, a new file.
 
     Args:
-        markers: times in seconds with names, written into the animation's ``extras``.
+        markers: times in seconds with names, which are written into the animation.
 
     Raises:
         BodyError: if the character's file has changed or gone since it was read.
@@ -36,42 +35,17 @@ def animated_glb(
         gltf = Gltf(read_glb(rig.path), body.name)
     except OSError as error:
         raise BodyError(f"{body.name} is not there any more.") from error
-    document, buffer = gltf.document, Buffer()
-    frames = np.arange(motion.num_frames, dtype=np.float32) / FPS
-    times = buffer.accessor(frames, bounds=True)
+    buffer = Buffer(gltf.document, gltf.binary)
     channels: list[tuple[int, str, int]] = []
     for node, (rotations, translations) in _local_transforms(gltf, body, motion).items():
-        described = document["nodes"][node]
-        if "matrix" in described:
-            _split_matrix(described, gltf.local[node])
-        quaternions = same_sign(rotations.as_quat())
-        levels = np.round(quaternions * 32767).astype(np.int16)
-        channels.append((node, "rotation", buffer.accessor(levels, normalized=True)))
+        if "matrix" in gltf.nodes[node]:
+            _split_matrix(gltf.nodes[node], gltf.local[node])
+        channels.append((node, "rotation", buffer.rotations(rotations)))
         if translations is not None:
             channels.append((node, "translation", buffer.accessor(translations)))
     for node, weights in _target_weights(gltf, body, motion).items():
         channels.append((node, "weights", buffer.accessor(weights.ravel())))
-    first_view, first = len(document["bufferViews"]), len(document["accessors"])
-    binary = gltf.binary + b"\0" * (-len(gltf.binary) % 4)
-    for view in buffer.views:
-        view["byteOffset"] += len(binary)
-    for accessor in buffer.accessors:
-        accessor["bufferView"] += first_view
-    document["bufferViews"] += buffer.views
-    document["accessors"] += buffer.accessors
-    document["buffers"][0]["byteLength"] = len(binary) + len(buffer.content)
-    animation: dict = {
-        "name": "motion",
-        "samplers": [{"input": first + times, "output": first + output} for *_, output in channels],
-        "channels": [
-            {"sampler": number, "target": {"node": node, "path": path}}
-            for number, (node, path, _) in enumerate(channels)
-        ],
-    }
-    if markers:
-        animation["extras"] = {"markers": markers_of(markers)}
-    document["animations"] = [animation]
-    return joined(document, binary + bytes(buffer.content))
+    return buffer.glb(animations=[animation_of(buffer, motion.num_frames, channels, markers)])
 
 
 def _local_transforms(

@@ -16,6 +16,7 @@ import io
 import json
 import struct
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt16
@@ -31,6 +32,7 @@ from renderer.body.skinning import VertexNormals
 from renderer.scene.camera import Z_NEAR_M
 from renderer.scene.camera_setup import CameraSetup, make_camera_setup
 
+ASSET = {"version": "2.0", "generator": "co-speech motion app"}
 INFLUENCES = 4
 SMALLEST_EXPRESSION = 1e-3
 """Expression weight below which, in all frames, a component is left out."""
@@ -52,8 +54,7 @@ def glb_bytes(
 
     Args:
         coarser: faces of meshes with fewer faces for slow viewers, which no node shows.
-        markers: times in seconds with names; glTF has no markers, so they are in the animation's
-            ``extras``, with their frame.
+        markers: times in seconds with names, which are written into the animation.
     """
     vertices, joints = body.shaped(motion)
     buffer = Buffer()
@@ -74,9 +75,7 @@ def glb_bytes(
     used = _used_expressions(body, motion)
     mesh = _mesh(buffer, body, vertices, used)
     stage = make_camera_setup(body, [motion], _CAMERA_VIEW)
-    animation = _animation(buffer, body, motion, stage, offsets[0], nodes, used)
-    if markers:
-        animation["extras"] = {"markers": markers_of(markers)}
+    channels = _channels(buffer, body, motion, stage, offsets[0], nodes, used)
     camera = stage.camera
     lens = {"yfov": camera.yfov_rad, "aspectRatio": 1.0, "znear": Z_NEAR_M}
     nodes.append({"name": "body", "mesh": 0, "skin": 0})
@@ -104,30 +103,18 @@ def glb_bytes(
             "textures": [{"extensions": {"EXT_texture_webp": {"source": 0}}}],
             "extensionsUsed": ["EXT_texture_webp"],
         }
-    document = {
+    return buffer.glb(
         **pictured,
-        "asset": {"version": "2.0", "generator": "co-speech motion app"},
-        "scene": 0,
-        "scenes": [{"nodes": [0, _BODY_NODE, _CAMERA_NODE]}],
-        "nodes": nodes,
-        "cameras": [{"type": "perspective", "perspective": lens}],
-        "skins": [skin],
-        "meshes": [mesh, *(_coarser_mesh(buffer, mesh, faces) for faces in coarser)],
-        "materials": [material],
-        "animations": [animation],
-        "accessors": buffer.accessors,
-        "bufferViews": buffer.views,
-        "buffers": [{"byteLength": len(buffer.content)}],
-    }
-    return joined(document, bytes(buffer.content))
-
-
-def markers_of(markers: Sequence[tuple[float, str]]) -> list[dict]:
-    """Return times (s) with names as an animation's ``extras`` state them, with their frames."""
-    return [
-        {"time": round(seconds, 4), "frame": round(seconds * FPS), "name": name}
-        for seconds, name in markers
-    ]
+        asset=ASSET,
+        scene=0,
+        scenes=[{"nodes": [0, _BODY_NODE, _CAMERA_NODE]}],
+        nodes=nodes,
+        cameras=[{"type": "perspective", "perspective": lens}],
+        skins=[skin],
+        meshes=[mesh, *(_coarser_mesh(buffer, mesh, faces) for faces in coarser)],
+        materials=[material],
+        animations=[animation_of(buffer, motion.num_frames, channels, markers)],
+    )
 
 
 def joined(document: dict, binary: bytes) -> bytes:
@@ -149,10 +136,12 @@ def joined(document: dict, binary: bytes) -> bytes:
 class Buffer:
     """Binary part of a GLB, with its buffer views and accessors."""
 
-    def __init__(self) -> None:
-        self.content = bytearray()
-        self.views: list[dict] = []
-        self.accessors: list[dict] = []
+    def __init__(self, document: dict[str, Any] | None = None, binary: bytes = b"") -> None:
+        """Start with the content of another file, or with nothing."""
+        self._document = {} if document is None else document
+        self.content = bytearray(binary + b"\0" * (-len(binary) % 4))
+        self.views: list[dict] = self._document.setdefault("bufferViews", [])
+        self.accessors: list[dict] = self._document.setdefault("accessors", [])
 
     def accessor(
         self,
@@ -195,6 +184,19 @@ class Buffer:
         )
         return len(self.accessors) - 1
 
+    def rotations(self, rotations: Rotation) -> int:
+        """Add the rotations of a node (T) as 16-bit quaternions; return their accessor's index."""
+        quaternions = rotations.as_quat()
+        # Players interpolate the short way between neighbours of the same sign.
+        signs = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1)
+        quaternions[1:] *= np.cumprod(signs)[:, None]
+        return self.accessor(np.round(quaternions * 32767).astype(np.int16), normalized=True)
+
+    def glb(self, **parts: Any) -> bytes:
+        """Return the file with these parts of its document."""
+        buffers = [{"byteLength": len(self.content)}, *self._document.get("buffers", ())[1:]]
+        return joined(self._document | parts | {"buffers": buffers}, bytes(self.content))
+
     def view(self, array: np.ndarray, target: int | None = None) -> int:
         """Add the bytes of an array; return the index of their buffer view."""
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
@@ -221,7 +223,7 @@ def _used_expressions(body: Body, motion: BodyMotion) -> list[int]:
         return []
     directions = body.expression_dirs
     strongest = np.abs(motion.expressions[:, : len(directions)]).max(0)
-    moving = np.abs(directions).max((1, 2)) > 0 if len(directions) else np.zeros(0, bool)
+    moving = (directions != 0).any(axis=(1, 2))
     return np.flatnonzero((strongest > SMALLEST_EXPRESSION) & moving).tolist()
 
 
@@ -286,7 +288,7 @@ def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
     return joints.astype(np.uint8), levels.astype(np.uint16)
 
 
-def _animation(
+def _channels(
     buffer: Buffer,
     body: Body,
     motion: BodyMotion,
@@ -294,21 +296,16 @@ def _animation(
     pelvis: Float[np.ndarray, " 3"],
     nodes: list[dict],
     used: list[int],
-) -> dict:
-    """Return the animation; a joint with constant rotation has its rotation in ``nodes``."""
-    frames = np.arange(motion.num_frames, dtype=np.float32) / FPS
-    times = buffer.accessor(frames, bounds=True)
-    rotvec = motion.poses.reshape(-1, 3).astype(np.float64)
-    quaternions = Rotation.from_rotvec(rotvec).as_quat().reshape(-1, NUM_JOINTS, 4)
-    quaternions = same_sign(quaternions)
+) -> list[tuple[int, str, int]]:
+    """Return the animation's channels; a joint with constant rotation has it in ``nodes``."""
     moved: list[tuple[int, str, int]] = []
+    rotvec = motion.poses.reshape(-1, NUM_JOINTS, 3).astype(np.float64)
     for joint in range(NUM_JOINTS):
-        of_joint = quaternions[:, joint]
-        if np.ptp(of_joint, axis=0).max() < 1e-7:
-            nodes[joint]["rotation"] = of_joint[0].tolist()
-            continue
-        levels = np.round(of_joint * 32767).astype(np.int16)
-        moved.append((joint, "rotation", buffer.accessor(levels, normalized=True)))
+        rotations = Rotation.from_rotvec(rotvec[:, joint])
+        if np.ptp(rotvec[:, joint], axis=0).max() < 1e-7:
+            nodes[joint]["rotation"] = rotations[0].as_quat().tolist()
+        else:
+            moved.append((joint, "rotation", buffer.rotations(rotations)))
     positions = (pelvis + motion.trans).astype(np.float32)
     moved.append((0, "translation", buffer.accessor(positions)))
     if used:
@@ -317,24 +314,41 @@ def _animation(
     if stage.shots[0].is_following:
         track = stage.tracks(body, motion)[0] + stage.camera.eye
         moved.append((_CAMERA_NODE, "translation", buffer.accessor(track.astype(np.float32))))
-    return {
+    return moved
+
+
+def animation_of(
+    buffer: Buffer,
+    num_frames: int,
+    channels: Sequence[tuple[int, str, int]],
+    markers: Sequence[tuple[float, str]] = (),
+) -> dict[str, Any]:
+    """Return an animation.
+
+    Args:
+        channels: node, path (such as ``rotation``) and accessor of each channel.
+        markers: times in seconds with names; glTF has no markers, so they are in the ``extras``,
+            with their frame.
+    """
+    times = buffer.accessor(np.arange(num_frames, dtype=np.float32) / FPS, bounds=True)
+    animation: dict[str, Any] = {
         "name": "motion",
         "samplers": [
-            {"input": times, "output": output, "interpolation": "LINEAR"} for *_, output in moved
+            {"input": times, "output": output, "interpolation": "LINEAR"} for *_, output in channels
         ],
         "channels": [
             {"sampler": number, "target": {"node": node, "path": path}}
-            for number, (node, path, _) in enumerate(moved)
+            for number, (node, path, _) in enumerate(channels)
         ],
     }
-
-
-def same_sign(quaternions: Float[np.ndarray, "T *J 4"]) -> Float[np.ndarray, "T *J 4"]:
-    """Give neighbouring frames the same sign, so that players interpolate the short way."""
-    flips = np.sign((quaternions[1:] * quaternions[:-1]).sum(-1))
-    flips[flips == 0] = 1
-    signs = np.concatenate([np.ones_like(flips[:1]), np.cumprod(flips, axis=0)])
-    return quaternions * signs[: len(quaternions), ..., None]
+    if markers:
+        animation["extras"] = {
+            "markers": [
+                {"time": round(seconds, 4), "frame": round(seconds * FPS), "name": name}
+                for seconds, name in markers
+            ]
+        }
+    return animation
 
 
 STEP_M = 4e-6

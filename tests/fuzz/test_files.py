@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from app.run.bodies import body_motion
+from app.run.frame_packets import reaches
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import read_plan
 from app.study.statistics.answers import collect
@@ -26,7 +27,10 @@ from model.plan.files import ENDINGS, markers_csv, read_plan_file, tiers_of, wri
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript, read_words
 from renderer.body.body import load_body
+from renderer.files.character_glb import animated_glb
 from renderer.files.exports import write_bvh
+from renderer.files.glb import glb_bytes, joined
+from renderer.files.vrma import vrma_bytes
 from tests.app.study.made import made_files, made_key
 from tests.fuzz.clock import is_done_or_refused, run_by_the_clock
 from tests.fuzz.damage import damaged, damaged_lines, wild_npz, with_wild_values
@@ -36,6 +40,7 @@ from tests.model.formats.made_conventions import convention_text
 from tests.model.made import made_waveform
 from tests.model.plan.made import made_plan
 from tests.model.speech.test_transcript import FILES
+from tests.renderer.body.made_character import character, nearest_vertices, parse
 
 PLAN = b"""title = "People who talk"
 protocol = "pairwise"
@@ -147,6 +152,25 @@ def test_other_motion(ending: str, tmp_path: Path) -> None:
         theirs = convention_text("CMU").encode()
         wild = damaged(path.read_bytes()) | damaged_lines(path.read_bytes()) | damaged_lines(theirs)
     check_reads(wild, path, read_motion)
+
+
+@pytest.mark.parametrize("kind", ["mixamo", "vrm", "vrm0"])
+def test_characters(kind: str, tmp_path: Path) -> None:
+    open_body = load_body()
+    whole = character(open_body.part(*nearest_vertices(open_body)), kind)
+    document, binary = parse(whole)
+    wild = with_wild_values(document).map(lambda changed: joined(changed, binary))
+
+    def read_and_write(path: Path) -> None:
+        body = load_body(path)
+        motion = reaches(body)
+        (vertices,) = body.vertices(motion)
+        assert np.isfinite(vertices).all()
+        glb_bytes(body, motion)
+        animated_glb(body, motion)
+        vrma_bytes(body, motion)
+
+    check_reads(wild | damaged(whole), tmp_path / "it.vrm", read_and_write)
 
 
 def float_wav(samples: np.ndarray) -> bytes:

@@ -145,7 +145,7 @@ MARKERS_SUFFIX = ".markers.csv"
 """Suffix of the table of markers written with a BVH file."""
 SHEET_POSES = 8
 """Default number of poses on a contact sheet."""
-RENDER_SUFFIXES = (".mp4", ".png", ".glb", ".bvh", ".blender.npz", ".obj", ".ply")
+RENDER_SUFFIXES = (".mp4", ".png", ".glb", ".vrma", ".bvh", ".blender.npz", ".obj", ".ply")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,8 +183,8 @@ class RenderRequest:
         arg(metavar="MOTION", help="Motion file: BEAT2 npz, or any other supported format."),
     ]
     out: Path
-    """Output file; its suffix selects the format: .mp4, .png, .glb, .bvh, .blender.npz, .obj, .ply.
-    """
+    """Output file; its suffix selects the format: .mp4, .png, .glb, .vrma, .bvh, .blender.npz,
+    .obj, .ply."""
     speech: File = None
     """Sound of the video."""
     import_overrides: ImportOverrides = field(default_factory=ImportOverrides)
@@ -193,9 +193,9 @@ class RenderRequest:
     the open body and characters have."""
     joint: Joint = DEFAULT_TRACKED_POINT
     plan: File = None
-    """Gesture plan with the events that are written as markers into .glb, .blender.npz or, for
-    .bvh, a .markers.csv file; by default the motion's .plan.json in the same folder, if there is
-    one."""
+    """Gesture plan with the events that are written as markers into .glb, .vrma, .blender.npz or,
+    for .bvh, a .markers.csv file; by default the motion's .plan.json in the same folder, if there
+    is one."""
     video: VideoOptions = field(default_factory=_render_video)
     stills: StillOptions = field(default_factory=StillOptions)
 

@@ -26,6 +26,7 @@ from model.storage.files import write_atomically, written_atomically
 from renderer.body.body import Body, BodyMotion
 from renderer.files.character_glb import animated_glb
 from renderer.files.exports import blender_notes, write_blender, write_bvh, write_still
+from renderer.files.vrma import vrma_bytes
 from renderer.video.compose import contact_sheet
 from renderer.video.workers import draw_jobs
 
@@ -85,6 +86,8 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
         match request.suffix:
             case ".glb":
                 part.write_bytes(animated_glb(body, motion, markers))
+            case ".vrma":
+                part.write_bytes(vrma_bytes(body, motion, markers))
             case ".obj" | ".ply":
                 frame = request.stills.frame
                 if not 0 <= frame < motion.num_frames:

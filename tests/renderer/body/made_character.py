@@ -18,7 +18,7 @@ _MIXAMO = {
     "eye": "Eye",
     **{f"{name}{i}": f"Hand{title}{i}" for name, title in _FINGER.items() for i in (1, 2, 3)},
 }  # fmt: skip
-_VRM = {
+VRM_NAMES = {
     "pelvis": "hips", "spine1": "spine", "spine2": "chest", "spine3": "upperChest", "neck": "neck",
     "head": "head", "jaw": "jaw", "collar": "Shoulder", "shoulder": "UpperArm",
     "elbow": "LowerArm", "wrist": "Hand", "hip": "UpperLeg", "knee": "LowerLeg", "ankle": "Foot",
@@ -44,6 +44,47 @@ def parse(content: bytes) -> tuple[dict, bytes]:
     return json.loads(content[20 : 20 + length]), content[28 + length :]
 
 
+def _vrm(node: int) -> dict:
+    """Return VRM 1.0's description of a character, as yet without bones."""
+    shapes = {"aa": 24, "blinkLeft": 8}  # of ARKit's in alphabetical order, as the open body has
+    preset = {
+        name: {"morphTargetBinds": [{"node": int(node), "index": index, "weight": 1.0}]}
+        for name, index in shapes.items()
+    }
+    meta = {"name": "hero", "authors": ["nobody"], "licenseUrl": "https://vrm.dev/licenses/1.0/"}
+    return {
+        "specVersion": "1.0",
+        "meta": meta,
+        "humanoid": {"humanBones": {}},
+        "expressions": {"preset": preset},
+    }
+
+
+def nearest_vertices(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices and faces of a tenth of the mesh, so that reading is quick."""
+    vertices, corners = np.unique(body.faces[::10], return_inverse=True)
+    return vertices, corners.reshape(-1, 3)
+
+
+def lively(num_frames: int, seed: int = 0) -> BodyMotion:
+    """Make a motion in which every joint turns by up to 40 degrees and the root travels."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(num_frames)[:, None] / 30
+    waves = rng.uniform(0.2, 1.5, 165), rng.uniform(0, 6, 165), rng.uniform(-0.4, 0.4, 165)
+    poses = waves[2] * np.sin(2 * np.pi * waves[0] * times + waves[1])
+    trans = 0.3 * np.sin(times + np.arange(3)) + [0, 1.3, 0]
+    resting = BodyMotion.zero_pose(num_frames)
+    expressions = np.zeros_like(resting.expressions)
+    expressions[:, 24] = 0.5 + 0.5 * np.sin(times[:, 0])
+    return BodyMotion(poses, trans, expressions, "arkit52", resting.betas)
+
+
+def degrees_apart(first: np.ndarray, other: np.ndarray) -> float:
+    """Return the largest angle between two sets of rotation matrices."""
+    between = Rotation.from_matrix((np.swapaxes(first, -1, -2) @ other).reshape(-1, 3, 3))
+    return float(np.degrees(between.magnitude().max()))
+
+
 def a_pose(degrees: float = 48.0) -> np.ndarray:
     """Return local rotations (55, 3) of an A-pose: arms hang, legs stand apart, feet stay flat."""
     poses = np.zeros((NUM_JOINTS, 3))
@@ -53,11 +94,20 @@ def a_pose(degrees: float = 48.0) -> np.ndarray:
     return poses
 
 
-def character(body: Body, kind: str, seed: int = 0, scale: float = 100.0) -> bytes:
+def character(
+    body: Body,
+    kind: str,
+    seed: int = 0,
+    scale: float = 100.0,
+    rest_pose: np.ndarray | None = None,
+) -> bytes:
     """Return the open body as a file of another program, ``mixamo``, ``vrm`` or ``vrm0``.
 
     The bones have frames of their own, the rest pose is an A-pose, the nodes are in another order,
     below an armature that is scaled, moved and, for VRM 0.x, turned to face -z.
+
+    Args:
+        rest_pose: local rotations (55, 3) of another rest pose.
     """
     rng = np.random.default_rng(seed)
     resting = BodyMotion.zero_pose(2)
@@ -66,7 +116,7 @@ def character(body: Body, kind: str, seed: int = 0, scale: float = 100.0) -> byt
     binds = np.eye(4)[None] + np.zeros((NUM_JOINTS, 1, 1))
     binds[:, :3, 3] = -body.rest_joints
     frames = Rotation.random(NUM_JOINTS, rng=rng)
-    pose = Rotation.from_rotvec(a_pose())
+    pose = Rotation.from_rotvec(a_pose() if rest_pose is None else rest_pose)
     nodes = [{"name": "body", "mesh": 0, "skin": 0}]
     turn = np.pi if kind == "vrm0" else 0.0
     armature = {
@@ -109,11 +159,10 @@ def character(body: Body, kind: str, seed: int = 0, scale: float = 100.0) -> byt
     }[kind]
     for name, node in zip(JOINT_NAMES, skin_joints, strict=True):
         shuffled[node]["name"] = names(name)
-        bone = named(name, _VRM, "left", "right")
+        bone = named(name, VRM_NAMES, "left", "right")
         if kind == "vrm":
-            bones = document.setdefault("extensions", {}).setdefault("VRMC_vrm", {})
-            bones = bones.setdefault("humanoid", {}).setdefault("humanBones", {})
-            bones[bone] = {"node": node}
+            vrm = document.setdefault("extensions", {}).setdefault("VRMC_vrm", _vrm(place[0]))
+            vrm["humanoid"]["humanBones"][bone] = {"node": node}
         elif kind == "vrm0":
             bone = bone.replace("ThumbProximal", "ThumbIntermediate")
             bone = bone.replace("ThumbMetacarpal", "ThumbProximal")
@@ -130,6 +179,7 @@ def character(body: Body, kind: str, seed: int = 0, scale: float = 100.0) -> byt
     matrices = len(document["accessors"]) - 1
     document["skins"] = [{"joints": skin_joints, "inverseBindMatrices": matrices}]
     document |= {"nodes": shuffled, "animations": [], "cameras": []}
+    document["extensionsUsed"] = list(document.get("extensions", ()))
     roots = [int(place[index]) for index, parent in enumerate(parents) if parent < 0]
     document["scenes"] = [{"nodes": roots}]
     binary += bytes(buffer.content)

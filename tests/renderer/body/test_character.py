@@ -12,8 +12,15 @@ from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import BodyError
 from renderer.body.gltf import Gltf
 from renderer.files.character_glb import animated_glb
-from renderer.files.glb import joined
-from tests.renderer.body.made_character import a_pose, character, parse
+from renderer.files.glb import glb_bytes, joined
+from tests.renderer.body.made_character import (
+    a_pose,
+    character,
+    degrees_apart,
+    lively,
+    nearest_vertices,
+    parse,
+)
 
 MAX_DISTANCE_M, MAX_ANGLE_DEG = 0.001, 0.5
 KINDS = ("mixamo", "vrm", "vrm0")
@@ -30,25 +37,6 @@ def read(request, open_body, tmp_path_factory) -> Body:
     path = tmp_path_factory.mktemp("character") / f"hero{suffix}"
     path.write_bytes(character(open_body, request.param))
     return load_body(path)
-
-
-def lively(num_frames: int, seed: int = 0) -> BodyMotion:
-    """Make a motion in which every joint turns by up to 40 degrees and the root travels."""
-    rng = np.random.default_rng(seed)
-    times = np.arange(num_frames)[:, None] / 30
-    waves = rng.uniform(0.2, 1.5, 165), rng.uniform(0, 6, 165), rng.uniform(-0.4, 0.4, 165)
-    poses = waves[2] * np.sin(2 * np.pi * waves[0] * times + waves[1])
-    trans = 0.3 * np.sin(times + np.arange(3)) + [0, 1.3, 0]
-    resting = BodyMotion.zero_pose(num_frames)
-    expressions = np.zeros_like(resting.expressions)
-    expressions[:, 24] = 0.5 + 0.5 * np.sin(times[:, 0])
-    return BodyMotion(poses, trans, expressions, "arkit52", resting.betas)
-
-
-def degrees_apart(first: np.ndarray, other: np.ndarray) -> float:
-    """Return the largest angle between two sets of rotation matrices."""
-    between = Rotation.from_matrix((np.swapaxes(first, -1, -2) @ other).reshape(-1, 3, 3))
-    return float(np.degrees(between.magnitude().max()))
 
 
 @pytest.mark.parametrize("seconds", [3, pytest.param(60, marks=pytest.mark.slow)])
@@ -148,6 +136,18 @@ def test_visitors_figure_has_its_face_and_texture():
     assert texels[palm < 0.02, 0].mean() > 150
 
 
+def test_character_without_a_face_is_written_for_the_stage(open_body, tmp_path):
+    document, binary = parse(character(open_body, "mixamo"))
+    for primitive in document["meshes"][0]["primitives"]:
+        del primitive["targets"]
+    path = tmp_path / "hero.glb"
+    path.write_bytes(joined(document, binary))
+    body = load_body(path)
+    assert "no blendshapes" in " ".join(body.remarks)
+    mesh = parse(glb_bytes(body, lively(2)))[0]["meshes"][0]
+    assert "targets" not in mesh["primitives"][0]
+
+
 def mutants(content: bytes, count: int, seed: int) -> list[bytes]:
     """Damage a file: single bytes, its end, and values of its description."""
     rng = np.random.default_rng(seed)
@@ -193,12 +193,6 @@ def test_damaged_file_is_read_or_refused_in_a_sentence(open_body, tmp_path, coun
             assert np.isfinite(body.template).all()
             (vertices,) = body.vertices(lively(1))
             assert np.isfinite(vertices).all()
-
-
-def nearest_vertices(body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices and faces of a tenth of the mesh, so that reading is quick."""
-    vertices, corners = np.unique(body.faces[::10], return_inverse=True)
-    return vertices, corners.reshape(-1, 3)
 
 
 def positions_of(document: dict) -> dict:
