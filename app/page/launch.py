@@ -119,6 +119,7 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     from app.page.routes.guard import quieten_sockets
     from app.page.routes.media import Media
     from app.page.tabs.runner import Services
+    from app.page.visitors.characters import Characters
     from app.page.visitors.files import Jobs, keep_swept
     from app.page.visitors.quota import Quota
     from app.page.worker import Limits, Worker
@@ -156,6 +157,7 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
         gate=gate,
         kept=kept,
         live=LiveSessions(config.weights),
+        characters=Characters(config.private_folder),
         media=media,
         first_look=first_look(media) if is_warmed_up and config.opened is None else None,
         opened=opened,
@@ -175,7 +177,7 @@ def _make_routes(services: Services) -> list[Any]:
     return [
         saving_route(services.kept, made, ".zip", save_run),
         saving_route(services.kept, made, ".html", save_page, "/page"),
-        *media_routes(services.media, made),
+        *media_routes(services.media, made, services.characters, services.jobs.quota),
         researcher_route(services.private),
         visitor_route(),
         leaving_route(services.jobs),

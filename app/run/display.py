@@ -181,6 +181,8 @@ class ViewerState(BrowserMessage):
     """Camera position, with the fields of `Orbit`."""
     sound: str | None = None
     """URL of the sound."""
+    has_character: bool = False
+    """True if the bodies are the visitor's own character."""
 
     @classmethod
     def parse(cls, told: object) -> ViewerState:

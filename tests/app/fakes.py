@@ -20,6 +20,7 @@ from app.live.sessions import LiveSessions
 from app.page.parts.catalogue import Catalogue
 from app.page.results.kept_runs import KeptRuns
 from app.page.tabs.runner import Services
+from app.page.visitors.characters import Characters
 from app.page.visitors.files import Jobs
 from app.page.worker import Task, Worker
 from app.run.bodies import TrackedPoint
@@ -91,6 +92,7 @@ def made_services(
         "gate": worker,
         "kept": KeptRuns(60.0),
         "live": LiveSessions(folder),
+        "characters": Characters(folder / "private"),
     }
     return Services(**{**usual, **given})
 

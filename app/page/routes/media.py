@@ -16,6 +16,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote, unquote
@@ -30,9 +31,11 @@ from starlette.concurrency import run_in_threadpool
 from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
-from app.errors import visitor_sentence
+from app.errors import RunError, visitor_sentence
 from app.page.parts.catalogue import point_choices
 from app.page.routes.bodies import CHARACTER_ROUTE
+from app.page.visitors.characters import FILE, Characters
+from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import Kept, cookie_of
 from app.run.frame_packets import body_glb, body_shapes_bytes, encode_camera_bound_poses, face_names
 from app.run.requests.parts import VideoOptions
@@ -152,7 +155,7 @@ class MadeFiles:
         )
 
 
-ENDINGS = {"glb": ".glb", "bvh": ".bvh", "blender": ".blender.npz"}
+ENDINGS = {"glb": ".glb", "vrma": ".vrma", "bvh": ".bvh", "blender": ".blender.npz"}
 """Suffixes of motion exports by value of the URL's parameter, as in app/page/web/stage/files.js."""
 PLAN_ENDINGS = {
     "json": ".json",
@@ -175,7 +178,9 @@ class _Modules(StaticFiles):
         return response
 
 
-def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
+def media_routes(
+    media: Media, made: MadeFiles, characters: Characters, quota: Quota
+) -> list[BaseRoute]:
     """Return the routes of the player's files, exports, the page's modules, and body data."""
 
     async def file(token: str, name: str, request: Request) -> Response:
@@ -184,6 +189,8 @@ def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
             return PlainTextResponse(GONE, status_code=404)
         path, media_type = found
         kind = request.query_params.get("as")
+        if kind == "character":
+            return await moving_character(path, cookie_of(request))
         if kind is not None:
             return await made_of(path, kind)
         return FileResponse(
@@ -192,6 +199,14 @@ def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
             filename=None if media_type else path.name,
             headers={"Cache-Control": "private"},
         )
+
+    async def moving_character(path: Path, cookie: str) -> Response:
+        body = characters.find(cookie)
+        if body is None or path.suffix != ".npz":
+            return PlainTextResponse(CHARACTER_GONE, status_code=404)
+        video, name = VideoOptions(body=body), f"{path.stem}-character.glb"
+        request = partial(RenderRequest, motion=path, video=video)
+        return await made.answer(RENDER, lambda out: request(out=out), name)
 
     async def made_of(path: Path, kind: str) -> Response:
         def asked(out: Path) -> RenderRequest:
@@ -212,35 +227,43 @@ def media_routes(media: Media, made: MadeFiles) -> list[BaseRoute]:
     return [
         APIRoute(MEDIA_ROUTE + "/{token}/{name:path}", file, methods=["GET", "HEAD"]),
         Mount(WEB_ROUTE, _Modules(directory=WEB_FOLDER)),
-        character_route(media, made),
+        character_route(characters, made, quota),
         *(_route(f"/{name}", make, kind) for name, (make, kind) in OF_STAGES.items()),
     ]
 
 
 CHARACTER_TOO_LARGE = "A character may have {limit:.0f} MB; export it with smaller textures."
 TOO_MANY_CHARACTERS = "Several characters are being read; try again in a moment."
+CHARACTER_GONE = "Your character was deleted after a while without use; choose its file again."
+NO_COOKIE = "Allow this page's cookie, which keeps your character for your browser alone."
 _MAX_CHARACTERS_AT_ONCE = 4
 
 
-def character_route(media: Media, made: MadeFiles) -> APIRoute:
-    """Make the route that answers a visitor's character with the viewer's mesh of it.
+def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> APIRoute:
+    """Make the route that takes a visitor's character and answers with the viewer's mesh of it.
 
-    With ``motion``, the address of a run's motion, it answers with the character's own file, which
-    then has the motion in it. The file is a request's body and is deleted after the answer; its
-    name is not sent.
+    The file is a request's body; its name is not sent. It is kept for this browser alone, which
+    can ask for the mesh again (GET), or have the file deleted (DELETE).
     """
     reading: set[Path] = set()
 
-    async def character(request: Request, motion: str = "") -> Response:
-        path = media.at(motion, cookie_of(request)) if motion else None
-        if motion and (path is None or path.suffix != ".npz"):
-            return PlainTextResponse(GONE, status_code=404)
-        if len(reading) >= _MAX_CHARACTERS_AT_ONCE:
-            return PlainTextResponse(TOO_MANY_CHARACTERS, status_code=429)
-        folder = Path(tempfile.mkdtemp(dir=made.temp))
-        reading.add(folder)
+    async def character(request: Request) -> Response:
+        cookie, folder = cookie_of(request), Path(tempfile.mkdtemp(dir=made.temp))
         try:
-            source, size = folder / "Your character.glb", 0
+            if request.method == "DELETE":
+                characters.drop(cookie)
+                return Response(status_code=204)
+            if not cookie:
+                return PlainTextResponse(NO_COOKIE, status_code=400)
+            if len(reading) >= _MAX_CHARACTERS_AT_ONCE:
+                return PlainTextResponse(TOO_MANY_CHARACTERS, status_code=429)
+            reading.add(folder)
+            source = folder / FILE
+            if request.method == "GET":
+                if characters.link(cookie, folder) is None:
+                    return PlainTextResponse(CHARACTER_GONE, status_code=404)
+                return await made.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
+            size = 0
             with source.open("wb") as file:
                 async for piece in request.stream():
                     size += len(piece)
@@ -248,17 +271,20 @@ def character_route(media: Media, made: MadeFiles) -> APIRoute:
                         told = CHARACTER_TOO_LARGE.format(limit=MAX_CHARACTER_BYTES / 1e6)
                         return PlainTextResponse(told, status_code=413)
                     file.write(piece)
-            if path is None:
-                return await made.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
-            video = VideoOptions(body=source)
-            return await made.answer(
-                RENDER, lambda out: RenderRequest(motion=path, out=out, video=video), "moves.glb"
-            )
+            owner = quota.owner_of(request)
+            quota.require(owner, size)
+            answer = await made.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
+            if answer.status_code == 200:
+                characters.keep(cookie, source)
+                quota.set_upload(owner, characters.folder(cookie), FILE, size)
+            return answer
+        except RunError as error:
+            return PlainTextResponse(str(error), status_code=413)
         finally:
             reading.discard(folder)
             shutil.rmtree(folder, ignore_errors=True)
 
-    return APIRoute(CHARACTER_ROUTE, character, methods=["POST"])
+    return APIRoute(CHARACTER_ROUTE, character, methods=["GET", "POST", "DELETE"])
 
 
 RESEARCHER_ROUTE = "/study/researcher"

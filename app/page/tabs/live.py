@@ -36,7 +36,7 @@ class LiveRunner(RunRunner):
         """
         token = values[0] if isinstance(values[0], str) else ""
         kept = self._services.live.save_recording(token[:_MAX_TOKEN], job.cookie, job.folder)
-        config = self._services.config
+        config = self._services.config_for(job)
         shown = {**PAGE_DISPLAY, "figure_forms": ("png",)}
         return replace_fields(kept, weights=config.weights, body=config.body, **shown)
 

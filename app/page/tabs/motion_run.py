@@ -246,7 +246,7 @@ class GenerateRunner(RunRunner):
     def asked(self, job: Job, values: Sequence[Any]) -> AnyRun:
         services = self._services
         told = values_of(GenerateRequest, self._form.fields, values)
-        return ask_from_form(told, job.folder, services.catalogue, services.config)
+        return ask_from_form(told, job.folder, services.catalogue, services.config_for(job))
 
 
 class Opening:

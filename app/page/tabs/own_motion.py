@@ -293,7 +293,7 @@ class OwnMotionRunner(RunRunner):
 
     def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
         told = values_of(DiagnoseRequest, self._form.fields, values)
-        return own_ask(told, job.folder, self._services.config)
+        return own_ask(told, job.folder, self._services.config_for(job))
 
     def perform(
         self, job: Job, request: AnyRun, form: Mapping[str, Any]
@@ -346,7 +346,7 @@ class ClipRunner(RunRunner):
 
     def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
         token, _, clip = str(values[0] if values else "").partition("/")
-        sets, config = self._sets.find(token, job.cookie), self._services.config
+        sets, config = self._sets.find(token, job.cookie), self._services.config_for(job)
         if sets is None:
             raise RunError("These clips have expired. Please upload the zips again.")
         if clip not in sets.summary["clips"]:

@@ -9,7 +9,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -26,6 +26,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, shown
 from app.page.results.kept_runs import KeptRuns
 from app.page.routes.media import Media
+from app.page.visitors.characters import Characters
 from app.page.visitors.files import Job, Jobs
 from app.page.visitors.visitors import CHECKS, RUNS, Kept, cookie_of, visitor_of
 from app.page.worker import Task, Worker
@@ -75,6 +76,8 @@ class Services:
     """Worker that checks uploads, so that no check waits for a run."""
     kept: KeptRuns
     live: LiveSessions
+    characters: Characters
+    """Characters of visitors."""
     media: Media = field(default_factory=Media)
     private: Kept[Path] = field(default_factory=Kept)
     """Folders of researchers' parts that have not been fetched yet."""
@@ -82,6 +85,11 @@ class Services:
     """Player's value of the example before the first run."""
     opened: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""
+
+    def config_for(self, job: Job) -> AppConfig:
+        """Return the settings of this page with the visitor's character, if there is one."""
+        body = self.characters.link(job.cookie, job.folder) or self.config.body
+        return replace(self.config, body=body)
 
     def file(
         self, kind: UploadKind, label: str, file_types: list[str], elem_id: str, **options: Any

@@ -19,6 +19,7 @@ from app.page.parts import markup
 from app.page.parts.markup import PRIVATE, Updates, shown
 from app.page.results.kept_runs import KeptRun
 from app.page.results.result_parts import ResultParts, saved_link
+from app.page.routes.media import CHARACTER_GONE
 from app.page.tabs.runner import Services, TabRunner, follow, last_share
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import visitor_of
@@ -141,12 +142,17 @@ class SeenRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         seen = ViewerState.parse(values[0])
+        config = self._services.config
+        if seen.has_character:
+            config = self._services.config_for(job)
+            if config.body == self._services.config.body:
+                raise RunError(CHARACTER_GONE)
         request = ViewerVideoRequest(
             seen=seen,
             motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),
             out=job.folder / "results",
             speech=self._file(seen.sound, job.cookie, ".wav") if seen.sound else None,
-            body=self._services.config.body,
+            body=config.body,
         )
         yield {
             self._parts.seen: shown(line_of(text.SEEN_STARTING)),

@@ -375,7 +375,7 @@ class StudyRunner(TabRunner):
         """Create the study, the participants' part with the job, the researcher's in private."""
         if not job.cookie:
             raise RunError(NO_COOKIE)
-        services, config = self._services, self._services.config
+        services, config = self._services, self._services.config_for(job)
         work, waiting = (config.private_folder / secrets.token_hex(16) for _ in "ab")
         job.beside += [work, waiting]
         bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE

@@ -151,7 +151,7 @@ class FigureRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         wanted = self.given(values_of(self.asks, self.fields, values)) | {"is_kept": True}
-        asked = page_request(self.asks, wanted, self._services.config, job.folder)
+        asked = page_request(self.asks, wanted, self._services.config_for(job), job.folder)
         asked.check()
         yield self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), "")
         address = self._services.media.share(job.folder, job.cookie)

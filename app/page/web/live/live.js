@@ -8,8 +8,8 @@ import { make } from "../dom.js";
 import { currentFilter, followFilter } from "../filter_switch.js";
 import { Displays } from "../player/displays.js";
 import { answered, theFacts } from "../fetched.js";
+import { own, theWorn } from "../stage/character.js";
 import { Look } from "../stage/look.js";
-import { theBody } from "../stage/mesh.js";
 import { unpacked } from "../stage/motion.js";
 import { Stage } from "../stage/stage.js";
 import { Planned } from "./planned.js";
@@ -112,7 +112,7 @@ class Live {
       this.picture.append(make("p", { class: "no-stage", role: "note" }, `${error.message} Live needs them.`));
       return;
     }
-    this.#bar = new Displays(this.#look, this.#stage, {}, ["isAligned", "hasWords", "body"]);
+    this.#bar = new Displays(this.#look, this.#stage, {}, ["isAligned", "hasWords"]);
     const others = make("div", { class: "group compare" }, this.#bar.closeUp, this.#bar.more);
     this.picture.append(this.#stage.element, make("div", { class: "controls", role: "toolbar", "aria-label": "Displays" }, this.#bar.element, others), this.#bar.box);
     this.#bar.update();
@@ -124,6 +124,9 @@ class Live {
       if (this.#bar.press(event.key.toLowerCase())) event.preventDefault();
     });
     this.#showBodyOnceSeen();
+    own.addEventListener("change", () => {
+      if (this.#rolling) this.#showBody(true).catch((error) => this.#say(error.message, true));
+    });
   }
 
   /** Filters know the motion on either side of a moment. */
@@ -187,11 +190,11 @@ class Live {
     seen.observe(this.picture);
   }
 
-  async #showBody() {
+  async #showBody(isOther = false) {
     if (this.#refusal) throw this.#refusal;
-    if (this.#rolling) return;
-    const [mesh, facts] = await Promise.all([theBody(), theFacts()]);
-    if (this.#rolling) return; // both times at once
+    if (this.#rolling && !isOther) return;
+    const [mesh, facts] = await Promise.all([theWorn(), theFacts()]);
+    if (this.#rolling && !isOther) return; // both times at once
     const reaches = unpacked(Uint8Array.from(atob(facts.reaches), (letter) => letter.charCodeAt(0)).buffer);
     this.#rolling = new Rolling(mesh, facts.exaggeration.max_turn);
     this.#rolling.push(0, reaches.part(0, 1)); // at rest

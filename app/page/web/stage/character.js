@@ -1,4 +1,4 @@
-/** A visitor's own character (.glb or .vrm) as the body of all motions of a stage. */
+/** A visitor's own character (.glb or .vrm) as the body of all motions on all stages of the page. */
 
 import { readGlb } from "../body/glb.js";
 import { make } from "../dom.js";
@@ -7,31 +7,58 @@ import { theBody, Mesh } from "./mesh.js";
 const ROUTE = "stage/character";
 const MAX_BYTES = 50e6;
 const TYPES = ".glb,.vrm";
+const NAME = "character"; // of what the browser remembers: the name of the file
 
-/** What the server makes of a character, with or without the address of a motion. @type {(file: Blob, motion?: string) => Promise<Response>} */
-async function answered(file, motion) {
-  if (file.size > MAX_BYTES) throw new Error(`A character may have ${MAX_BYTES / 1e6} MB; this one has ${Math.ceil(file.size / 1e6)}.`);
-  const query = motion ? `?${new URLSearchParams({ motion })}` : "";
-  const answer = await fetch(ROUTE + query, { method: "POST", body: file, headers: { "Content-Type": "application/octet-stream" } });
-  if (!answer.ok) throw new Error(await answer.text());
-  return answer;
+/** What `use` of the browser's storage gives; undefined where there is none. */
+function remembered(use) {
+  try {
+    return use();
+  } catch {
+    return undefined;
+  }
 }
 
-/** The body of a character's file; its texture is decoded. @type {(file: Blob) => Promise<Mesh>} */
-export async function characterOf(file) {
-  const glb = readGlb(await (await answered(file)).arrayBuffer());
-  const mesh = new Mesh(glb);
-  mesh.picture = await createImageBitmap(new Blob([glb.picture()]), { premultiplyAlpha: "none", colorSpaceConversion: "none" });
-  return mesh;
+/** The visitor's character: null while bodies are the page's. Tells `change` of another. */
+class Own extends EventTarget {
+  /** @type {Mesh | null} */
+  mesh = null;
+  name = remembered(() => localStorage.getItem(NAME)) ?? "";
+
+  constructor() {
+    super();
+    if (this.name) this.#wear("GET").catch(() => this.#set("", null)); // it has expired
+  }
+
+  /** Have a file read and kept by the server, or no character any more. @type {(file: File | null) => Promise<void>} */
+  async choose(file) {
+    if (!file) {
+      await fetch(ROUTE, { method: "DELETE" });
+      return this.#set("", null);
+    }
+    if (file.size > MAX_BYTES) throw new Error(`A character may have ${MAX_BYTES / 1e6} MB; this one has ${Math.ceil(file.size / 1e6)}.`);
+    return this.#wear("POST", file);
+  }
+
+  async #wear(method, file = null) {
+    const answer = await fetch(ROUTE, { method, body: file, headers: { "Content-Type": "application/octet-stream" } });
+    if (!answer.ok) throw new Error(await answer.text());
+    const glb = readGlb(await answer.arrayBuffer());
+    const mesh = new Mesh(glb);
+    mesh.picture = await createImageBitmap(new Blob([glb.picture()]), { premultiplyAlpha: "none", colorSpaceConversion: "none" });
+    this.#set(file?.name ?? this.name, mesh);
+  }
+
+  #set(name, mesh) {
+    [this.name, this.mesh] = [name, mesh];
+    remembered(() => (name ? localStorage.setItem(NAME, name) : localStorage.removeItem(NAME)));
+    this.dispatchEvent(new Event("change"));
+  }
 }
 
-/** Save the character's own file with a motion in it. @type {(file: File, motion: string, stem: string) => Promise<void>} */
-export async function saveMoving(file, motion, stem) {
-  const url = URL.createObjectURL(await (await answered(file, motion)).blob());
-  const link = make("a", { href: url, download: `${stem}-${file.name.replace(/\.[^.]*$/, "")}.glb` });
-  link.click();
-  URL.revokeObjectURL(url);
-}
+export const own = new Own();
+
+/** The body that motions move: the visitor's character, or the page's. @type {() => Promise<Mesh>} */
+export const theWorn = async () => own.mesh ?? (await theBody());
 
 /**
  * The choice of a character, which the file can also be dropped on the stage for; and the way back to the page's body.
@@ -41,24 +68,24 @@ export async function saveMoving(file, motion, stem) {
 export function bodyChoice(stage) {
   const said = make("output", {});
   const input = make("input", { type: "file", accept: TYPES, "aria-label": "Your own character (.glb or .vrm)" });
-  const back = make("button", { type: "button", hidden: true }, "Open body");
-  const wear = async (file) => {
+  const back = make("button", { type: "button", hidden: true, onclick: () => choose(null) }, "Open body");
+  const choose = async (file) => {
     said.textContent = file ? "Reading the character" : "";
-    try {
-      stage.wear(file ? await characterOf(file) : await theBody(), file);
-      said.textContent = file?.name ?? "";
-      back.hidden = !file;
-    } catch (error) {
-      said.textContent = error.message;
-    }
+    await own.choose(file).catch((error) => (said.textContent = error.message));
   };
-  input.addEventListener("change", () => input.files[0] && wear(input.files[0]));
-  back.addEventListener("click", () => wear(null));
+  const show = async () => {
+    said.textContent = own.name;
+    back.hidden = !own.mesh;
+    stage.wear(await theWorn(), !!own.mesh);
+  };
+  own.addEventListener("change", show);
+  if (own.mesh) show();
+  input.addEventListener("change", () => input.files[0] && choose(input.files[0]));
   stage.view.addEventListener("dragover", (event) => event.preventDefault());
   stage.view.addEventListener("drop", (event) => {
     event.preventDefault();
     const [file] = event.dataTransfer.files;
-    if (file) wear(file);
+    if (file) choose(file);
   });
   return make("label", { class: "body-choice" }, make("span", {}, "Body"), input, back, said);
 }

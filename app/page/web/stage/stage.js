@@ -79,8 +79,7 @@ export class Stage {
   #fence = null;
   #begun = 0;
   pictures = 0; // drawn so far
-  /** @type {File | null} */
-  character = null; // a visitor's own, whose mesh is shown
+  hasCharacter = false; // a visitor's own, whose mesh is shown
   #flicker = null;
   #isSecond = false;
   #wipe = 0.5;
@@ -240,6 +239,7 @@ export class Stage {
       mode: this.mode,
       wipe: this.#wipe,
       isSmoothed: this.#motionLook.isSmoothed,
+      hasCharacter: this.hasCharacter,
       size,
       panels: this.#facts ? pictures().map((picture) => picture.map(told)) : [],
     };
@@ -255,7 +255,7 @@ export class Stage {
         ({ there } = entry.row);
         const motion = await entry.arrival.next(there, this.#player.frame + SOON_FRAMES);
         if (this.#rows.get(entry.row.name) !== entry) return; // another run is shown
-        if (motion) this.#take(entry, motion, there, this.character ? this.#mesh : body, told);
+        if (motion) this.#take(entry, motion, there, this.hasCharacter ? this.#mesh : body, told);
       }
       this.#say("");
     } catch (error) {
@@ -325,22 +325,24 @@ export class Stage {
   }
 
   /**
-   * Have all motions move another body from now on: of a visitor's file, or the page's own without one.
+   * Have all motions move another body from now on; one that `feed` shows is fed anew.
    *
    * @param {import("./mesh.js").Mesh} mesh
-   * @param {File | null} file
+   * @param {boolean} hasCharacter Whether it is the visitor's own.
    */
-  wear(mesh, file) {
-    this.character = file;
+  wear(mesh, hasCharacter) {
+    this.hasCharacter = hasCharacter;
     this.#mesh = mesh;
     if (!this.#facts) return; // no motion has come yet
     this.#painter = new Painter(this.#gl, mesh, this.#facts, this.pace.isSlow);
-    for (const entry of this.#present) {
+    this.#painter.setBodies(this.#present.length);
+    const whole = this.#present.filter(({ clean }) => clean);
+    for (const entry of whole) {
       this.#disturb(entry);
       entry.told = null; // what can be saved of it
     }
-    this.element.dataset.character = file ? "own" : "";
-    this.#frame(false);
+    this.element.dataset.character = hasCharacter ? "own" : "";
+    if (whole.length) this.#frame(false);
     this.fit();
     this.#ask();
   }
@@ -573,7 +575,7 @@ export class Stage {
     entry.told = told;
     if (!entry.reading && row.assumed) entry.reading = readingOf(row);
     const swatch = make("i", { "aria-hidden": "true" });
-    const tools = make("span", { class: "tools" }, filesOf(row, this.character) ?? "");
+    const tools = make("span", { class: "tools" }, filesOf(row, this.hasCharacter) ?? "");
     if (this.#rows.size > 1 && !row.space) {
       const isLarge = this.#large === row.name;
       const label = isLarge ? "Show all again" : `Enlarge ${row.label ?? row.name}`;
@@ -663,7 +665,7 @@ export class Stage {
     if (this.#canvas.width !== width || this.#canvas.height !== height) [this.#canvas.width, this.#canvas.height] = [width, height];
     const moment = this.#moment;
     this.#painter.setTone(this.#look.get("tone"));
-    this.#painter.setBuild((this.character ? null : this.#builds?.get(this.#look.get("build"))) ?? this.#mesh);
+    this.#painter.setBuild((this.hasCharacter ? null : this.#builds?.get(this.#look.get("build"))) ?? this.#mesh);
     this.#pose(moment, level);
     this.element.dataset.backdrop = this.#isDark ? "dark" : "light";
     this.#painter.clear(this.#isDark);
@@ -864,7 +866,7 @@ export class Stage {
   #pointOf(point) {
     const tip = this.#facts.marks.tips[point];
     const joint = tip ? tip.joint : this.#mesh.names.indexOf(point);
-    return { joint, offset: [0, 1, 2].map((k) => (tip && !this.character ? this.#mesh.positions[3 * this.#mesh.place[tip.vertex] + k] - this.#mesh.rest[3 * joint + k] : 0)) };
+    return { joint, offset: [0, 1, 2].map((k) => (tip && !this.hasCharacter ? this.#mesh.positions[3 * this.#mesh.place[tip.vertex] + k] - this.#mesh.rest[3 * joint + k] : 0)) };
   }
 
   // -------------------------------------------------------------- words, hands, fingers

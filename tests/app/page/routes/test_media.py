@@ -21,6 +21,8 @@ from app.page.routes.media import (
     media_routes,
     researcher_route,
 )
+from app.page.visitors.characters import Characters
+from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import COOKIE, Kept, visitor_route
 from model.motion.motion import load_motion, save_motion
 from renderer.body.body import load_body
@@ -51,9 +53,15 @@ Browser = Callable[[str], TestClient]
 
 
 @pytest.fixture
-def browser(media: Media, private: Kept[Path], temp: Path) -> Browser:
+def characters(tmp_path: Path) -> Characters:
+    return Characters(tmp_path / "characters")
+
+
+@pytest.fixture
+def browser(media: Media, private: Kept[Path], characters: Characters, temp: Path) -> Browser:
     """By its cookie; empty for one that keeps none."""
-    routes = [*media_routes(media, MadeFiles(temp, does)), researcher_route(private)]
+    routes = media_routes(media, MadeFiles(temp, does), characters, Quota())
+    routes = [*routes, researcher_route(private)]
     app = FastAPI(routes=[*routes, visitor_route()])
     return lambda cookie: TestClient(app, cookies={COOKIE: cookie} if cookie else None)
 
@@ -128,21 +136,35 @@ def test_a_part_of_a_file_can_be_asked_for(media, browser, job):
     assert answer.headers["content-range"] == "bytes 2-4/200"
 
 
-def test_character_is_answered_with_a_mesh_or_moving_and_leaves_no_file(
-    media, browser, job, temp, monkeypatch
+def test_character_is_kept_for_its_visitor_alone_and_moves(
+    media, browser, characters, job, temp, monkeypatch
 ):
-    mine, hero = browser("mine"), character(load_body(), "vrm")
-    kept = sorted(temp.rglob("*"))
+    mine, yours, hero = browser("mine"), browser("yours"), character(load_body(), "vrm")
     body = mine.post("/stage/character", content=hero)
-    assert b"TEXCOORD_0" in body.content[:20_000] and b"image/webp" in body.content[:20_000_000]
-    address = media.share(job, "mine")(job / "globaldiff-local.npz")
-    moving = mine.post("/stage/character", params={"motion": address}, content=hero)
+    assert b"TEXCOORD_0" in body.content and b"image/webp" in body.content
+    assert mine.get("/stage/character").content == body.content
+    address = media.share(job, None)(job / "globaldiff-local.npz")
+    moving = mine.get(f"/{address}&as=character")
     assert moving.content[:4] == b"glTF" and b"VRMC_vrm" in moving.content
-    other = browser("yours").post("/stage/character", params={"motion": address}, content=hero)
-    assert other.status_code == 404
+    assert "local-character.glb" in moving.headers["content-disposition"]
+    for stranger in (yours, browser("")):
+        assert stranger.get("/stage/character").status_code in (400, 404)
+        assert stranger.get(f"/{address}&as=character").status_code == 404
+        stranger.delete("/stage/character")
+    assert browser("").post("/stage/character", content=hero).status_code == 400
+    assert mine.post("/stage/character", content=hero[:5000]).status_code == 400
     monkeypatch.setattr("app.page.routes.media.MAX_CHARACTER_BYTES", 1000)
     assert mine.post("/stage/character", content=hero).status_code == 413
-    assert sorted(temp.rglob("*")) == kept
+    assert characters.find("mine").read_bytes() == hero, "what is refused replaces nothing"
+    run = temp / "run"
+    run.mkdir()
+    assert characters.link("yours", run) is None
+    linked = characters.link("mine", run)
+    assert mine.delete("/stage/character").status_code == 204
+    assert mine.get("/stage/character").status_code == 404
+    assert linked.read_bytes() == hero, "a run keeps what it began with"
+    shutil.rmtree(run)
+    assert not list(temp.iterdir()) and not characters.folder("mine").exists()
 
 
 def test_only_what_belongs_to_it_is_served(media, browser, job, temp):

@@ -94,7 +94,7 @@ class Stage:
         with gr.Blocks():
             self.parts = ResultParts()
         services = made_services(folder, {"draw_viewer_video": draw})
-        self.media, self.jobs = services.media, services.jobs
+        self.media, self.jobs, self.characters = services.media, services.jobs, services.characters
         self.runner = SeenRunner(services, self.parts)
         self.files = {name: folder / name for name in ("a.npz", "b.npz", "c.wav")}
         for path in self.files.values():
@@ -153,6 +153,25 @@ def test_a_path_is_no_address_and_files_of_another_browser_or_kind_are_not_taken
         with pytest.raises(gr.Error, match="has expired"):
             stage.press(cookie)
         assert not stage.jobs.in_use()
+
+
+def test_video_shows_the_character_that_the_stage_shows(tmp_path):
+    bodies: list[bytes | None] = []
+
+    def noted(request: ViewerVideoRequest, *how: Any) -> ViewerVideo:
+        bodies.append(request.body and request.body.read_bytes())
+        return draw(request, *how)
+
+    stage = Stage(tmp_path, noted)
+    (tmp_path / "hero.glb").write_bytes(b"hero")
+    stage.characters.keep(COOKIE, tmp_path / "hero.glb")
+    stage.press()
+    stage.asked["hasCharacter"] = True
+    stage.press()
+    assert bodies == [None, b"hero"]
+    stage.characters.drop(COOKIE)
+    with pytest.raises(gr.Error, match="choose its file again"):
+        stage.press()
 
 
 ROW = "workbench/planned"
