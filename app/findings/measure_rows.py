@@ -8,6 +8,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, TypeVar
 
 from conventions.names import FilterVersion
+from model.metrics.protocols.table import PROTOCOLS, WORKBENCH
 
 if TYPE_CHECKING:
     import numpy as np
@@ -171,6 +172,16 @@ TITLES = {row.key: row.full_title for row in MEASURES} | {
     FGD_EMAGE: "Distribution: FGD to the recorded set, EMAGE's encoder",
     FGD_GENEA: "Distribution: FGD to the recorded set, GENEA's encoder",
 }
+_ABOUT = {row.key: row.about for row in MEASURES}
+
+
+def definition_of(key: str, protocol: str) -> str:
+    """Return the rule of a metric in one or two sentences; empty for an unknown one."""
+    if protocol == WORKBENCH or protocol not in PROTOCOLS:
+        return _ABOUT.get(key, "")
+    return PROTOCOLS[protocol].rule
+
+
 KEYS_OF_OLD_TITLES = {
     "Followed point: Speed": "tracked_point_speed_m_s",
     "Followed point: Acceleration": "tracked_point_acceleration_m_s2",

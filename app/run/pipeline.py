@@ -36,7 +36,6 @@ from app.run.timeline import WordSearch, read_transcript_of_run, with_snaps
 from app.run.videos.videos import Snapshots, comparison_video, draw_poses, draw_rows
 from conventions.names import REFERENCE_NAME, pluralise
 from model.diagnostics import Diagnostics
-from model.metrics.protocols.table import WORKBENCH
 from model.speech.transcript import Transcript
 from model.storage.files import file_sha256
 from renderer.figures.figure6 import choose_snapshot_frames
@@ -49,8 +48,6 @@ POSES_PX = 512
 _POSES = 0.6
 """Fraction of the time of all figures that rendering the poses takes."""
 Request = TypeVar("Request", bound=RunRequest)
-PROTOCOL_CAPTION = f"Numbers by protocol {WORKBENCH}."
-"""Last sentence of the captions of Figure 6 and the jitter sheet."""
 MEASURED = "Measured {motions}."
 OPENED = "Opened from its file; its {motions} were measured anew."
 
@@ -250,11 +247,11 @@ def _draw_figures(
     drawn, tip, clip = motions.figure_motions, motions.tracked_point, motions.clip
     contents = figure6_of(drawn, snapshots, tip, request, clip, run.raise_if_cancelled)
     forms = request.figures.figure_forms
-    run.write_figure("figure6", contents, f"{contents.caption} {PROTOCOL_CAPTION}", forms)
+    run.write_figure("figure6", contents, contents.caption, forms)
     on_share((_POSES + 1) / 2)
     systems = [name for name in drawn if name != REFERENCE_NAME]
     sheet, sentences = make_jitter_sheet(diagnostics, tip, systems), sentences_of(diagnostics)
-    told = f"{sentences['trajectory']} {sentences['depth']} {PROTOCOL_CAPTION}"
+    told = f"{sentences['trajectory']} {sentences['depth']}"
     caption = sheet_caption(sheet, clip, told)
     run.write_figure("jitter", sheet, caption, forms)
     run.report_progress("figure", 1.0)

@@ -47,6 +47,7 @@ from model.faults.analysis import Finding, ranked
 from model.formats.reading import ImportedMotion
 from model.generation.base import Windowing
 from model.metrics.protocols.clip import ProtocolInputs
+from model.metrics.protocols.table import PROTOCOL_CAPTION
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, concatenate, save_motion
 from model.plan.detection import plan_from_motion
@@ -209,9 +210,11 @@ class RunWriter(RunCallbacks):
     ) -> None:
         """Draw a figure of `renderer.figures.kept.DRAW` in the requested file formats.
 
+        The caption also names the protocol of the numbers.
         If some formats are omitted, the content is saved so that they can be drawn later.
         """
         stem = self.folder.path(f"{name}.png").with_suffix("")
+        caption = f"{caption} {PROTOCOL_CAPTION}"
         places: Places = []
         files = save_figure(lambda: kept.DRAW[name](contents), stem, caption, forms, places)
         if set(forms) != set(FORMS):

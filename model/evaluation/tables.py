@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
-from model.metrics.protocols.table import protocol_of
+from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.storage import escaping
 
 DRAWS = 2000
@@ -128,6 +128,12 @@ COLUMNS = {
 """Metrics of the part ``motion`` and their headings, in the order of the table."""
 
 
+def _heading(measure: str) -> str:
+    """Return the heading of a metric; it names all protocols but the workbench's own."""
+    protocol = protocol_of(measure)
+    return COLUMNS[measure] if protocol == WORKBENCH else f"{COLUMNS[measure]} · {protocol}"
+
+
 def _cell(columns: dict[str, dict], measure: str) -> str:
     return str(Estimate(**columns[measure])) if measure in columns else "-"
 
@@ -137,15 +143,15 @@ def as_markdown(table: dict) -> str:
     rows = table["motion"]
     heads = [f"{len(table['clips'])} test clips", *map(escaping.escape_markdown, rows)]
     cells = [
-        [heading, *(_cell(columns, measure) for columns in rows.values())]
-        for measure, heading in COLUMNS.items()
+        [_heading(measure), *(_cell(columns, measure) for columns in rows.values())]
+        for measure in COLUMNS
         if any(measure in columns for columns in rows.values())
     ]
     lines = ["| " + " | ".join(row) + " |" for row in (heads, ["---"] * len(heads), *cells)]
-    for measure, heading in COLUMNS.items():
+    for measure in COLUMNS:
         if f"{measure}_floor" in table:
             floor = Estimate(**table[f"{measure}_floor"])
-            lines += ["", f"{heading} between two halves of the recordings: {floor}"]
+            lines += ["", f"{_heading(measure)} between two halves of the recordings: {floor}"]
     for sentence in table["left_out"]:
         lines += ["", sentence]
     return "\n".join([*lines, ""])
@@ -176,8 +182,8 @@ def as_latex(table: dict) -> str:
         " & ".join(["", *map(escaping.escape_latex, rows)]) + r" \\",
         r"\hline",
     ]
-    for measure, heading in COLUMNS.items():
+    for measure in COLUMNS:
         if any(measure in columns for columns in rows.values()):
             cells = [_cell(columns, measure) for columns in rows.values()]
-            lines.append(" & ".join([escaping.escape_latex(heading), *cells]) + r" \\")
+            lines.append(" & ".join([escaping.escape_latex(_heading(measure)), *cells]) + r" \\")
     return "\n".join([*lines, r"\hline", r"\end{tabular}", ""])

@@ -16,7 +16,7 @@ from app.page.parts.markup import Updates, shown
 from app.page.results.kept_runs import KeptRun, address_of
 from app.page.results.player import Showing
 from app.page.results.result_parts import ResultParts
-from app.page.results.tables import Column, table_of
+from app.page.results.tables import Column, beat_speeds_of, table_of
 from app.page.routes.media import Media
 from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing_settings
 from app.run.output.run_folder import RunRecord
@@ -95,6 +95,7 @@ class RunPair:
                     self.name(labels[name], letter),
                     run.numbers[name],
                     "reference" if is_shared else "",
+                    beat_speeds_of(run),
                 )
                 for name, letter, run in zip(pair, "AB", self.runs, strict=True)
                 if name in run.numbers

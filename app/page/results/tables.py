@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,8 +17,10 @@ from app.findings.measure_rows import (
     FGD,
     JERK,
     MEASURES,
+    TITLES,
     Measure,
     Numbers,
+    definition_of,
     nearest,
     ranged,
     signed,
@@ -28,7 +31,7 @@ from app.page.parts import markup
 from app.run.batch.table import cells_of, interval, star_legend
 from app.run.output.run_folder import FindingRecord, RunRecord
 from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, pluralise, short_names
-from model.metrics.protocols.table import PROTOCOLS, WORKBENCH, protocol_of
+from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.storage.escaping import csv_text
 
 if TYPE_CHECKING:
@@ -43,32 +46,56 @@ class Column:
     label: str
     numbers: Numbers
     kind: Literal["", "reference", "difference"] = ""
+    speeds: BeatSpeeds = "own"
+    """Source of the mean speeds of BeatAlign."""
 
     def read(self, measure: Measure, version: FilterVersion) -> float | None:
         return self.numbers.get(version, {}).get(measure.key)
+
+    def by_protocol(self, measure: Measure, protocol: str) -> Column:
+        """Return the column, without numbers if the measure is by another protocol here."""
+        return (
+            self if protocol_of(measure.key, self.speeds) == protocol else replace(self, numbers={})
+        )
 
     @property
     def of_kind(self) -> str:
         return f' class="{self.kind}"' if self.kind else ""
 
     def less(self, other: Column, name: str, label: str) -> Column:
-        """Return the difference to another motion as a column."""
+        """Return the difference to another motion, in metrics of the same protocol, as a column."""
         differences: dict[FilterVersion, dict[str, float]] = {
             version: {
                 key: value - theirs[key]
                 for key, value in self.numbers.get(version, {}).items()
                 if key in (theirs := other.numbers.get(version, {}))
+                and protocol_of(key, self.speeds) == protocol_of(key, other.speeds)
             }
             for version in VERSIONS
         }
-        return Column(name, label, differences, "difference")
+        return Column(name, label, differences, "difference", self.speeds)
+
+
+def beat_speeds_of(run: RunRecord) -> BeatSpeeds:
+    """Return the source of the mean speeds of a run's BeatAlign."""
+    metrics = run.request.get("metrics")
+    if isinstance(metrics, dict) and metrics.get("mean_speeds"):
+        return "emage"
+    return "reference" if REFERENCE_NAME in run.numbers else "own"
 
 
 def measures_table(run: RunRecord) -> str:
     """Format the metrics of a run: the reference first, a row for each available metric."""
     labels = short_names(name for name in run.numbers if name != REFERENCE_NAME)
+    speeds = beat_speeds_of(run)
     columns = [
-        Column(name, labels.get(name, name), numbers, "reference" if name == REFERENCE_NAME else "")
+        Column(
+            name,
+            labels.get(name, name),
+            numbers,
+            "reference" if name == REFERENCE_NAME else "",
+            speeds,
+        )
         for name, numbers in run.numbers.items()
     ]
     judgement = run.verdict.judgement if run.verdict and jerk_bars(run) else ""
@@ -78,31 +105,24 @@ def measures_table(run: RunRecord) -> str:
     told = "".join(f'<p class="says">{escape(sentence)}</p>' for sentence in said)
     above = _findings(run) + told
     legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
-    has_published_speeds = bool(run.request.get("mean_speeds"))
-    return table_of(columns, point_title(run.point), legend, above, has_published_speeds)
+    return table_of(columns, point_title(run.point), legend, above)
 
 
-def table_of(
-    columns: Sequence[Column],
-    point: str,
-    legend: str,
-    above: str = "",
-    has_published_speeds: bool = False,
-) -> str:
+def table_of(columns: Sequence[Column], point: str, legend: str, above: str = "") -> str:
     """Format a table of metrics with its heading, legend and switches.
 
-    Args:
-        has_published_speeds: true if BeatAlign used published mean speeds.
+    A metric that columns have by several protocols has a row for each.
     """
     numbers = [
-        (measure, column, version, value)
+        (measure, protocol_of(measure.key, column.speeds), column, version, value)
         for measure in MEASURES
         for column in columns
         for version in VERSIONS
         if (value := column.read(measure, version)) is not None
     ]
-    shown = [*dict.fromkeys(measure for measure, *_ in numbers)]
-    firsts = {measure.group for measure in shown if measure.is_first}
+    shown = [*dict.fromkeys((measure, protocol) for measure, protocol, *_ in numbers)]
+    several = Counter(measure for measure, _ in shown)
+    firsts = {measure.group for measure, _ in shown if measure.is_first}
     head = "".join(
         f'<th scope="col"{each.of_kind} data-name="{escape(each.name)}" '
         f'title="{escape(each.name)}">{escape(each.label)}</th>'
@@ -111,16 +131,20 @@ def table_of(
     body = "".join(
         f'<tr class="group{"" if group in firsts else " later"}"><th scope="colgroup" '
         f'colspan="{len(columns) + 1}"><span>{escape(group)}</span></th></tr>'
-        + "".join(_row(each, columns) for each in measures)
-        for group, measures in groupby(shown, key=lambda measure: measure.group)
+        + "".join(
+            _row(
+                each if several[each] == 1 else replace(each, title=f"{each.title} · {protocol}"),
+                [column.by_protocol(each, protocol) for column in columns],
+            )
+            for each, protocol in rows
+        )
+        for group, rows in groupby(shown, key=lambda row: row[0].group)
     )
     has_reference = any(column.kind == "reference" for column in columns)
-    speeds: BeatSpeeds = "reference" if has_reference else "own"
-    speeds = "emage" if has_published_speeds else speeds
     # All numbers of the table, raw and filtered, one per line.
     lines = [
-        (of.key, of.unit, each.name, version, value, protocol_of(of.key, speeds))
-        for of, each, version, value in numbers
+        (of.key, of.unit, each.name, version, value, protocol)
+        for of, protocol, each, version, value in numbers
     ]
     csv = csv_text([("measure", "unit", "name", "filter", "value", "protocol"), *lines])
     more = (
@@ -139,18 +163,18 @@ def table_of(
         f'<a class="csv" download="measures.csv" href="data:text/csv;charset=utf-8,{quote(csv)}">'
         f"{text.CSV_LABEL}</a></div>"
         f"{markup.table(text.NUMBERS_HEADING, 'Metric', head, body)}"
-        f"{'' if all(each.is_first for each in shown) else more}{_rules(shown, speeds)}</div>"
+        f"{'' if all(each.is_first for each, _ in shown) else more}"
+        f"{_rules((each.key, protocol) for each, protocol in shown)}</div>"
     )
 
 
-def _rules(measures: Sequence[Measure], speeds: BeatSpeeds) -> str:
-    """Format the rule of each metric, folded: that of its protocol, or its own definition."""
-    rows = ""
-    for measure in measures:
-        protocol = protocol_of(measure.key, speeds)
-        rule = measure.about if protocol == WORKBENCH else PROTOCOLS[protocol].rule
-        title = escape(measure.full_title)
-        rows += f"<dt>{title}</dt><dd>{escape(rule)} <code>{protocol}</code></dd>"
+def _rules(metrics: Iterable[tuple[str, str]]) -> str:
+    """Format the definitions of metrics, folded, from their keys and the ids of protocols."""
+    rows = "".join(
+        f"<dt>{escape(TITLES.get(key, key))}</dt>"
+        f"<dd>{escape(definition_of(key, protocol))} <code>{escape(protocol)}</code></dd>"
+        for key, protocol in metrics
+    )
     summary = "Definitions and protocols"
     return f'<details class="rules"><summary>{summary}</summary><dl>{rows}</dl></details>'
 
@@ -263,7 +287,8 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     foot = f"<tfoot>{markup.row(text.CLIPS_MEAN, cells)}</tfoot>"
     return (
         f'<div class="measures all clips">{above}<p>{escape(title)}</p>'
-        f"{markup.table(title, text.CLIP, head, ''.join(rows), foot)}</div>"
+        f"{markup.table(title, text.CLIP, head, ''.join(rows), foot)}"
+        f"{_rules([(JERK, WORKBENCH)])}</div>"
     )
 
 
@@ -332,5 +357,6 @@ def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips
     first = table([row for row in rows if row["measure"] in firsts])
     return (
         f'<div class="measures all">{first}{star}'
-        f"<details><summary>All metrics</summary>{table(list(rows))}</details></div>"
+        f"<details><summary>All metrics</summary>{table(list(rows))}</details>"
+        f"{_rules(dict.fromkeys((row['measure'], row['protocol']) for row in rows))}</div>"
     )

@@ -27,6 +27,7 @@ from app.findings.measure_rows import (
     MEASURES,
     TITLES,
     by_key,
+    definition_of,
     with_partners,
     written,
 )
@@ -207,6 +208,8 @@ def read_leaderboard(path: Path) -> list[Entry]:
         raise RunError(f"{path.name} is no leaderboard of format {FORMAT}: {error}.") from None
 
 
+_BY = " · "
+"""Separator of a metric's key and its protocol, where a table has several of one metric."""
 _OF_SETS = {FGD, FGD_EMAGE, FGD_GENEA}
 _TO_RECORDED = _OF_SETS | {row.key for row in MEASURES if row.is_error}
 """Metrics that are distances to the recorded motion."""
@@ -234,7 +237,7 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
         style=style,
         script=script,
         tables=[_table(of) for of in tests],
-        about={row.key: row.about for row in MEASURES},
+        definition_of=definition_of,
         titles=TITLES,
         written=written,
     )
@@ -250,7 +253,7 @@ def _by_protocol(entry: Entry, entries: Sequence[Entry]) -> Entry:
     return replace(
         entry,
         measures={
-            key if len(used[key]) == 1 else f"{key} · {value.protocol}": value
+            key if len(used[key]) == 1 else f"{key}{_BY}{value.protocol}": value
             for key, value in measures
         },
     )
@@ -264,9 +267,10 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
 
     def apart(key: str, value: MetricValue) -> float | None:
         """Return the distance to the recorded motion; None if the metric has no target."""
-        if key in _TO_RECORDED:
+        name = key.partition(_BY)[0]
+        if name in _TO_RECORDED:
             return abs(value.mean)
-        aim = None if key in _WITHOUT_AIM else recorded.get(key)
+        aim = None if name in _WITHOUT_AIM else recorded.get(key)
         return None if aim is None else abs(value.mean - aim.mean)
 
     return {
@@ -281,6 +285,6 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
             key: next(each.measures[key].protocol for each in entries if key in each.measures)
             for key in keys
         },
-        "rare": set(keys) - _OF_SETS - _FIRST,
+        "rare": {key for key in keys if key.partition(_BY)[0] not in _OF_SETS | _FIRST},
         "apart": apart,
     }

@@ -33,6 +33,7 @@ Cells = dict[str, list[str]]
 OfSystems = dict[str, list[tuple[str, dict[str, Any]]]]
 """Clips with their records by system."""
 Row = tuple[Any, ...]
+OTHER_PROTOCOLS = f"Rows that name no other protocol: {WORKBENCH}."
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
     *("difference_to", "difference", "difference_low", "difference_high", "protocol"),
@@ -124,7 +125,7 @@ def write_tables(
     contents = {
         "many.csv": csv_text([HEADER, *rows]),
         "many.json": json.dumps(told, indent=1, allow_nan=False) + "\n",
-        "clips.csv": csv_text(_clip_rows(of_systems, left_out)),
+        "clips.csv": csv_text(_clip_rows(of_systems, left_out, speeds)),
         "sheet.md": "\n".join(sheet) + "\n",
         "table.tex": _latex(systems, len(numbers), means),
     }
@@ -133,16 +134,23 @@ def write_tables(
     return tuple(out / name for name in TABLES), told
 
 
-def _clip_rows(of_systems: OfSystems, left_out: Mapping[str, str]) -> Iterator[tuple[Any, ...]]:
+def _clip_rows(
+    of_systems: OfSystems, left_out: Mapping[str, str], speeds: BeatSpeeds
+) -> Iterator[tuple[Any, ...]]:
     """Yield the header, a row for each clip of each system, and one for each omitted clip."""
     keys = [row.key for row in MEASURES]
-    yield ("clip", "system", "findings", *keys, "left out because")
+    others = [
+        (key, protocol) for key in keys if (protocol := protocol_of(key, speeds)) != WORKBENCH
+    ]
+    protocols = "; ".join([WORKBENCH, *(f"{key} {protocol}" for key, protocol in others)])
+    yield ("clip", "system", "findings", *keys, "left out because", "protocols")
     for name, clips in of_systems.items():
         for clip, told in clips:
             values = [told["numbers"].get(key) for key in keys]
-            yield (clip, name, "; ".join(dict.fromkeys(told["findings"])), *values, "")
+            findings = "; ".join(dict.fromkeys(told["findings"]))
+            yield (clip, name, findings, *values, "", protocols)
     for clip, why in left_out.items():
-        yield (clip, "", "", *[""] * len(keys), why)
+        yield (clip, "", "", *[""] * len(keys), why, "")
 
 
 def worst_clips(of_systems: OfSystems) -> list[dict[str, Any]]:
@@ -212,7 +220,7 @@ def _spread_lines(of_systems: OfSystems) -> list[str]:
 def _latex(systems: list[str], clips: int, means: Cells) -> str:
     lines = [
         "% Needs \\usepackage{booktabs}. Means, 95 % bootstrap intervals over "
-        f"{clips} clips. {star_legend(systems, clips)}",
+        f"{clips} clips. {OTHER_PROTOCOLS} {star_legend(systems, clips)}",
         f"\\begin{{tabular}}{{l{'c' * len(systems)}}}",
         "\\toprule",
         " & ".join(["Measure", *map(escape_latex, systems)]) + " \\\\",
@@ -300,9 +308,8 @@ def _sheet(systems: list[str], told: Mapping[str, Any], means: Cells) -> list[st
         *noted,
         *([""] if noted else []),
         "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered."
-        f" {escape_markdown(star_legend(systems, len(told['clips'])))} Differences of all pairs "
-        "are in"
-        " `many.csv`.",
+        f" {escape_markdown(star_legend(systems, len(told['clips'])))} {OTHER_PROTOCOLS}"
+        " Differences of all pairs are in `many.csv`.",
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
     ]

@@ -29,6 +29,7 @@ from model.evaluation.classifiers import manner_of, wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
+from model.metrics.protocols.table import WORKBENCH
 from model.metrics.speech_effect import (
     CorrelationShares,
     Grid,
@@ -109,11 +110,11 @@ def measure_speech_effect(
             *(_effect_sentence(labels[system], numbers) for system, numbers in told.items())
         )
         table = [
-            (system, part, *shares.values())
+            (system, part, *shares.values(), WORKBENCH)
             for system, numbers in told.items()
             for part, shares in numbers["parts"].items()
         ]
-        run.write_table("hearing", told, [("system", "part", *_COLUMNS), *table])
+        run.write_table("hearing", told, [("system", "part", *_COLUMNS, "protocol"), *table])
         _draw_hearing(told, of_system, run, request)
         run.finish(f"Compared {pluralise(len(told), 'system')}.")
 
@@ -203,6 +204,7 @@ def _effect_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) 
     try:
         parts = {part: shares(found) for part, found in speech_and_noise_shares(made.grid).items()}
         told = {
+            "protocol": WORKBENCH,
             "guidance": made.guidance,
             "arm_rotations_same_noise": arm_rotations_same_noise(made.grid),
             "parts": parts,

@@ -22,6 +22,7 @@ from app.run.run_writer import open_run_writer
 from conventions.names import short_names
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
+from model.metrics.protocols.table import WORKBENCH
 from model.metrics.smoothness import derivative_magnitudes, mean_over_time
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
@@ -71,7 +72,7 @@ def measure_step_sweep(request: StepSweepRequest, callbacks: RunCallbacks = NO_C
             )
         run.progress_callback("numbers")(1.0)
         run.add_notes(*_step_sentences(points))
-        told = list(map(asdict, points))
+        told = [asdict(point) | {"protocol": WORKBENCH} for point in points]
         run.write_table("steps", told, [told[0], *(point.values() for point in told)])
         run.write_figure(
             "steps", DataFrame(points), STEP_SWEEP_CAPTION, request.output.figure_forms

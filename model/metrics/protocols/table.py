@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 WORKBENCH = "workbench/1"
 """Id of the metrics that have no published rule of their own."""
+PROTOCOL_CAPTION = f"Numbers by protocol {WORKBENCH}."
+"""Last sentence of captions."""
 _OPEN = "the 55 joints of the open body (m), y up, flat hands, no betas"
 _ROOTED = f"{_OPEN}, pelvis-aligned"
 _WHOLE = "whole clip; mean over clips"
@@ -273,7 +275,8 @@ def protocol_of(metric: str, speeds: BeatSpeeds = "own") -> str:
         speeds: source of the mean speeds of BeatAlign.
     """
     metric = metric.removesuffix("_floor").removesuffix("_chance").removesuffix("_chance_highest")
-    return OWN_METRICS.get(metric, _BEATS[speeds] if metric == "beat_align" else WORKBENCH)
+    is_beat = metric in ("beat_align", "beats_per_joint_s")
+    return OWN_METRICS.get(metric, _BEATS[speeds] if is_beat else WORKBENCH)
 
 
 T = TypeVar("T")

@@ -82,7 +82,9 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     assert told["guidance"] == 4.0
     arms = told["parts"]["arms"]
     assert arms["by_speech"] == pytest.approx(arms["same_speech"] - arms["neither"])
+    assert (out / "hearing.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
     rows = csv_rows(out / "hearing.csv")
+    assert {told["protocol"], *(row["protocol"] for row in rows)} == {"workbench/1"}
     assert [row["part"] for row in rows] == ["arms", "head", "brows", "jaw"]
     assert float(rows[0]["by_noise"]) == pytest.approx(arms["by_noise"])
     assert np.asarray(Image.open(out / "hearing.png").convert("L")).std() > 10
@@ -254,6 +256,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
     )
     caption = (asked.output.out / "error_growth.txt").read_text()
     assert "error_growth.png" in record.files and "0.05 rad" in caption
+    assert "by protocol workbench/1." in caption
     clean = load_motion(asked.motion)
     rows = record.rows[: len(NAMES)]
     on_local, on_global = (load_motion(asked.output.out / row.files["motion"]) for row in rows)
@@ -316,7 +319,9 @@ def test_points_are_what_generation_and_measures_say(
     calm = table[0]["tip_jerk_m_s3"] <= 1.05 * table[1]["tip_jerk_m_s3"]
     words = "1 of 3 steps reach" if calm else "with fewer than 3 steps, fingertip jerk is over 5 %"
     assert record.sentence == "Measured 2 motions." and words in record.notes[0]
+    assert (out / "steps.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
     rows = csv_rows(out / "steps.csv")
+    assert {each["protocol"] for each in (*table, *rows)} == {"workbench/1"}
     assert [row["steps"] for row in rows] == ["1", "3"]
     assert table[0]["distance_cm"] == float(rows[0]["distance_cm"])
 

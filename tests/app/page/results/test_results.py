@@ -14,20 +14,21 @@ from typing import Any
 import pytest
 
 from app import text
-from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, nearest, written
+from app.findings.measure_rows import FAST_POWER, FGD, JERK, MEASURES, SEAMS, nearest, written
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
 from app.page.results.kept_runs import KeptRuns, address_of
 from app.page.results.player import Showing
 from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_pair import RunPair, pairs_of, told_settings
-from app.page.results.tables import measures_table
+from app.page.results.tables import clips_html, measures_table, sets_html
 from app.run.output.provenance import NONE, differing_settings, settings_summary
 from app.run.output.run_folder import RunRecord
 from app.run.requests.requests import AnyRun
 from app.run.run_writer import open_run_writer
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding
+from model.metrics.protocols.table import PROTOCOLS
 from model.speech.transcript import Transcript, Word
 from tests.app.measured import both
 from tests.app.page.results.made_run import keep, made_run, numbers
@@ -258,6 +259,43 @@ def test_the_table_has_both_and_their_difference(run):
     table = RunPair(b, full).table()
     assert "reference (A)" in table and "reference (B)" in table, "they are not the same"
     assert 'class="raw near"' not in table
+
+
+def test_numbers_of_different_protocols_are_never_in_one_row(run):
+    """BeatAlign of a run with a reference and of one without have different mean speeds."""
+    a, b = run(reference=104.0, jerk={"a": 120.0, "b": 90.0}), run(jerk={"a": 100.0})
+    for showing in (a, b):
+        for name, of in showing.record.numbers.items():
+            for version in of.values():
+                version |= {"beat_align": 0.6 if name == "a" else 0.5, "beat_align_chance": 0.4}
+    pair = RunPair(a, b).table()
+    rows = re.findall('<tr data-measure="beat_align".*?</tr>', pair)
+    assert ["BeatAlign · beats/workbench<" in each for each in rows] == [True, False]
+    values = [re.findall('class="raw[^"]*">([^<]*)<', each) for each in rows]
+    assert values == [["0.5", "0.6", "n/a", "n/a", "0.5"], ["n/a", "n/a", "0.6", "n/a", "n/a"]]
+    assert "beats/workbench%0D" in pair and "beats/workbench-own%0D" in pair
+    record = b.record.model_copy(update={"request": {"metrics": {"mean_speeds": "speeds.npy"}}})
+    assert "<code>beats/workbench-emage</code>" in measures_table(record)
+    hostile = b.record.model_copy(update={"request": {"metrics": ["mean_speeds"]}})
+    assert "<code>beats/workbench-own</code>" in measures_table(hostile)
+
+
+def test_sets_and_clips_have_the_rule_of_each_metric_one_click_away(run):
+    rows = [
+        {"measure": key, "unit": "", "system": "a", "clips": 2, "difference_to": "",
+         "mean": 1.0, "low": 1.0, "high": 1.0, "protocol": protocol}
+        for key, protocol in (
+            (JERK, "workbench/1"), ("gac/unicamp/dice", "gac/unicamp"), (FGD, "fgd/workbench")
+        )
+    ]  # fmt: skip
+    told = {"clips": ["1", "2"], "worst": [], "measures": rows}
+    shown = sets_html(told, ["a"], "", "")
+    for key, protocol in ((JERK, ""), ("", "gac/unicamp"), ("", "fgd/workbench")):
+        about = next((row.about for row in MEASURES if row.key == key), None)
+        assert escape(about or PROTOCOLS[protocol].rule) in shown
+    clips = clips_html({"1": run().record, "2": run().record})
+    assert "<code>workbench/1</code>" in clips.split('<details class="rules">')[1]
+    assert all(row.about.count(". ") <= 1 for row in MEASURES)
 
 
 def test_both_are_in_one_player_with_one_time_line(run):

@@ -74,6 +74,11 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     assert "# 3 clips" in sheet and "| identical | 0 | 3 | 0 |" in sheet
     by_clip = csv_rows(tmp_path / "clips.csv")
     assert [row["clip"] for row in by_clip] == [*CLIPS] * 3
+    (protocols,) = {row["protocols"] for row in by_clip}
+    assert protocols.startswith("workbench/1; ") and "l1_diversity_m l1div/emage" in protocols
+    assert "beat_align beats/workbench;" in protocols
+    assert all("name no other protocol: workbench/1" in (tmp_path / name).read_text()
+               for name in ("sheet.md", "table.tex"))  # fmt: skip
     of_lively = [row for row in by_clip if row["system"] == "lively"]
     mean = np.mean([float(row[SPEED]) for row in of_lively])
     assert mean == pytest.approx(means["lively"])
