@@ -36,6 +36,8 @@ PROXY_ROUTE = "/gradio_api/proxy="
 """Route of Gradio for pages of other servers, which this page does not embed."""
 _SPACES = ("https://huggingface.co", "https://*.hf.space")
 """Sites that show a hosted space in a frame."""
+MAX_NAME_BYTES = 255
+"""Length of the longest file name; looking for a longer one is a fault in Gradio's file routes."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 _ANYWHERE = ("0.0.0.0", "::")
@@ -46,6 +48,7 @@ UNKNOWN_HOST = (
 )
 LOG_IN = "Log in first."
 UNUSED = "Uploads are accepted only through the forms of the page."
+LONG_NAME = "No file has a name of more than {limit} bytes."
 NO_PROXY = "This server does not fetch pages of other sites."
 
 
@@ -89,6 +92,9 @@ def framing(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
 
 
 def _name_of(host: str) -> str:
+    """Return the name in a Host header; empty if it holds more than a name and a port."""
+    if set(host) & set("@/?#\\"):
+        return ""
     try:
         return (urlsplit(f"//{host}").hostname or "").lower()
     except ValueError:
@@ -167,6 +173,8 @@ class Guard:
             return UNUSED, 404
         if PROXY_ROUTE in path:
             return NO_PROXY, 404
+        if any(len(part.encode()) > MAX_NAME_BYTES for part in path.split("/")):
+            return LONG_NAME.format(limit=MAX_NAME_BYTES), 404
         if self.app.auth is not None and path.startswith(OWN_ROUTES):
             if user_of(self.app, HTTPConnection(scope)) is None:
                 return LOG_IN, 401

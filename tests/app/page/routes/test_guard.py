@@ -15,7 +15,8 @@ from tests.app.page.conftest import ADDRESS, UPLOAD, Served, served_page
 HOSTS = {
     "127.0.0.1": True, "127.0.0.1:1": True, "localhost": True, "lab.example": True,
     "LAB.example:8443": True, "evil.example": False, "": False, "[": False, "\x1b[2J": False,
-    "lab.example.evil.example": False, "192.168.1.7": False,
+    "lab.example.evil.example": False, "192.168.1.7": False, "evil.example@lab.example": False,
+    "lab.example#evil.example": False, "lab.example/evil.example": False, "a\\@lab.example": False,
 }  # fmt: skip
 
 
@@ -32,6 +33,13 @@ def test_only_a_host_of_its_own_is_answered_and_others_are_told_the_way_out(clie
             assert is_own or ("--host-name" in answer.text and answer.text.isprintable())
     assert "192.168.1.7:7860" in HostNames("0.0.0.0") and "[fe80::1]:7860" in HostNames("::")
     assert "evil.example" not in HostNames("0.0.0.0")
+
+
+@pytest.mark.parametrize("route", ["static", "assets", "svelte", "web", "gradio_api/file="])
+def test_a_name_that_no_file_has_is_not_found(client, route):
+    for name in ("a" * 5000, "é" * 200):
+        answer = client.get(f"/{route}/{name}")
+        assert answer.status_code == 404 and "255 bytes" in answer.text
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import pytest
 from starlette.testclient import TestClient
 
 from app.page.routes.guard import Guard
-from app.page.routes.page_cache import PageCache
+from app.page.routes.page_cache import INFO, PATHS, PageCache
 from tests.app.page.conftest import ADDRESS, served_page
 
 HOSTS = ("127.0.0.1", "localhost:80", "lab.example:8443", "localhost:<'&>", 'localhost:"')
@@ -32,10 +32,11 @@ def test_answers_are_gradios_and_built_once(weights, tmp_path, root_path):
         assert isinstance(guard, Guard) and isinstance(guard.inner, PageCache)
         counted, client = Counted(guard.inner), page.visitor()
         for forwarded in ({}, {"X-Forwarded-Host": "lab.example", "X-Forwarded-Proto": "https"}):
-            for path, host in ((path, host) for path in ("/", "/config") for host in HOSTS):
+            for path, host in ((path, host) for path in PATHS for host in HOSTS):
                 headers = {**forwarded, "Host": host}
                 cached = client.get(path, headers=headers)
                 direct = TestClient(counted.inner, ADDRESS, root_path=root_path)
+                page.app.api_info = None
                 expected = direct.get(path, headers=headers)
                 assert cached.text == expected.text, (path, host)
                 assert cached.headers["content-type"] == expected.headers["content-type"]
@@ -44,14 +45,21 @@ def test_answers_are_gradios_and_built_once(weights, tmp_path, root_path):
                     b"",
                     cached.headers["content-length"],
                 )
-        assert counted.num_asked == 2
+        assert counted.num_asked == 3
         pages = [client.get(f"/{query}").text for query in QUERIES]
         assert set(pages) == {client.get("/").text}
         configs = [client.get(f"/config/{query}").json() for query in QUERIES]
         assert [config.get("current_page") for config in configs] == [None, "", None, None]
-        assert counted.num_asked == 3, "for the page that was named"
+        assert counted.num_asked == 4, "for the page that was named"
+        expected = TestClient(counted.inner, ADDRESS, root_path=root_path)
+        for query in (*QUERIES, "?all_endpoints=1&page=", "?all_endpoints="):
+            page.app.api_info = None
+            info = client.get(f"{INFO}{query}").text
+            assert info == expected.get(f"{INFO}{query}").text, query
+        assert counted.num_asked == 7, "hidden functions or not, of the page that was named or not"
         page.app.get_blocks().config = {**page.app.get_blocks().config, "title": "another"}
         assert client.get("/config").json()["title"] == "another"
+        assert ".invalid" not in client.get(INFO).text
 
 
 def test_who_has_not_logged_in_gets_no_page_of_another(weights, tmp_path):
@@ -64,6 +72,7 @@ def test_who_has_not_logged_in_gets_no_page_of_another(weights, tmp_path):
         assert stranger.get("/").headers["connection"] == "close", "asked once, not a hundred times"
         for _ in range(2):
             assert stranger.get("/config").status_code == 401
+            assert stranger.get(INFO).status_code == 401
             assert '"auth_required":true' in stranger.get("/").text
         assert ann.get("/config").json()["username"] == "ann"
         ann.get("/logout")
