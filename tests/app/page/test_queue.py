@@ -36,6 +36,7 @@ class Page:
         self.jobs = jobs
         self.begun: list[str] = []
         self.done: list[str] = []
+        self.num_polls = 0
         self.may_end, self.may_check = threading.Semaphore(0), threading.Semaphore(0)
         with gr.Blocks() as blocks:
             status, message, name = gr.HTML(), gr.HTML(), gr.Textbox()
@@ -60,6 +61,7 @@ class Page:
     def work(self, callbacks: RunCallbacks) -> str:
         self.begun.append(self.jobs._jobs[-1].visitor)
         while not self.may_end.acquire(timeout=0.02):
+            self.num_polls += 1
             if callbacks.should_cancel():
                 raise KeyError("it has ended in the middle")
         self.done.append(self.begun[-1])
@@ -148,6 +150,8 @@ def test_a_run_whose_page_has_lost_its_connection_goes_on_until_somebody_else_wa
         wait_for(lambda: visitor not in page.turns.pending_messages_per_session)
 
     lose("a", 1)
+    before = page.num_polls  # a run that ends with its page has 9 more
+    wait_for(lambda: page.num_polls > before + 25 or not page.jobs.in_use())
     page.may_end.release()
     wait_for(lambda: page.done == ["a"] and not page.jobs.in_use())
     lose("b", 2)
