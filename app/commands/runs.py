@@ -164,7 +164,7 @@ def diagnose(
     if any(path.is_dir() or is_packed(path) for path in paths):
         _diagnose_folders(request, pool.jobs())
         return
-    if request.metrics.emage_weights is not None or request.metrics.genea_weights is not None:
+    if request.metrics.emage_weights is not None or request.metrics.genea_weights:
         raise RunError("FGD is a measure of many clips; encoders of FGD go with folders.")
     if request.metrics.expected:
         raise RunError("Papers report values of many clips; --expect goes with folders.")

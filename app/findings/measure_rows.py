@@ -165,12 +165,17 @@ MEASURES = (
 
 JERK, SPEED = "tracked_point_jerk_m_s3", "tracked_point_speed_m_s"
 FAST_POWER, SEAMS = "tracked_point_power_above_5hz_percent", "seam_jerk_ratio"
-FGD, FGD_EMAGE, FGD_GENEA = "fgd", "fgd_emage", "fgd_genea"
+FGD, FGD_EMAGE = "fgd", "fgd_emage"
 """Keys of the distances of whole sets to the recorded one, by our encoder and by EMAGE's."""
+FGD_GENEA = {length: f"fgd_genea_{length}" for length in (30, 60, 90)}
+"""Keys of those by GENEA's encoders, by the length of their pieces in frames."""
 TITLES = {row.key: row.full_title for row in MEASURES} | {
     FGD: "Distribution: FGD to the recorded set, our encoder",
     FGD_EMAGE: "Distribution: FGD to the recorded set, EMAGE's encoder",
-    FGD_GENEA: "Distribution: FGD to the recorded set, GENEA's encoder",
+    **{
+        key: f"Distribution: FGD to the recorded set, GENEA's encoder of {length} frames"
+        for length, key in FGD_GENEA.items()
+    },
 }
 _ABOUT = {row.key: row.about for row in MEASURES}
 

@@ -17,15 +17,16 @@ import numpy as np
 
 from app.errors import RunError
 from app.findings.measure_rows import FGD, FGD_EMAGE, FGD_GENEA, TITLES
-from app.run.batch.published_metrics import PLAIN, varied
+from app.run.batch.published_metrics import DRAWS, PLAIN, interval_rows, varied
 from app.run.requests.parts import MetricOptions
 from conventions.names import REFERENCE_NAME
 from model.evaluation.frechet import Moments, distance_of, motion_features
-from model.evaluation.tables import drawn_clips, interval_of
+from model.evaluation.tables import drawn_clips
+from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
-from model.storage.cards import BUNDLED_WEIGHTS
-from model.storage.files import written_atomically
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, load_card
+from model.storage.files import file_sha256, written_atomically
 from model.systems.helpers import emage, genea
 from model.systems.helpers.config import FGD_ENCODER
 
@@ -33,7 +34,6 @@ LEFT_OUT = (
     "FGD by {whose} is left out: all clips together have {codes} codes, one for every {frames} "
     "frames; at least {least} are needed."
 )
-DRAWS = 200
 _CLIPS_AT_ONCE = 50
 
 
@@ -45,8 +45,9 @@ class FeatureEncoder:
     """Key of the distance by this encoder."""
     protocol: str
     """Id of the protocol (`model.metrics.protocols`)."""
-    codes: Callable[[Motion], Any]
+    codes: Callable[[Motion, RestSkeleton], Any]
     frames_a_code: int
+    sha256: str
     offset: float = 0.0
     """Offset argument of `distance_of`."""
 
@@ -56,20 +57,38 @@ def judges_of(metrics: MetricOptions) -> tuple[FeatureEncoder, ...]:
     """Load our encoder, and those of EMAGE and GENEA if there are any, once per process.
 
     Raises:
-        CheckpointError: for other files.
+        CheckpointError: for other files, and for two of GENEA's for the same length.
     """
     ours = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
-    codes, frames = partial(motion_features, ours), max(ours.network.config.scales)
-    judges = [FeatureEncoder(FGD, "fgd/workbench", codes, frames)]
+    frames, sha256 = max(ours.network.config.scales), load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256
+    judges = [
+        FeatureEncoder(FGD, "fgd/workbench", lambda m, _: motion_features(ours, m), frames, sha256)
+    ]
     if metrics.emage_weights is not None:
-        codes = partial(emage.emage_codes, emage.load_emage_encoder(metrics.emage_weights))
-        frames, offset = emage.FRAMES_A_CODE, emage.ROOT_OFFSET
-        judges.append(FeatureEncoder(FGD_EMAGE, "fgd/emage", codes, frames, offset))
-    if metrics.genea_weights is not None:
-        encoder = genea.load_genea_encoder(metrics.genea_weights)
-        codes = partial(genea.genea_codes, encoder)
-        judges.append(FeatureEncoder(FGD_GENEA, "fgd/genea", codes, encoder.length // 2))
+        theirs = emage.load_emage_encoder(metrics.emage_weights)
+        frames, sha256 = emage.FRAMES_A_CODE, file_sha256(metrics.emage_weights)
+        judges.append(
+            FeatureEncoder(
+                *(FGD_EMAGE, "fgd/emage", lambda m, _: emage.emage_codes(theirs, m)),
+                *(frames, sha256, emage.ROOT_OFFSET),
+            )
+        )
+    for path in metrics.genea_weights:
+        encoder = genea.load_genea_encoder(path)
+        key, length = FGD_GENEA[encoder.length], encoder.length
+        if any(judge.metric == key for judge in judges):
+            raise CheckpointError(f"{path.name} is a second encoder of {length} frames; give one.")
+        codes, sha256 = partial(genea.genea_codes, encoder), file_sha256(path)
+        judges.append(FeatureEncoder(key, f"fgd/genea-{length}", codes, length // 2, sha256))
     return tuple(judges)
+
+
+def encoder_digests(metrics: MetricOptions) -> dict[str, str]:
+    """Return the sha256 of the encoders' files; ours is called ``FGD``."""
+    return {
+        "FGD" if judge.metric == FGD else judge.protocol: judge.sha256
+        for judge in judges_of(metrics)
+    }
 
 
 def check_weights(metrics: MetricOptions, reference: Path | None) -> None:
@@ -79,7 +98,7 @@ def check_weights(metrics: MetricOptions, reference: Path | None) -> None:
         RunError: without a recorded set.
         CheckpointError: for any other file.
     """
-    if metrics.emage_weights is None and metrics.genea_weights is None:
+    if metrics.emage_weights is None and not metrics.genea_weights:
         return
     if reference is None:
         raise RunError(
@@ -107,7 +126,7 @@ def save_codes(
     """
     codes: dict[str, Any] = {
         _key(number, name, variation): np.concatenate(
-            [judge.codes(varied(motion, variation)) for motion in samples]
+            [judge.codes(*varied(motion, variation)) for motion in samples]
         )
         for number, judge in enumerate(judges_of(metrics))
         for variation in (PLAIN, *variations)
@@ -189,12 +208,8 @@ def _rows(
     num_clips: int,
     clips: Callable[[str], Iterator[np.ndarray]],
 ) -> Iterator[tuple[Any, ...]]:
-    def told(values: np.ndarray) -> tuple[float, float, float]:
-        found = interval_of(values[0], values[1:])
-        return found.mean, found.low, found.high
-
     recorded = _drawn(clips(REFERENCE_NAME), num_clips)
-    apart = {
+    values = {
         name: np.array([
             distance_of(real, other, judge.offset)
             for real, other in zip(recorded, _drawn(clips(name), num_clips), strict=True)
@@ -202,23 +217,8 @@ def _rows(
         for name in systems
         if name != REFERENCE_NAME
     }  # fmt: skip
-    names = list(apart)
-    for place, name in enumerate(names):
-        yield (judge.metric, "", name, num_clips, *told(apart[name]), *[""] * 4, judge.protocol)
-        for other in names[place + 1 :]:
-            difference = told(apart[name] - apart[other])
-            yield (
-                judge.metric,
-                "",
-                name,
-                num_clips,
-                "",
-                "",
-                "",
-                other,
-                *difference,
-                judge.protocol,
-            )
+    counts = dict.fromkeys(values, num_clips)
+    return interval_rows((judge.metric, ""), values, counts, judge.protocol)
 
 
 def _drawn(clips: Iterator[np.ndarray], num_clips: int) -> list[Moments]:

@@ -210,7 +210,7 @@ def read_leaderboard(path: Path) -> list[Entry]:
 
 _BY = " · "
 """Separator of a metric's key and its protocol, where a table has several of one metric."""
-_OF_SETS = {FGD, FGD_EMAGE, FGD_GENEA}
+_OF_SETS = {FGD, FGD_EMAGE, *FGD_GENEA.values()}
 _TO_RECORDED = _OF_SETS | {row.key for row in MEASURES if row.is_error}
 """Metrics that are distances to the recorded motion."""
 _WITHOUT_AIM = {row.key for row in MEASURES if not row.has_target}

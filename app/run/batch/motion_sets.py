@@ -25,6 +25,7 @@ from app.run.batch.frechet_distances import (
     codes_path,
     distance_rows,
     distance_values,
+    encoder_digests,
     save_codes,
 )
 from app.run.batch.pairing import Samples, first_sample, no_common_clips, pair_files, shorten_list
@@ -63,11 +64,9 @@ from model.metrics.results import BeatSpeeds
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.speech.audio import SpeechLimits, load_speech
-from model.storage.cards import BUNDLED_WEIGHTS, load_card
 from model.storage.files import file_sha256, write_atomically
 from model.storage.npz import MotionError
 from model.storage.revision import revision
-from model.systems.helpers.config import FGD_ENCODER
 from processes.job import Job
 from processes.pool import JobPool
 
@@ -214,7 +213,7 @@ def _diagnose_clips(
     notes[:0] = above
     systems, kept_records = list(files), list(records.values())
     distances, unsaid = distance_rows(systems, kept_records, here.metrics)
-    origin = _origin_of(systems, numbers, request.metrics)
+    origin = _origin_of(systems, numbers, here.metrics)
     published = PublishedMetrics(kept_records)
     speeds = _speeds_of(here)
     compared = _by_rule(published, systems, numbers, speeds) | distance_values(
@@ -337,7 +336,7 @@ class _Clip:
             "sound": self.sound,
             "speeds": request.metrics.mean_speeds,
             "encoder": request.metrics.emage_weights,
-            "genea encoder": request.metrics.genea_weights,
+            **{f"genea encoder {k}": path for k, path in enumerate(request.metrics.genea_weights)},
             "semantics": self.semantics,
         }
         files = {
@@ -500,15 +499,7 @@ def _origin_of(
         "project": revision(),
         "systems": digests,
         "reference": digests.get(REFERENCE_NAME),
-        "encoders": {"FGD": load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256}
-        | {
-            protocol: file_sha256(path)
-            for protocol, path in (
-                ("fgd/emage", metrics.emage_weights),
-                ("fgd/genea", metrics.genea_weights),
-            )
-            if path is not None
-        },
+        "encoders": encoder_digests(metrics),
         "mean_speeds": metrics.mean_speeds and file_sha256(metrics.mean_speeds),
         "measures": METRICS_VERSION,
     }

@@ -75,9 +75,11 @@ def _pairs_of(name: str) -> list[tuple[str, str]]:
     ]
 
 
-def varied(motion: Motion, name: str) -> Motion:
-    """Return the motion of a variation."""
-    return VARIATIONS[name].motion(motion)
+def varied(motion: Motion, name: str) -> tuple[Motion, RestSkeleton]:
+    """Return the motion and the skeleton of a variation."""
+    bones, scale = open_body_skeleton(), VARIATIONS[name].scale
+    skeleton = RestSkeleton(bones.rest_joints * scale, bones.tip_offsets * scale)
+    return VARIATIONS[name].motion(motion), skeleton
 
 
 def varied_clip(
@@ -88,10 +90,7 @@ def varied_clip(
     Args:
         recorded: clip of the recorded motion under the same variation.
     """
-    bones = open_body_skeleton()
-    scale = VARIATIONS[variation].scale
-    skeleton = RestSkeleton(bones.rest_joints * scale, bones.tip_offsets * scale)
-    here = varied(motion, variation)
+    here, skeleton = varied(motion, variation)
     return inputs.clip(here, track_points(here, skeleton), recorded)
 
 
@@ -167,12 +166,29 @@ class PublishedMetrics:
             values = {name: self.values(protocol, name) for name in systems}
             for key, unit in (record.values or {}).items():
                 known = {name: each[key] for name, each in values.items() if key in each}
-                for place, (name, own) in enumerate(known.items()):
-                    head = f"{protocol}/{key}", unit, name, self.clips[PLAIN, protocol, name]
-                    yield (*head, *_interval(own), *[""] * 4, protocol)
-                    for other in list(known)[place + 1 :]:
-                        apart = _interval(own - known[other])
-                        yield (*head, "", "", "", other, *apart, protocol)
+                clips = {name: self.clips[PLAIN, protocol, name] for name in known}
+                yield from interval_rows((f"{protocol}/{key}", unit), known, clips, protocol)
+
+
+def interval_rows(
+    head: tuple[str, str],
+    values: Mapping[str, np.ndarray],
+    clips: Mapping[str, int],
+    protocol: str,
+) -> Iterator[tuple[Any, ...]]:
+    """Yield table rows (`app.run.batch.table.HEADER`) of systems and of their differences.
+
+    Args:
+        head: metric and unit.
+        values: value of all clips, and those of the bootstrap draws, by system.
+    """
+    names = list(values)
+    for place, name in enumerate(names):
+        own = (*head, name, clips[name])
+        yield (*own, *_interval(values[name]), *[""] * 4, protocol)
+        for other in names[place + 1 :]:
+            apart = _interval(values[name] - values[other])
+            yield (*own, "", "", "", other, *apart, protocol)
 
 
 def _interval(values: np.ndarray) -> tuple[float, float, float]:

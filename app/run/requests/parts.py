@@ -348,9 +348,17 @@ class MetricOptions:
     emage_weights: File = None
     """EMAGE's AESKConv_240_100.bin, for FGD as papers on BEAT2 report it; for folders of motions
     with --reference (docs/many-clips.md)."""
-    genea_weights: File = None
-    """GENEA's model_checkpoint_30, _60 or _90.bin, for FGD as its evaluations report it; for
-    folders of motions with --reference."""
+    genea_weights: Annotated[
+        tuple[Path, ...],
+        text_type(
+            lambda text: tuple(map(Path, parse_names(text))),
+            "FILE,...",
+            "none",
+            lambda paths: ",".join(map(str, paths)),
+        ),
+    ] = ()
+    """GENEA's model_checkpoint_30, _60 and _90.bin, one or several, for FGD as its evaluations
+    report it; for folders of motions with --reference."""
     semantics: File = None
     """BEAT's labels of semantic relevance, for SRGR: a file of its folder sem, or for folders of
     motions that folder."""

@@ -24,6 +24,10 @@ _ROOTED = f"{_OPEN}, pelvis-aligned"
 _WHOLE = "whole clip; mean over clips"
 _CODES = "whole clip; one distance over the codes of all clips"
 _UPPER = "13 upper-body joints of the open body (m), pelvis-aligned; onsets of librosa, hop 512"
+_BEAT = {"beat_align": "0 to 1"}
+_FACE = "vertices of SMPL-X (m) with jaw, FLAME expressions and betas"
+_BY_LENGTH = "whole clip; clips weighted by their length"
+_INNER = "all but 2 s at both ends; mean over clips"
 _PANTOMATRIX = "PantoMatrix/PantoMatrix"
 _GENEA = "genea-workshop/genea_numerical_evaluations"
 _RAG = "m-hamza-mughal/RAG-Gesture"
@@ -43,25 +47,21 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "Nearness of each speech onset to the next motion beat, a minimum of a joint's speed "
             "above 0.3 of its mean in the reference. With other mean speeds it is called "
             "beats/workbench-own or beats/workbench-emage.",
-            _UPPER, "all but 2 s at both ends; mean over clips",
+            _UPPER, _INNER,
             "EMAGE's formula, with beats and onsets counted from the start of the clip", "our own",
-            {"beat_align": "0 to 1"}, ("waveform", "reference"),
-            is_own=True,
+            _BEAT, ("waveform", "reference"), is_own=True,
         ),
         Protocol(
             "beats/workbench-own",
             "As beats/workbench, but a beat's speed is compared with the mean speed of the same "
             "motion. A slow motion is thus not penalised.",
-            _UPPER, "all but 2 s at both ends; mean over clips", "as beats/workbench", "our own",
-            {"beat_align": "0 to 1"}, ("waveform",),
-            is_own=True,
+            _UPPER, _INNER, "as beats/workbench", "our own", _BEAT, ("waveform",), is_own=True,
         ),
         Protocol(
             "beats/workbench-emage",
             "As beats/workbench, but with the mean speeds that EMAGE publishes. EMAGE's own code "
             "counts beats from another start and so gives another number: beats/emage.",
-            _UPPER, "all but 2 s at both ends; mean over clips", "as beats/workbench", "our own",
-            {"beat_align": "0 to 1"}, ("waveform", "mean_speeds"),
+            _UPPER, _INNER, "as beats/workbench", "our own", _BEAT, ("waveform", "mean_speeds"),
             is_own=True,
         ),
         Protocol(
@@ -70,31 +70,29 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "It uses distances of joints from their means, because an earlier metric overwrites "
             "the array.",
             _UPPER, "all but 60 frames at both ends; clips weighted by their length",
-            f"{_PANTOMATRIX}, scripts/EMAGE_2024",
-            values={"beat_align": "0 to 1"}, needs=("waveform", "mean_speeds"),
+            f"{_PANTOMATRIX}, scripts/EMAGE_2024", values=_BEAT, needs=("waveform", "mean_speeds"),
         ),
         Protocol(
             "beats/evaltools",
             "BeatAlign of EMAGE's later evaluation tools: a lower speed threshold (0.1), joints as "
             "they are, and no rotation of the pelvis. It is higher than beats/emage.",
             _UPPER, "all but 60 frames at both ends; clips weighted by their length",
-            f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
-            values={"beat_align": "0 to 1"}, needs=("waveform", "mean_speeds"),
+            f"{_PANTOMATRIX}, emage_evaltools/mertic.py", values=_BEAT,
+            needs=("waveform", "mean_speeds"),
         ),
         Protocol(
             "beats/raggesture",
             "BeatAlign of RAG-Gesture: the first 10 s of a clip, of which only a third of a second "
             "is left out at both ends. The threshold is 0.3 of the published mean speeds.",
             _UPPER, "frames 10 to 290 of each clip, or to 10 before its end; weighted by length",
-            f"{_RAG}, tools/evaluate.py",
-            values={"beat_align": "0 to 1"}, needs=("waveform", "mean_speeds"),
+            f"{_RAG}, tools/evaluate.py", values=_BEAT, needs=("waveform", "mean_speeds"),
         ),
         Protocol(
             "beats/asynfusion",
-            "Nearness of each motion beat to the next speech onset, with a "
-            "standard deviation of 0.1 s. The paper names none, so its numbers cannot be compared.",
-            _UPPER, "all but 2 s at both ends; mean over clips", "AsynFusion, eq. 18",
-            values={"beat_align_motion_to_audio": "0 to 1"}, needs=("waveform", "reference"),
+            "Nearness of each motion beat to the next speech onset, with a standard deviation of "
+            "0.1 s. The paper names none, so its numbers cannot be compared.",
+            _UPPER, _INNER, "AsynFusion, eq. 18", values={"beat_align_motion_to_audio": "0 to 1"},
+            needs=("waveform", "reference"),
         ),
         Protocol(
             "l1div/emage",
@@ -112,8 +110,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
         ),
         Protocol(
             "div/asynfusion",
-            "Mean L1 distance of windows of 2 s in random batches of 50. "
-            "Rotations are axis-angle; `div` adds 52 blendshapes.",
+            "Mean L1 distance of windows of 2 s in random batches of 50. Rotations are axis-angle; "
+            "`div` adds 52 blendshapes.",
             "55 local rotations (rad), 52 blendshapes", "windows of 2 s at 15 frames per second",
             "AsynFusion, eq. 17", values={"div": "", "div_gesture": ""}, rate_fps=15.0, seeds="0",
         ),
@@ -145,20 +143,22 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "FGD of papers on BEAT2, by EMAGE's autoencoder over whole clips. Numbers of other "
             "clips, or of one and of 25 speakers, cannot be compared; papers print it times 10.",
             "55 local rotations as 6D (rows)", f"{_CODES}, cut to 32 frames; a code per 16 frames",
-            f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
-            values={"fgd": ""}, needs=("reference", "emage_weights"),
-            encoder="AESKConv_240_100.bin, yours",
+            f"{_PANTOMATRIX}, emage_evaltools/mertic.py", values={"fgd": ""},
+            needs=("reference", "emage_weights"), encoder="AESKConv_240_100.bin, yours",
         ),
-        Protocol(
-            "fgd/genea",
-            "FGD of GENEA's evaluation scripts, by their autoencoder of 30, 60 or 90 frames, which "
-            "its file tells. SMPL-X has one joint between neck and head less than their skeleton; "
-            "their middle takes its place.",
-            "14 upper-body joints (cm), pelvis-aligned, standardised by GENEA's means",
-            "pieces of the encoder's length, hop half a piece; one distance over all pieces",
-            f"{_GENEA}, FGD",
-            values={"fgd": ""}, needs=("reference", "genea_weights"),
-            encoder="model_checkpoint_N.bin, yours",
+        *(
+            Protocol(
+                f"fgd/genea-{length}",
+                f"FGD of GENEA's evaluation scripts, by their autoencoder of {length} frames. "
+                "SMPL-X has one joint between neck and head less than their skeleton; their "
+                "middle takes its place.",
+                "14 upper-body joints (cm), pelvis-aligned, standardised by GENEA's means",
+                f"pieces of {length} frames, hop {length // 2}; one distance over all pieces",
+                f"{_GENEA}, FGD",
+                values={"fgd": ""}, needs=("reference", "genea_weights"),
+                encoder=f"model_checkpoint_{length}.bin, yours",
+            )
+            for length in (30, 60, 90)
         ),
         Protocol(
             "physical/mbench",
@@ -186,16 +186,15 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "srgr/beat",
             "Share of joints within 10 cm of the recorded ones, weighted by BEAT's labels of "
             "semantic relevance. It is scaled so that a mean relevance of 0.165 gives 1.",
-            _ROOTED, "whole clip; clips weighted by their length",
-            "BEAT (Liu et al. 2022), SRGR; Euclidean norm of emage_evaltools",
+            _ROOTED, _BY_LENGTH, "BEAT (Liu et al. 2022), SRGR; Euclidean norm of emage_evaltools",
             values={"srgr": ""}, needs=("reference", "semantics"),
         ),
         Protocol(
             "srgr/raggesture",
             "The same as srgr/beat, but a joint counts if its three coordinates together differ by "
             "less than 30 cm. RAG-Gesture measures the first 10 s of each clip.",
-            _ROOTED, "whole clip; clips weighted by their length", f"{_RAG}, tools/evaluate.py",
-            values={"srgr": ""}, needs=("reference", "semantics"),
+            _ROOTED, _BY_LENGTH, f"{_RAG}, tools/evaluate.py", values={"srgr": ""},
+            needs=("reference", "semantics"),
         ),
         Protocol(
             "hellinger/genea",
@@ -204,8 +203,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "51 joints of body and hands (cm), pelvis-aligned",
             "steps between frames of all clips together",
             f"{_GENEA}, calc_histogram.py and hellinger_distance.py",
-            values={"hellinger": "0 to 1"}, needs=("reference",),
-            parts=("detail", "hands")
+            values={"hellinger": "0 to 1"}, needs=("reference",), parts=("detail", "hands"),
         ),
         Protocol(
             "cca/genea",
@@ -220,19 +218,15 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "mse_face/emage",
             "Mean squared error of a licensed face's vertices, moved by jaw and expressions alone. "
             "Papers print it in units of 1e-8.",
-            "vertices of SMPL-X (m) with jaw, FLAME expressions and betas",
-            "whole clip; clips weighted by their length",
-            f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
+            _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
             values={"mse_m2": "m²"}, needs=("reference", "face_vertices"),
         ),
         Protocol(
             "lvd/emage",
             "Mean absolute error of the same vertices' steps between frames. Papers print it in "
             "units of 1e-5, and older ones with a fault that gives four times as much.",
-            "vertices of SMPL-X (m) with jaw, FLAME expressions and betas",
-            "whole clip; clips weighted by their length",
-            f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
-            values={"lvd_m": "m"}, needs=("reference", "face_vertices"),
+            _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py", values={"lvd_m": "m"},
+            needs=("reference", "face_vertices"),
         ),
     )
 }  # fmt: skip

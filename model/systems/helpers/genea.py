@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from conventions.joints import JOINT_INDEX
-from model.motion.kinematics import open_body_skeleton
+from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
 from model.storage.cards import CheckpointError
@@ -111,13 +111,15 @@ def _sizes(tensors: Mapping[str, Tensor], refusal: str) -> tuple[tuple[int, int,
 
 
 @torch.inference_mode()
-def genea_codes(encoder: GeneaEncoder, motion: Motion) -> Float[np.ndarray, "codes 32"]:
+def genea_codes(
+    encoder: GeneaEncoder, motion: Motion, skeleton: RestSkeleton
+) -> Float[np.ndarray, "codes 32"]:
     """Compute the codes of a clip's pieces, every half of their length; empty for a short clip."""
     length = encoder.length
     starts = range(0, motion.num_frames - length, length // 2)
     if not starts:
         return np.zeros((0, CODE_DIM), np.float32)
-    joints = track_points(motion, open_body_skeleton()).joints
+    joints = track_points(motion, skeleton).joints
     places = (joints - joints[:, :1])[:, [JOINT_INDEX[name] for name in _JOINTS]] * 100
     places[:, 4] = (places[:, 4] + places[:, 5]) / 2
     frames = ((places - _MEAN_CM) / _SPREAD_CM).reshape(len(places), -1)

@@ -31,6 +31,8 @@ from tests.helpers import csv_rows, smooth_motion_example
 
 FRAMES = {"a": 340, "b": 420}
 SYSTEMS = {"lively": 1.5, "calm": 0.8}
+FLAT = {30: 320, 60: 800, 90: 1280}
+"""Size of the flattened output of GENEA's convolutions by the length of pieces."""
 
 
 def _motions(clip: str) -> dict[str, Motion]:
@@ -42,18 +44,23 @@ def _motions(clip: str) -> dict[str, Motion]:
 
 
 @pytest.fixture(scope="module")
-def genea(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A file of GENEA's shape, of seeded numbers."""
+def genea(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """Files of GENEA's shape by the length of their pieces, of seeded numbers."""
+    folder = tmp_path_factory.mktemp("genea")
+    return {length: _genea_file(folder, length) for length in (30, 60, 90)}
+
+
+def _genea_file(folder: Path, length: int) -> Path:
     torch.manual_seed(0)
     network = nn.Module()
-    network.add_module("pose_encoder", _genea_network())
+    network.add_module("pose_encoder", _genea_network(length))
     network.add_module("decoder", nn.Linear(2, 2))
-    path = tmp_path_factory.mktemp("genea") / "model_checkpoint_30.bin"
-    torch.save({"pose_dim": 42, "n_frames": 30, "gen_dict": network.state_dict()}, path)
+    path = folder / f"model_checkpoint_{length}.bin"
+    torch.save({"pose_dim": 42, "n_frames": length, "gen_dict": network.state_dict()}, path)
     return path
 
 
-def _genea_network() -> nn.Module:
+def _genea_network(length: int) -> nn.Module:
     """The encoder as the public scripts build it, with a slope of 1 in its linear layers."""
     network = nn.Module()
 
@@ -64,7 +71,11 @@ def _genea_network() -> nn.Module:
         layer(42, 32, 3, 1), layer(32, 64, 3, 1), layer(64, 64, 4, 2), nn.Conv1d(64, 32, 3)
     )
     network.out_net = nn.Sequential(
-        *(nn.Linear(320, 256), nn.BatchNorm1d(256), nn.LeakyReLU(1.0)),
+        *(
+            nn.Linear({30: 320, 60: 800, 90: 1280}[length], 256),
+            nn.BatchNorm1d(256),
+            nn.LeakyReLU(1.0),
+        ),
         *(nn.Linear(256, 128), nn.BatchNorm1d(128), nn.LeakyReLU(1.0), nn.Linear(128, 32)),
     )
     for module in network.modules():
@@ -75,7 +86,7 @@ def _genea_network() -> nn.Module:
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> AnyRun:
+def results(tmp_path_factory: pytest.TempPathFactory, genea: dict[int, Path]) -> AnyRun:
     """Two systems and a recorded set of two clips, with sound, measured with expected values."""
     top = tmp_path_factory.mktemp("sets")
     rng = np.random.default_rng(1)
@@ -95,6 +106,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> AnyRun:
         speech=top / "sound",
         mean_speeds=top / "speeds.npy",
         expected=parse_expected("beats/emage=.5, slide_m=.01,fgd=4.2"),
+        genea_weights=tuple(genea.values()),
     )
     diagnose_folders(request)
     return request
@@ -109,6 +121,7 @@ def test_sets_have_rows_of_every_protocol_that_applies(results: AnyRun):
     }
     assert {row["protocol"] for row in rows} - published == {
         *("workbench/1", "beats/workbench-emage", "l1div/emage", "fgd/workbench"),
+        "fgd/genea-30",
     }
     slow = []
     for clip in FRAMES:
@@ -145,12 +158,17 @@ def test_values_of_different_protocols_are_in_different_rows_of_tables(results: 
     assert "Protocol beats/emage." in leaderboard_html([lively, calm])
 
 
+def _rule_rows(out: Path) -> dict[tuple[str, str, str], list[str]]:
+    """Read cells of the table of rules, by metric, system and rule."""
+    _, told = (out / "sheet.md").read_text().split("The same motion by different rules")
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()[2:]]
+    return {(row[0], row[1], row[2]): row[3:] for row in cells if len(row) == 6}
+
+
 def test_the_effect_of_the_rule_alone_is_told_next_to_expected_values(results: AnyRun):
     sheet = (results.output.out / "sheet.md").read_text()
-    _, told = sheet.split("The same motion by different rules")
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()[2:]]
-    assert "Expected: beats/emage 0.5, slide_m 0.01, fgd 4.2." in told
-    by_rule = {(row[0], row[1], row[2]): row[3:] for row in cells if len(row) == 6}
+    assert "Expected: beats/emage 0.5, slide_m 0.01, fgd 4.2." in sheet
+    by_rule = _rule_rows(results.output.out)
     plain = by_rule["slide_m", "lively", "physical/mbench"]
     still = by_rule["slide_m", "lively", "physical/mbench, without translation"]
     assert float(still[1]) == pytest.approx(float(still[0]) - float(plain[0]), abs=2e-3)
@@ -223,30 +241,62 @@ def test_unknown_expected_values_are_refused(tmp_path: Path, capsys):
     assert "--expect goes with folders" in capsys.readouterr().err
 
 
-def test_the_encoder_of_genea_gives_the_codes_of_the_public_network(genea: Path):
-    encoder = load_genea_encoder(genea)
-    assert encoder.length == 30
-    motion = smooth_motion_example(95)
-    codes = genea_codes(encoder, motion)
-    assert codes.shape == (5, 32)  # starts 0 to 60; the piece that ends with the clip is left out
-    network = _genea_network()
+@pytest.mark.parametrize(("length", "num_codes"), [(30, 11), (60, 5), (90, 3)])
+def test_the_encoder_of_genea_gives_the_codes_of_the_public_network(
+    genea: dict[int, Path], length: int, num_codes: int
+):
+    encoder, skeleton = load_genea_encoder(genea[length]), open_body_skeleton()
+    assert encoder.length == length
+    codes = genea_codes(encoder, smooth_motion_example(195), skeleton)
+    assert codes.shape == (num_codes, 32)
+    network = _genea_network(length)
     network.load_state_dict({
         key.removeprefix("pose_encoder."): each
-        for key, each in torch.load(genea)["gen_dict"].items()
+        for key, each in torch.load(genea[length])["gen_dict"].items()
         if key.startswith("pose_encoder.")
     })  # fmt: skip
-    pieces = torch.randn(3, 30, 42)
+    pieces = torch.randn(3, length, 42)
     with torch.no_grad():
         wanted = network.out_net(network.net(pieces.transpose(1, 2)).flatten(1))
         torch.testing.assert_close(encoder(pieces), wanted)
-    assert genea_codes(encoder, smooth_motion_example(30)).shape == (0, 32)
+    # The published loop leaves out the piece that ends with the clip.
+    assert genea_codes(encoder, smooth_motion_example(length), skeleton).shape == (0, 32)
 
 
-def test_files_that_are_not_geneas_are_refused(tmp_path: Path, genea: Path):
-    tensors = torch.load(genea)["gen_dict"]
+def test_distances_by_encoders_of_genea_are_protocols_of_their_own(
+    results: AnyRun, genea: dict[int, Path]
+):
+    out = results.output.out
+    rows = {
+        row["measure"]: row["protocol"]
+        for row in csv_rows(out / "many.csv")
+        if row["measure"].startswith("fgd_genea") and not row["difference_to"]
+    }
+    assert rows == {"fgd_genea_30": "fgd/genea-30"}
+    notes = " ".join(diagnose_folders(results).notes)
+    assert all(f"GENEA's encoder of {length} frames is left out" in notes for length in (60, 90))
+    encoders = json.loads((out / "many.json").read_text())["provenance"]["encoders"]
+    assert len(set(encoders.values())) == len(encoders) == 4
+    told = _rule_rows(out)
+    for rule in ("fgd/workbench", "fgd/genea-30"):
+        for change in ("first 10 s of each clip", "sampled at 15 frames per second"):
+            assert float(told["fgd", "calm", f"{rule}, {change}"][1]) != 0
+    # Positions depend on the skeleton and rotations do not; without translation it is reversed.
+    taller, still = "skeleton 10 % larger", "without translation"
+    assert float(told["fgd", "calm", f"fgd/genea-30, {taller}"][1]) != 0
+    assert float(told["fgd", "calm", f"fgd/workbench, {taller}"][1]) == 0
+    assert float(told["fgd", "calm", f"fgd/genea-30, {still}"][1]) == 0
+    assert float(told["fgd", "calm", f"fgd/workbench, {still}"][1]) != 0
+    with pytest.raises(CheckpointError, match="second encoder of 30 frames"):
+        diagnose_folders(replace_fields(results, genea_weights=(genea[30], genea[30])))
+
+
+def test_files_that_are_not_geneas_are_refused(tmp_path: Path, genea: dict[int, Path]):
+    tensors = torch.load(genea[30])["gen_dict"]
     wrong = {
         "missing": {key: each for key, each in tensors.items() if "net.2" not in key},
         "long": tensors | {"pose_encoder.out_net.0.weight": torch.zeros(256, 999)},
+        "channels": tensors | {"pose_encoder.net.0.0.weight": torch.zeros(32, 57, 3)},
         "nan": tensors | {"pose_encoder.net.3.bias": torch.full((32,), torch.nan)},
     }
     for name, each in wrong.items():
