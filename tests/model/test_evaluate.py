@@ -139,7 +139,7 @@ def test_the_command_writes_rows_with_intervals_in_four_ways(
     ):
         assert f"\n{sentence}\n" in text
     assert f"Matched-speech accuracy is omitted: the classifier {MATCHING_NETWORK} is not" in text
-    assert "FED is left out" not in text and "| FED | - |" in text
+    assert "FED is left out" not in text and "| FED · fed/workbench | - |" in text
     assert "wrist speed, calm / lively speaker" in text
     with (tmp_path / "evaluation.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -183,7 +183,7 @@ def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(judged):
         assert 0 < found["low"] <= found["high"] and found["mean"] > 0
         assert judged[f"{measure}_floor"]["mean"] > 0
         assert measure not in judged["motion"]["recorded"]
-        heading = f"{measure.upper()} between two halves of the recordings"
+        heading = f"{measure.upper()} · {measure}/workbench between two halves of the recordings"
         assert heading in as_markdown(judged) and f"recorded,{measure}_floor," in as_csv(judged)
 
 

@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from app.page.visitors.visitors import user_of
 
 INFO = "/gradio_api/info"
-PATHS = ("/", "/config", INFO)
+PATHS = ("/", "/config", INFO, "/gradio_api/openapi.json")
 _CHUNK_BYTES = 2**16
 """Size of the pieces of an answer, so that one that nobody reads takes no more memory."""
 _ESCAPES = {ord(character): f"\\u{ord(character):04x}" for character in "<>&'"}
@@ -106,7 +106,7 @@ def _query(scope: Scope, path: str) -> bytes:
     if path == "/":
         return b""
     named = parse_qs(scope["query_string"].decode("latin-1"), keep_blank_values=True)
-    parts = [b"page="] if named.get("page") == [""] else []
+    parts = [b"page="] if path in ("/config", INFO) and named.get("page") == [""] else []
     parts += [b"all_endpoints=1"] if path == INFO and named.get("all_endpoints", [""])[-1] else []
     return b"&".join(parts)
 

@@ -11,12 +11,13 @@ from gradio import Blocks
 from app.config import AppConfig
 from app.page.launch import launch
 from app.page.routes import connections
+from app.page.visitors.visitors import network_of
 from tests.waiting import wait_for
 
 HOST = b" HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
-PAGE, INFO, STREAM = (
+PAGE, BODY, STREAM = (
     b"GET /" + HOST,
-    b"GET /gradio_api/info" + HOST,
+    b"GET /live/body.glb" + HOST,
     b"GET /gradio_api/heartbeat/abc" + HOST,
 )
 POST = b"POST /visitor" + HOST.replace(b"\r\n\r\n", b"\r\nContent-Length: 9\r\n\r\n")
@@ -70,7 +71,7 @@ def test_a_client_that_reads_no_answer_is_ended_and_one_that_waits_for_a_stream_
     with connect(page, STREAM, OTHER) as stream, connect(page, b"") as stalled:
         assert is_answered(stream)
         stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        stalled.sendall(INFO * 100)
+        stalled.sendall(BODY * 100)
         wait_for(lambda: any(each.transport.get_write_buffer_size() for each in list(open_now)))
         wait_for(lambda: {each.client[0] for each in list(open_now)} == {OTHER})
         assert not stream.recv(2**16, socket.MSG_DONTWAIT).endswith(b"0\r\n\r\n")
@@ -88,3 +89,15 @@ def test_an_address_has_so_many_connections_and_others_have_theirs(page):
     wait_for(lambda: not page.server.server_state.connections)
     with connect(page, STREAM) as again:
         assert is_answered(again)
+
+
+def test_connections_of_other_addresses_are_not_looked_through(page):
+    with contextlib.ExitStack() as stack:
+        for number in range(10, 40):
+            stack.enter_context(connect(page, STREAM, f"127.0.0.{number}"))
+        wait_for(lambda: len(page.server.server_state.connections) == 30)
+        before = network_of.cache_info().hits
+        assert is_answered(stack.enter_context(connect(page, STREAM, VISITOR)))
+        assert network_of.cache_info().hits - before < 10
+    wait_for(lambda: not page.server.server_state.connections)
+    assert not page.server.config.http_protocol_class.transports

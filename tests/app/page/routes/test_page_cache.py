@@ -45,18 +45,18 @@ def test_answers_are_gradios_and_built_once(weights, tmp_path, root_path):
                     b"",
                     cached.headers["content-length"],
                 )
-        assert counted.num_asked == 3
+        assert counted.num_asked == 4
         pages = [client.get(f"/{query}").text for query in QUERIES]
         assert set(pages) == {client.get("/").text}
         configs = [client.get(f"/config/{query}").json() for query in QUERIES]
         assert [config.get("current_page") for config in configs] == [None, "", None, None]
-        assert counted.num_asked == 4, "for the page that was named"
+        assert counted.num_asked == 5, "for the page that was named"
         expected = TestClient(counted.inner, ADDRESS, root_path=root_path)
         for query in (*QUERIES, "?all_endpoints=1&page=", "?all_endpoints="):
             page.app.api_info = None
             info = client.get(f"{INFO}{query}").text
             assert info == expected.get(f"{INFO}{query}").text, query
-        assert counted.num_asked == 7, "hidden functions or not, of the page that was named or not"
+        assert counted.num_asked == 8, "hidden functions or not, of the page that was named or not"
         page.app.get_blocks().config = {**page.app.get_blocks().config, "title": "another"}
         assert client.get("/config").json()["title"] == "another"
         assert ".invalid" not in client.get(INFO).text
