@@ -23,7 +23,8 @@ from app.study.statistics.screening import screen
 from model.formats.read import read_unguarded
 from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import format_textgrid
-from model.plan.files import ENDINGS, markers_csv, read_plan_file, tiers_of, write_plan_file
+from model.plan.files import ENDINGS, markers_csv, read_plan_file, write_plan_file
+from model.plan.tiers import tiers_of
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript, read_words
 from renderer.body.body import load_body

@@ -14,13 +14,10 @@ from hypothesis import strategies as st
 from model.plan.annotation_files import Interval, NamedTier, format_textgrid, parse_textgrid
 from model.plan.files import (
     ENDINGS,
-    USUAL_NOD_DEG,
     annotated_plan,
     markers_csv,
     markers_of,
-    plan_of_tiers,
     read_plan_file,
-    tiers_of,
     write_plan_file,
 )
 from model.plan.kinds import PLACES, REST_PLACE
@@ -39,6 +36,7 @@ from model.plan.plan import (
     Smile,
     Stand,
 )
+from model.plan.tiers import USUAL_NOD_DEG, plan_of_tiers, tiers_of
 from tests.helpers import reported_folder
 from tests.model.plan.made import HANDS, HIGH, grid, made_plan, phase, tier
 
