@@ -12,7 +12,7 @@ from pathlib import Path
 PROGRAM = "co-speech-motion"
 MODULES = {
     "bench": "app.bench",
-    "corpus": "model.corpus",
+    "corpus": "tools.corpus",
     "train": "model.train",
     "evaluate": "model.evaluate",
 }
@@ -38,7 +38,8 @@ def main() -> int:
     if word in ("", "-h", "--help"):
         sys.stdout.write(
             f"{PROGRAM} page [...]               opens the page; --help says with what\n"
-            f"{PROGRAM} corpus|train|evaluate    as python -m model.corpus and so on\n\n"
+            f"{PROGRAM} corpus|train|evaluate    as python -m tools.corpus, python -m model.train, "
+            "python -m model.evaluate\n\n"
         )
     return command(sys.argv[1:] or ["--help"])
 

@@ -1,8 +1,10 @@
-"""Command ``python -m model.corpus``, implemented in `tools.corpus`."""
+"""Former name of the command ``python -m tools.corpus``, accepted in this version."""
 
+import runpy
 import sys
 
-from tools.corpus.build import main
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.stderr.write(
+        "python -m model.corpus is now python -m tools.corpus; the former name will be removed.\n"
+    )
+    runpy.run_module("tools.corpus", run_name="__main__")

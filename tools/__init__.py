@@ -1,5 +1,4 @@
 """Offline tools: making the corpus that the bundled weights were trained on, and the open body.
 
-May import `model`, `renderer`, `processes` and `conventions`; imported only by `model.corpus`, the
-command of the corpus.
+May import `model`, `renderer`, `processes` and `conventions`; nothing imports it.
 """

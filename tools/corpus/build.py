@@ -1,4 +1,4 @@
-"""Building of the corpus (``python -m model.corpus``): the list of clips and their making."""
+"""Building of the corpus (``python -m tools.corpus``): the list of clips and their making."""
 
 import errno
 import json
@@ -56,7 +56,7 @@ class ClipJob:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    return run_cli(build_corpus, "model.corpus", arguments, CorpusError, VoiceError)
+    return run_cli(build_corpus, "tools.corpus", arguments, CorpusError, VoiceError)
 
 
 def build_corpus(out: Path, hours: float, seed: int, workers: int = os.cpu_count() or 1) -> None:

@@ -188,12 +188,14 @@ def test_held_out_speakers_are_only_tested_and_the_others_are_in_every_split():
             assert set(splits) == {"train", "val", "test"}
 
 
-def test_the_documented_command_is_the_programs(monkeypatch, capsys):
-    asked = ["model.corpus", "--out", "x", "--seed", "1", "--hours", "-1"]
-    monkeypatch.setattr("sys.argv", asked)
+@pytest.mark.parametrize("command", ["tools.corpus", "model.corpus"])
+def test_the_documented_command_and_its_former_name_build_the_corpus(command, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", [command, "--out", "x", "--seed", "1", "--hours", "-1"])
     with pytest.raises(SystemExit, match="1"):
-        runpy.run_module("model.corpus", run_name="__main__")
-    assert "--hours must be above 0" in capsys.readouterr().err
+        runpy.run_module(command, run_name="__main__")
+    told = capsys.readouterr().err
+    assert "--hours must be above 0" in told
+    assert ("is now python -m tools.corpus" in told) == (command == "model.corpus")
 
 
 def test_a_missing_speech_program_fails_with_a_sentence(tmp_path, monkeypatch, capsys):
