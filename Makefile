@@ -19,7 +19,7 @@ WORKERS = -n $(shell echo $$(($$(nproc 2>/dev/null || echo 2) + 1))) --maxproces
 # Each worker would compile all of it anew: 8 s.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check style types imports javascript fuzz soak slow bench golden lock audit sbom clean
+.PHONY: demo test check style types imports messages javascript fuzz soak slow bench golden lock audit sbom clean
 .DEFAULT_GOAL := demo
 
 .venv/.run-ready: locks/run.txt .ci/venv .ci/system-packages
@@ -36,9 +36,9 @@ demo: .venv/.run-ready
 	$(BIN)/python app.py
 
 check: .venv/.test-ready
-	@$(MAKE) --no-print-directory --jobs 2 types style imports javascript
+	@$(MAKE) --no-print-directory --jobs 2 types style imports messages javascript
 
-style types imports javascript: .venv/.test-ready
+style types imports messages javascript: .venv/.test-ready
 style:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -46,6 +46,8 @@ types:
 	$(BIN)/pyright
 imports:
 	$(BIN)/lint-imports
+messages:
+	$(BIN)/python .ci/messages.py --check
 javascript:
 	@.ci/javascript
 

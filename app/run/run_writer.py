@@ -25,7 +25,7 @@ from app.run.output.run_folder import (
     RUN,
     SPEECH,
     TIMELINE,
-    AssumedTold,
+    AssumptionRecord,
     FindingRecord,
     FramesAvailable,
     Row,
@@ -342,7 +342,7 @@ class RunWriter(RunCallbacks):
             )
         record.says = {key: truncate(said) for key, said in sentences_of(diagnostics).items()}
         for row in record.rows:
-            row.assumed = cast(list[AssumedTold], diagnostics.assumed.get(row.name, []))
+            row.assumed = cast(list[AssumptionRecord], diagnostics.assumed.get(row.name, []))
         self.write_record()
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NotRequired
 
 import numpy as np
 from pydantic import BaseModel, Field
+from typing_extensions import TypeAliasType, TypedDict
 
 from app.run.bodies import TrackedPoint
 from app.run.diagnostics import onsets_of
@@ -144,7 +145,53 @@ NUM_PEAKS = 1200
 CURVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
 """Order of the derivative and number of decimals, by name of the curve."""
 
-Curve = dict[str, Any]
+TimeSpan = TypeAliasType("TimeSpan", tuple[float, float, str])
+"""Start and end (s) and text of an interval."""
+
+
+class Curve(TypedDict):
+    """Magnitude of a derivative at equal steps of time (s)."""
+
+    start_s: float
+    step_s: float
+    values: list[float]
+
+
+class WorstSecond(TypedDict):
+    """Second with the highest jerk, or with a joint that snaps."""
+
+    name: str
+    start_s: float
+    end_s: float
+    jerk_m_s3: NotRequired[float]
+    joint: NotRequired[str]
+    snap_deg: NotRequired[float]
+    is_gravest: NotRequired[bool]
+    """True if the snap is the most severe finding of its motion."""
+
+
+class Timeline(TypedDict):
+    """Content of ``timeline.json``."""
+
+    duration_s: float
+    fps: int
+    peaks: list[int]
+    """Waveform, 0 to 100."""
+    onsets_s: list[float]
+    heard_accents: list[tuple[float, float]]
+    """Time (s) and strength of the accents found by the speech encoder."""
+    point: str
+    """Title of the tracked point."""
+    curves: dict[str, dict[FilterVersion, dict[str, Curve]]]
+    """Curves by motion, filter and name."""
+    worst: list[WorstSecond]
+    words: NotRequired[list[TimeSpan]]
+    words_origin: NotRequired[TranscriptSource]
+    phones: NotRequired[list[TimeSpan]]
+    accents: NotRequired[list[tuple[float, float]]]
+    """Time (s) and strength of annotated accents."""
+    gestures: NotRequired[dict[str, list[TimeSpan]]]
+    """Annotated intervals by tier."""
 
 
 def make_timeline(

@@ -340,7 +340,7 @@ def prepare() -> None:
 
 @functools.cache
 def stage_facts() -> bytes:
-    """Return the viewer's constants as JSON, as `Facts` of app/page/web/told.d.ts declares them."""
+    """Return the viewer's constants as JSON."""
     from app.run.display import FULL_SPEED_M_S
     from app.run.requests.parts import DEFAULT_TRACKED_POINT
     from conventions.views import BUILDS, CUTOFF_HZ, MAX_EXAGGERATED_RAD

@@ -27,6 +27,6 @@ export function fetchedOnce(get) {
 /**
  * By which numbers videos are drawn, and the stage with them.
  *
- * @type {() => Promise<import("./told").Facts>}
+ * @type {() => Promise<import("./messages").ViewerConstants>}
  */
 export const theFacts = fetchedOnce(async () => (await answered("stage/facts.json")).json());

@@ -104,8 +104,8 @@ class EditInfo(_Strict):
     """Time spans (s) that were generated again."""
 
 
-class AssumedTold(TypedDict):
-    """Interpretation of a file in one respect; see `model.formats` and Assumption in told.d.ts."""
+class AssumptionRecord(TypedDict):
+    """Interpretation of a file in one respect; see `model.formats.reading.Assumption`."""
 
     what: Text
     value: Text
@@ -123,7 +123,7 @@ class Row(_Strict):
     files: dict[RowFileKind, FileName] = {}
     there: FramesAvailable | None = None
     take: EditInfo | None = None
-    assumed: Annotated[list[AssumedTold], Field(max_length=40)] = []
+    assumed: Annotated[list[AssumptionRecord], Field(max_length=40)] = []
     """Interpretation of the motion's file, if it was imported."""
     ending: Annotated[str, Field(pattern=_ENDING)] = ""
     """Suffix of the imported file; see `safe_suffix`."""

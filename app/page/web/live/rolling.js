@@ -87,7 +87,7 @@ export class Following extends Framing {
 
   /**
    * @param {import("../stage/mesh.js").Mesh} mesh
-   * @param {import("../told").Facts} facts
+   * @param {import("../messages").ViewerConstants} facts
    * @param {Motion} reaches Poses that it hardly leaves.
    * @param {Rolling} rolling
    */

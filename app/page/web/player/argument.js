@@ -19,7 +19,7 @@ export class Argument {
     stage?.element.addEventListener("bodies", () => this.#tell());
   }
 
-  /** `noise` says how much there is at first (rad), its limits, and whether it has a slider here; null hides all. @param {import("../told").Value["noise"] | null} noise */
+  /** `noise` says how much there is at first (rad), its limits, and whether it has a slider here; null hides all. @param {import("../messages").PlayerValue["noise"] | null} noise */
   show(noise) {
     this.head.hidden = !noise;
     this.slider.hidden = !noise?.has_slider;

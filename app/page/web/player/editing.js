@@ -39,14 +39,14 @@ export class Editing {
   #onShown;
   #onExpected;
   #run = null;
-  /** @type {import("../told").Editing} */
+  /** @type {import("../messages").Editing} */
   #value = NOTHING;
-  /** @type {import("../told").Row[]} */
+  /** @type {import("../messages").PlayerRow[]} */
   #rows = [];
   #start = null; // the row that edits go on from
   #beside = null;
   #redo = [];
-  /** @type {import("../told").EditorTold | null} */
+  /** @type {import("../messages").PlanEditorData | null} */
   #told = null;
   #toldUrl = null;
   #chosen = null; // a gesture {side, lands}, or {list, at}
@@ -151,7 +151,7 @@ export class Editing {
    * Of all rows those that are to be seen: where gestures can be edited the run's own, and while they
    * are the take, what it stands beside, and the one that is being made.
    *
-   * @param {import("../told").Row[]} rows
+   * @param {import("../messages").PlayerRow[]} rows
    */
   seen(rows) {
     if (!this.#value.rows.length) return rows;
@@ -164,8 +164,8 @@ export class Editing {
 
   /**
    * @param {string | null} run
-   * @param {import("../told").Editing | null} value
-   * @param {import("../told").Row[]} rows
+   * @param {import("../messages").Editing | null} value
+   * @param {import("../messages").PlayerRow[]} rows
    */
   show(run, value, rows) {
     if (run !== this.#run) this.#clear(run);
@@ -586,7 +586,7 @@ export class Editing {
 /**
  * Where on a word a stroke lands; as model/plan/kinds.py has it.
  *
- * @param {import("../told").Interval} word
+ * @param {import("../messages").TimeSpan} word
  */
 function landsOn([start, end]) {
   return start + 0.3 * (end - start);

@@ -16,7 +16,7 @@ export class PhaseEnd {
   #isBusy;
   #onMoved;
   #onShown;
-  /** @type {import("../told").Chosen | null} */
+  /** @type {import("./plan.js").Chosen | null} */
   #chosen = null;
   #by = 0; // seconds by which it stands elsewhere than in the plan
   #asked = 0; // of these, what has been asked for

@@ -1,5 +1,8 @@
 /** What a plan says of each moment and of each of its events: pure functions of its JSON. */
 
+/** @typedef {import("../messages").GesturePlan & { origin: "planned" | "found" }} Plan A plan, and whether its system followed it. */
+/** @typedef {{ list: "left" | "right" | "nods" | "looks" | "brows" | "smiles" | "blinks" | "stands", index: number }} Chosen One event of a plan. */
+
 export const SIDES = /** @type {const} */ (["left", "right"]);
 export const POINT_S = 0.2; // for as long a nod, a blink or a brow is what happens now
 const AROUND_WORD_S = [0.25, 0.15]; // before it begins and after it ends: still on it
@@ -29,7 +32,7 @@ export function timesOf(event) {
 /**
  * The accents that are known: those that somebody wrote down, else those that were heard.
  *
- * @param {import("../told").TimelineData} data
+ * @param {import("../messages").Timeline} data
  */
 export function accentsOf({ accents, heard_accents }) {
   return accents.length ? accents : heard_accents;
@@ -70,7 +73,7 @@ export function hasEnd(plan, { list, index }) {
  * The phases of a hand with one that ends at another time, as the server will do it unless it has to
  * mend more: the next gives way, and a way back to rest goes on into the rest.
  *
- * @param {import("../told").HandPhase[]} phases
+ * @param {import("../messages").HandPhase[]} phases
  * @param {number} index
  * @param {number} seconds
  * @param {number} duration_s
@@ -128,14 +131,14 @@ function wayOf({ yaw_deg, pitch_deg }, ahead) {
 /**
  * The word of a moment, and whether it is stressed as far as accents are known.
  *
- * @param {{ words: import("../told").Interval[], accents: [number, number][] }} said
+ * @param {{ words: import("../messages").TimeSpan[], accents: [number, number][] }} said
  * @param {number} seconds
  * @param {string} [text] of the word, where it is known
  */
 export function wordAt({ words, accents }, seconds, text) {
   const [before, after] = AROUND_WORD_S;
   const near = words.filter(([start, end, word]) => seconds >= start - before && seconds <= end + after && (text === undefined || word.toLowerCase() === text));
-  /** @param {import("../told").Interval} word */
+  /** @param {import("../messages").TimeSpan} word */
   const far = ([start, end]) => Math.max(start - seconds, seconds - end, 0);
   const word = near.reduce((best, each) => (best && far(best) <= far(each) ? best : each), null);
   if (!word) return null;
@@ -145,9 +148,9 @@ export function wordAt({ words, accents }, seconds, text) {
 /**
  * Why something is there and what it is, in one sentence, as far as it is known.
  *
- * @param {import("../told").Plan} plan
- * @param {import("../told").Chosen} chosen
- * @param {{ words: import("../told").Interval[], accents: [number, number][] }} said
+ * @param {Plan} plan
+ * @param {Chosen} chosen
+ * @param {{ words: import("../messages").TimeSpan[], accents: [number, number][] }} said
  */
 export function sentenceOf(plan, { list, index }, said) {
   /** @type {any} */

@@ -37,7 +37,7 @@ class Player {
   #timelineUrl = null;
   #isExample = false;
   #hasBegun = false; // what the address says has been shown
-  /** @type {import("../told").Value} */
+  /** @type {import("../messages").PlayerValue} */
   #value = {};
   #stage = null;
   #videos = new Videos(this.#lockstep);
@@ -164,7 +164,7 @@ class Player {
   /**
    * Show a run as far as it has come; nothing where there is none.
    *
-   * @param {import("../told").Value} value
+   * @param {import("../messages").PlayerValue} value
    */
   show(value) {
     const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, findings = [] } = value;
@@ -286,13 +286,13 @@ class Player {
 
   /**
    * @param {string} url
-   * @param {import("../told").Row[]} rows
+   * @param {import("../messages").PlayerRow[]} rows
    */
   async #loadTimeline(url, rows) {
     this.#timelineUrl = url;
     const response = await fetch(url);
     if (!response.ok) return; // kept no longer: the videos are gone as well
-    /** @type {import("../told").TimelineData} */
+    /** @type {import("../messages").Timeline} */
     const data = await response.json();
     if (url !== this.#timelineUrl) return;
     this.timeline.show(data, rows);

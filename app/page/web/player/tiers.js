@@ -11,18 +11,18 @@ const MARK = { nods: "nod", brows: "brow", blinks: "blink" }; // moments, drawn 
 
 export class Tiers {
   #onChoose;
-  /** @type {import("../told").Plan | null} */
+  /** @type {import("./plan.js").Plan | null} */
   plan = null;
   #said = { words: [], accents: [] };
   #tiers; // of TIERS, each with its lane, its box, and its events, { list, index, button }
   #share = (_seconds) => 0;
   #time = 0;
-  /** @type {import("../told").Chosen | null} */
+  /** @type {import("./plan.js").Chosen | null} */
   chosen = null;
   #hung = new Map(); // what hangs in tiers beside their events: element -> how it is placed
 
   /**
-   * @param {{ onChoose?: (chosen: import("../told").Chosen, event: object, sentence: string) => void }} told
+   * @param {{ onChoose?: (chosen: import("./plan.js").Chosen, event: object, sentence: string) => void }} told
    *   `onChoose` is called when somebody chooses an event by mouse, finger or key.
    */
   constructor({ onChoose = () => {} } = {}) {
@@ -50,9 +50,9 @@ export class Tiers {
    * Show a plan in place of what was shown; null shows none. What is chosen stays chosen if it is
    * given again.
    *
-   * @param {import("../told").Plan | null} plan
-   * @param {{ words: import("../told").Interval[], accents: [number, number][] }} said
-   * @param {import("../told").Chosen | null} chosen
+   * @param {import("./plan.js").Plan | null} plan
+   * @param {{ words: import("../messages").TimeSpan[], accents: [number, number][] }} said
+   * @param {import("./plan.js").Chosen | null} chosen
    */
   show(plan, said = { words: [], accents: [] }, chosen = null) {
     this.plan = plan;
@@ -192,7 +192,7 @@ export class Tiers {
     const button = target.closest("[data-list]");
     if (!button) return;
     const { list, index } = button.dataset;
-    const chosen = /** @type {import("../told").Chosen} */ ({ list, index: Number(index) });
+    const chosen = /** @type {import("./plan.js").Chosen} */ ({ list, index: Number(index) });
     this.choose(chosen);
     this.#onChoose(chosen, this.plan[chosen.list][chosen.index], this.sentence(chosen));
   }

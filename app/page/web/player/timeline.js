@@ -32,9 +32,9 @@ const PHASES = [[/^prep/i, "preparation"], [/^(stroke|beat)/i, "stroke"], [/^hol
 
 export class Timeline {
   #player;
-  /** @type {import("../told").TimelineData | null} */
+  /** @type {import("../messages").Timeline | null} */
   #data = null;
-  /** @type {import("../told").Row[]} */
+  /** @type {import("../messages").PlayerRow[]} */
   #rows = [];
   #lanes = new Map(); // name -> { canvas, value, curve }
   #marks = []; // findings
@@ -48,7 +48,7 @@ export class Timeline {
   /**
    * Called with the row whose tiers are shown and its plan, before they are: what of it is chosen.
    *
-   * @type {(body: string, plan: import("../told").Plan) => import("../told").Chosen | null}
+   * @type {(body: string, plan: import("./plan.js").Plan) => import("./plan.js").Chosen | null}
    */
   onplan = () => null;
   /** Called when they are. */
@@ -182,7 +182,7 @@ export class Timeline {
     if (!url) return void this.#showPlan(null, null);
     const response = await fetch(url);
     if (!response.ok) return; // kept no longer
-    /** @type {import("../told").Plan} */
+    /** @type {import("./plan.js").Plan} */
     const plan = { ...(await response.json()), origin: this.planned.has(name) ? "planned" : "found" };
     if (url === this.#planUrl) this.#showPlan(plan, this.onplan(name, plan));
   }

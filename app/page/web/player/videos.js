@@ -15,7 +15,7 @@ export class Videos {
     });
   }
 
-  /** @param {import("../told").Row[]} rows */
+  /** @param {import("../messages").PlayerRow[]} rows */
   show(rows) {
     for (const row of rows) {
       const known = this.#tiles.get(row.name);

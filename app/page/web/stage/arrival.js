@@ -22,7 +22,7 @@ export class Arrival {
   /**
    * The motion as far as it has come, or null where nothing of it is new, or worth working out yet.
    *
-   * @param {import("../told").There} there What the server has by now.
+   * @param {import("../messages").FramesAvailable} there What the server has by now.
    * @param {number} needed Frames that are about to be shown.
    */
   async next(there, needed) {

@@ -12,7 +12,7 @@ const FULL = 32767; // of a normal's part
 /**
  * By name; a later call asks again where an earlier one failed.
  *
- * @type {(mesh: import("./mesh.js").Mesh, told: import("../told").Facts["builds"]) => Promise<Map<string, { positions: Float32Array, normals: Float32Array }>>}
+ * @type {(mesh: import("./mesh.js").Mesh, told: import("../messages").ViewerConstants["builds"]) => Promise<Map<string, { positions: Float32Array, normals: Float32Array }>>}
  */
 export const theBuilds = fetchedOnce(async (mesh, told) => readBuilds(await (await answered(BUILDS_URL)).arrayBuffer(), mesh, told));
 

@@ -21,7 +21,7 @@ const PLAN_KINDS = {
 /**
  * A button that opens the list; null where there is nothing.
  *
- * @param {import("../told").Row} row
+ * @param {import("../messages").PlayerRow} row
  * @param {boolean} [hasCharacter] Whether the body is the visitor's own.
  */
 export function filesOf(row, hasCharacter = false) {

@@ -52,7 +52,7 @@ export class Framing {
 
   /**
    * @param {import("./mesh.js").Mesh} mesh
-   * @param {import("../told").Facts} facts
+   * @param {import("../messages").ViewerConstants} facts
    * @param {Float32Array[]} all Where joints are, of each body (T, J, 3).
    * @param {Framing | null} before From whose cameras these go over, so that none jumps.
    */

@@ -8,7 +8,7 @@
  * @property {number | string | boolean} usual
  * @property {[number, number]} [range] From the least to the most.
  * @property {{ label: string, unit: string, step: number }} [slider]
- * @property {{ word: string, label: string, options: (facts: import("../told").Facts) => [string, string][] }} [choice]
+ * @property {{ word: string, label: string, options: (facts: import("../messages").ViewerConstants) => [string, string][] }} [choice]
  *   The word stands before it; options are values and what is read of them.
  * @property {string} [toggle] Its label.
  */

@@ -43,7 +43,7 @@ export function cells(count, width, height, columns) {
  *
  * @param {Rect} cell
  * @param {string} closeUp
- * @param {import("../told").Facts["close_ups"]} closeUps
+ * @param {import("../messages").ViewerConstants["close_ups"]} closeUps
  */
 export function panels([left, top, width, height], closeUp, closeUps) {
   if (isWide(width, height) && closeUp !== "off") return widePanels([left, top, width, height], closeUp, closeUps);

@@ -234,7 +234,7 @@ export class Painter {
    *
    * @param {WebGL2RenderingContext} gl
    * @param {import("./mesh.js").Mesh} mesh
-   * @param {import("../told").Facts} facts
+   * @param {import("../messages").ViewerConstants} facts
    * @param {boolean} isSlow
    */
   constructor(gl, mesh, facts, isSlow) {

@@ -13,7 +13,7 @@ export function wordsOf(what, value) {
  * Chips of a row, those of guesses and of what the user said for themselves; null where nothing was assumed. A choice
  * is told by an event `otherwise`, whose value is null where the user takes back what they said.
  *
- * @param {import("../told").Row} row
+ * @param {import("../messages").PlayerRow} row
  */
 export function readingOf({ name, label, assumed }) {
   if (!assumed?.read.length) return null;
@@ -25,7 +25,7 @@ export function readingOf({ name, label, assumed }) {
   return make("div", { class: "reading", role: "group", "aria-label": `How ${label ?? name} was read` }, ...chips);
 }
 
-/** @type {(told: { name: string, kind: string }, words: string, read: import("../told").Assumption[]) => HTMLElement} */
+/** @type {(told: { name: string, kind: string }, words: string, read: import("../messages").AssumptionRecord[]) => HTMLElement} */
 function chip(told, words, read) {
   const choice = (what, value, text) => {
     const detail = { ...told, what, value };

@@ -69,7 +69,7 @@ export class Stage {
   #handle;
   #mesh = null;
   #builds = null; // by name, once they are there
-  /** @type {import("../told").Facts} */
+  /** @type {import("../messages").ViewerConstants} */
   #facts = null;
   #painter = null;
   #framing = null;
@@ -158,7 +158,7 @@ export class Stage {
    * Make or complete the bodies of `rows`, and no others; those whose motion is not there yet are
    * named as coming.
    *
-   * @param {import("../told").Row[]} rows
+   * @param {import("../messages").PlayerRow[]} rows
    * @param {boolean} isRunning Whether more of them is being made.
    */
   show(rows, isRunning = false) {
@@ -309,7 +309,7 @@ export class Stage {
    * @param {Shown} shown
    * @param {import("../live/rolling.js").Following} framing
    * @param {import("./mesh.js").Mesh} mesh
-   * @param {import("../told").Facts} told
+   * @param {import("../messages").ViewerConstants} told
    */
   feed(name, shown, framing, mesh, told) {
     const entry = this.#rows.get(name);

@@ -1,0 +1,126 @@
+"""Types of the JSON that the player gets, from which `.ci/messages.py` makes web/messages.d.ts."""
+
+from __future__ import annotations
+
+from typing import Literal, NotRequired
+
+from typing_extensions import TypedDict
+
+from app.run.output.run_folder import AssumptionRecord, FramesAvailable
+
+
+class FileReading(TypedDict):
+    """Interpretation of an imported file."""
+
+    kind: str
+    """Pattern of its name, such as "*.npz"."""
+    read: list[AssumptionRecord]
+
+
+class PlayerRow(TypedDict):
+    """One motion of a player. URLs are relative to the page."""
+
+    name: str
+    label: NotRequired[str]
+    color: str
+    stem: str
+    """Stem of the names of its files."""
+    is_reference: bool
+    noise: str | None
+    """Key that motions of the same noise share; null if the noise is not known."""
+    run: NotRequired[str]
+    """Run of the motion in a comparison of two."""
+    motion: NotRequired[str]
+    """URL of the whole motion (.npz)."""
+    frames: NotRequired[str]
+    """URL of the frames so far, as binary messages."""
+    there: NotRequired[FramesAvailable]
+    video: NotRequired[str]
+    is_drawn: NotRequired[bool]
+    """True if the row will have a video."""
+    plan: NotRequired[str]
+    """URL of its gesture plan."""
+    is_planned: NotRequired[bool]
+    """True if the system followed the plan; otherwise it was detected."""
+    take: NotRequired[int]
+    """Number of the take of an edited plan."""
+    of: NotRequired[str]
+    """Original row of a take."""
+    space: NotRequired[Literal["local", "global"]]
+    """Rotations to which the viewer adds noise."""
+    assumed: NotRequired[FileReading]
+
+
+EditableRow = TypedDict("EditableRow", {"of": str, "from": str, "told": str})
+"""Row whose plan can be edited: the original row of the run, the row whose plan was edited (or ""),
+and the URL of the `PlanEditorData`."""
+
+
+class EditSuggestionJson(TypedDict):
+    """Alternative to an edit that was refused."""
+
+    label: str
+    edits: list[dict[str, object]]
+
+
+class Editing(TypedDict):
+    """State of the plan editor."""
+
+    rows: list[str]
+    """Original rows of the run that can be edited."""
+    known: dict[str, EditableRow]
+    """Rows from which edits can start, by name."""
+    said: str
+    """Message on the last edit."""
+    refused: bool
+    state: str
+    """``working`` while a take is generated."""
+    offers: list[EditSuggestionJson]
+
+
+class Sound(TypedDict):
+    """Sound of a comparison of two runs."""
+
+    label: str
+    audio: str
+    timeline: str
+
+
+class ViewerNoise(TypedDict):
+    """Noise that the viewer adds to rotations."""
+
+    rad: float
+    """Standard deviation about each axis at first (rad)."""
+    range: tuple[float, float]
+    has_slider: bool
+
+
+class PlayerFinding(TypedDict):
+    """Finding of a motion."""
+
+    name: str
+    sentence: str
+    at: float | None
+    """Time (s) at which it is worst."""
+
+
+class PlayerValue(TypedDict, total=False):
+    """Value of a player, sent again whenever its run has grown; empty without a run."""
+
+    run: str
+    rows: list[PlayerRow]
+    audio: str
+    timeline: str
+    """URL of the `Timeline`."""
+    sounds: list[Sound]
+    """Sounds to choose from if the motions belong to different speeches."""
+    running: bool
+    """True if more will follow."""
+    plays: bool
+    """True for an example that plays at once."""
+    begins: bool
+    """True if it plays as soon as it can."""
+    noise: ViewerNoise
+    editing: Editing
+    findings: list[PlayerFinding]
+    """Findings, the most severe first."""

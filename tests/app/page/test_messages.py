@@ -1,0 +1,51 @@
+"""Messages of the server for the page's modules: their types, and messages.d.ts."""
+
+import json
+import runpy
+from typing import Any
+
+import pytest
+from pydantic import TypeAdapter
+
+from app.page.parts.messages import PlayerValue
+from app.page.results.player import Showing, first_look
+from app.page.routes.media import Media
+from app.run.examples import FIRST_LOOK
+from app.run.output.run_folder import TIMELINE
+from app.run.plan_edits.edited_motion import PlanEditorData, request_as_json
+from app.run.timeline import Timeline
+from model.plan.files import read_plan_file
+from model.speech.transcript import Word
+from tests.helpers import ROOT
+
+
+def player_value() -> dict[str, Any]:
+    showing = Showing(FIRST_LOOK, lambda path: f"file/{path.name}")
+    showing.say("moved", state="working")
+    return showing.value()
+
+
+def editor_data() -> dict[str, Any]:
+    plan = read_plan_file(FIRST_LOOK / "shown" / "A.plan.json").plan
+    return request_as_json(plan, [Word(0.0, 1.0, "one")])
+
+
+@pytest.mark.parametrize(
+    ("kind", "make"),
+    [
+        (PlayerValue, player_value),
+        (PlayerValue, lambda: first_look(Media())),
+        (Timeline, lambda: json.loads((FIRST_LOOK / TIMELINE).read_text())),
+        (PlanEditorData, editor_data),
+    ],
+)
+def test_what_is_written_is_of_the_declared_type_with_no_further_keys(kind, make):
+    adapter, written = TypeAdapter(kind), json.loads(json.dumps(make()))
+    assert adapter.dump_python(adapter.validate_python(written), mode="json") == written
+
+
+def test_messages_are_declared_as_the_types_are():
+    tool = runpy.run_path(str(ROOT / ".ci" / "messages.py"))
+    assert tool["FILE"].read_text() == tool["declarations"](), (
+        "run .venv/bin/python .ci/messages.py"
+    )
