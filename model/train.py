@@ -13,7 +13,7 @@ import torch
 from conventions.names import printable
 from model.data.recordings import DataError
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, with_setting
-from model.systems.registry import default_systems_for, families, family_of, unavailable_families
+from model.systems.registry import families, family_of, representatives, unavailable_families
 from model.training.loop import TrainingError, train
 from model.training.parallel import joined_processes
 
@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder for state and weights")
     parser.add_argument(
         "--system",
-        default=default_systems_for("training")[0],
+        default=representatives("training")[0],
         help=f"one of {', '.join(_trained())}",
     )
     parser.add_argument(

@@ -13,7 +13,7 @@ import pytest
 from frame_regression.config import DRAWN, FAMILY, MEAN
 
 from app.page.parts.catalogue import read_catalogue
-from app.page.tabs.systems import ladder
+from app.page.tabs.systems import ablations_html
 from app.run.pipeline import run
 from model import evaluate as measuring
 from model.evaluation.clips import EvaluationModels
@@ -99,7 +99,7 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained, data_folder
 def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):
     weights = trained
     catalogue = read_catalogue(weights)
-    assert FAMILY.about[MEAN] in ladder(catalogue.systems)
+    assert FAMILY.about[MEAN] in ablations_html(catalogue.systems)
     assert catalogue.systems == (MEAN, DRAWN) and catalogue.speakers == ("ann", "bob")
     request = generate_request(
         speech=speech, out=tmp_path / "out", weights=weights, has_poses=False

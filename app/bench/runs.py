@@ -31,7 +31,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from conventions.views import CLOSE_UPS
 from model.data.prepared import PreparedClip, PreparedData
 from model.motion.motion import NUM_FACE_UNITS, Motion
-from model.systems.registry import default_systems_for, families, family_of, list_systems
+from model.systems.registry import families, family_of, list_systems, representatives
 from model.training.task import TaskSetup
 from renderer.figures.style import FORMS
 
@@ -128,9 +128,7 @@ def time_motion(clip: Path) -> list[Figure]:
 
 def time_training() -> list[Figure]:
     """Measure training at the demo's size, without compilation, which takes minutes."""
-    rates = {
-        name: training_rate(name, BUNDLED_WEIGHTS) for name in default_systems_for("bench-training")
-    }
+    rates = {name: training_rate(name, BUNDLED_WEIGHTS) for name in representatives("training")}
     title = "training, {}, demo size, not compiled"
     return [Figure(title.format(name), rate, "windows/s") for name, rate in rates.items()]
 
@@ -152,14 +150,14 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
             if any("motion" in row.files for row in rows):
                 whole_at.append(time.monotonic())
 
-    ladder = _explained_systems()
+    explained = _explained_systems()
     started = time.monotonic()
-    given = {"speech": clip, "out": folder / "page", "systems": ladder}
+    given = {"speech": clip, "out": folder / "page", "systems": explained}
     shown = {"size": PAGE_SIZE_PX, "close_ups": CLOSE_UPS}
     generate(request_from(GenerateRequest, given | shown), RunCallbacks(watch))
     seconds = time.monotonic() - started
     first = moving_at[0] - started
-    whole = f"{len(ladder)} systems end to end, 10 s clip, as on the page"
+    whole = f"{len(explained)} systems end to end, 10 s clip, as on the page"
     return [
         Figure("first window for the stage, 10 s clip", first, "s", "at most 2 s"),
         Figure("first whole motion, 10 s clip", whole_at[0] - started, "s"),
@@ -168,7 +166,8 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
 
 
 def _explained_systems() -> tuple[str, ...]:
-    explained = [rung.system for each in families() if each.ladder for rung in each.ladder.rungs]
+    ablations = [family.ablation for family in families() if family.ablation is not None]
+    explained = {step.system for ablation in ablations for step in ablation.steps}
     return tuple(name for name in list_systems(BUNDLED_WEIGHTS) if name in explained)
 
 

@@ -20,7 +20,7 @@ from app.run.models import get_system
 from app.run.requests.parts import SamplingOptions
 from app.run.requests.requests import GenerateRequest
 from model.generation.base import System
-from model.systems.registry import default_systems_for
+from model.systems.registry import representatives
 from processes.child import parent_channel
 
 MAX_SESSIONS = 10
@@ -161,7 +161,7 @@ def main() -> None:
     channel, (weights,) = parent_channel()
     performers = SessionScheduler(Path(weights), lambda number, told: channel.send((number, told)))
     with suppress(Exception):  # the error is reported to the visitor who opens one
-        for name in default_systems_for("live"):
+        for name in representatives("streaming"):
             performers.prepare(name)
     has_work = False
     try:

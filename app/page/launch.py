@@ -127,8 +127,8 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     for sentence in unavailable_families():
         log.warning("%s", sentence)
     for family in families():
-        if (why := family.why_not_on_page()) is not None:
-            raise RunError(why)
+        if (reason := family.single_speech_reason()) is not None:
+            raise RunError(f"The page takes any speech, but {reason}")
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     proxies = (*LOCAL_PROXIES, *config.proxies)
     quota = Quota(config.max_kept_bytes, config.keep_results_s, proxies)
@@ -205,7 +205,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
                 config.weights,
                 config.body,
                 config.private_folder,
-                *(path for family in families() for path in family.private_paths()),
+                *(path for family in families() for path in family.licensed_paths()),
             )
             if path
         ],

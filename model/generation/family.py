@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ExplainedSystem:
+class AblationStep:
     """An ablation step: a system that adds one thing to the one before."""
 
     system: str
@@ -34,7 +34,7 @@ class ExplainedSystem:
 
 
 @dataclass(frozen=True)
-class Beside:
+class ExtraSystem:
     """A system outside the ablation, shown next to it."""
 
     system: str
@@ -43,18 +43,18 @@ class Beside:
 
 
 @dataclass(frozen=True)
-class Ladder:
+class Ablation:
     """Ablation: systems that differ by one thing each, from the first to the last."""
 
     title: str
     introduction: str
-    rungs: tuple[ExplainedSystem, ...]
-    beside: tuple[Beside, ...] = ()
+    steps: tuple[AblationStep, ...]
+    extra: tuple[ExtraSystem, ...] = ()
 
     @property
     def systems(self) -> tuple[str, ...]:
         """Names of all systems that it explains."""
-        return tuple(each.system for each in (*self.rungs, *self.beside))
+        return tuple(each.system for each in (*self.steps, *self.extra))
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class FileFlag:
 
 @dataclass(frozen=True)
 class FileReport:
-    """Result of ``python -m app doctor`` for a file or folder."""
+    """Result of checking a file or folder that the user has named."""
 
     name: str
     detail: str = ""
@@ -97,12 +97,9 @@ class FileReport:
     advice: str = ""
 
 
-Use = Literal[
-    "run", "steps", "hearing", "hearing-tab", "live", "training", "bench-training",
-]  # fmt: skip
-"""Uses of systems without an explicit choice: selected on the page for a run, selected for the
-curve of steps, compared by the command ``hearing``, selected in that tab, first in the tab Live,
-``python -m model.train``, and rows of `make bench`."""
+Topic = Literal["motion", "sampling_steps", "speech_effect", "streaming", "training"]
+"""Topics for which a family names its representative systems: motion of one speech, quality by
+number of sampling steps, dependence on speech and noise, little delay, and training."""
 
 
 class FamilyError(ValueError):
@@ -111,7 +108,7 @@ class FamilyError(ValueError):
 
 @dataclass(frozen=True)
 class Family:
-    """Description of a family for training, evaluation, the page and the command line.
+    """Description of a family: its systems, what they can do, and how they are made.
 
     A new one is a folder in `model.systems`, or an installed package (`model.systems.registry`),
     that makes one of these; nothing else needs to know it.
@@ -135,17 +132,17 @@ class Family:
     """Place of its systems among the families: the lowest first."""
     helpers: tuple[str, ...] = ()
     """Networks that are trained like systems and used by them."""
-    whole_speech: tuple[str, ...] = ()
-    """Generators that need the whole speech before they start, and so cannot run live."""
+    offline_only: tuple[str, ...] = ()
+    """Generators that need the whole speech before they start, and so cannot stream."""
     shared_weights: Mapping[str, str] = field(default_factory=dict)
     """Generators that use the weights of another, with the name of that other."""
     weights: Path | None = None
     """Folder of the weights that the family ships; those in a requested folder take precedence."""
-    usual: Mapping[Use, tuple[str, ...]] = field(default_factory=dict)
-    """Default generators by use."""
+    representatives: Mapping[Topic, tuple[str, ...]] = field(default_factory=dict)
+    """Generators that represent the family, by topic."""
     plans: tuple[str, ...] = ()
     """Generators that draw a gesture plan first, and accept one."""
-    ladder: Ladder | None = None
+    ablation: Ablation | None = None
     claim: Claim | None = None
     files_title: str = ""
     """Heading of the flags of ``files``."""
@@ -203,12 +200,12 @@ class Family:
             CheckpointError, EncoderError: if something is missing.
         """
 
-    def why_not_on_page(self) -> str | None:
-        """Return why the page cannot offer its generators with the named files; None if it can."""
+    def single_speech_reason(self) -> str | None:
+        """Return why the named files suit one speech only, with advice; None if they suit any."""
         return None
 
-    def private_paths(self) -> tuple[Path, ...]:
-        """Return the paths of ``files`` that no visitor of the page may read."""
+    def licensed_paths(self) -> tuple[Path, ...]:
+        """Return the paths of ``files`` that must not be passed on."""
         return ()
 
     def file_reports(self) -> tuple[FileReport, ...]:

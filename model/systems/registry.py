@@ -10,7 +10,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 import model.systems
-from model.generation.family import Family, FamilyError, Use
+from model.generation.family import Family, FamilyError, Topic
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import BUNDLED_WEIGHTS, Card, CheckpointError
 
@@ -124,9 +124,9 @@ def family_of(name: str) -> Family:
     raise UnknownNameError(f"There is no system {name!r}; choose one of {valid}.")
 
 
-def default_systems_for(use: Use) -> tuple[str, ...]:
-    """Return the default systems for a use, in the order of families, with or without weights."""
-    return tuple(name for family in _FAMILIES for name in family.usual.get(use, ()))
+def representatives(topic: Topic) -> tuple[str, ...]:
+    """Return the systems that represent the families, in their order, with or without weights."""
+    return tuple(name for family in _FAMILIES for name in family.representatives.get(topic, ()))
 
 
 def planning_systems() -> tuple[str, ...]:

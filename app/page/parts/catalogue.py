@@ -13,13 +13,13 @@ from conventions.joints import JOINT_NAMES, TIP_VERTICES
 from conventions.names import short_names
 from model.storage.cards import Card
 from model.systems.registry import (
-    default_systems_for,
     families,
     family_of,
     list_speakers,
     list_systems,
     planning_systems,
     read_card,
+    representatives,
 )
 
 MAX_DEFAULT_SYSTEMS = 3
@@ -55,13 +55,13 @@ def about_systems(systems: Sequence[str]) -> dict[str, str]:
 
 def groups_of(systems: Sequence[str]) -> dict[str, list[str]]:
     """Return the labels of the systems by title of their group."""
-    ladders = [family.ladder for family in families() if family.ladder is not None]
-    rungs = {rung.system for ladder in ladders for rung in ladder.rungs}
-    own = {*planning_systems(), *(each.system for ladder in ladders for each in ladder.beside)}
+    ablations = [family.ablation for family in families() if family.ablation is not None]
+    steps = {step.system for ablation in ablations for step in ablation.steps}
+    own = {*planning_systems(), *(each.system for ablation in ablations for each in ablation.extra)}
     groups: dict[str, list[str]] = {}
     for name, label in short_names(systems).items():
         title = text.OWN_GROUP if name in own else text.OTHERS_GROUP
-        groups.setdefault(text.LADDER_GROUP if name in rungs else title, []).append(label)
+        groups.setdefault(text.ABLATION_GROUP if name in steps else title, []).append(label)
     return groups
 
 
@@ -120,7 +120,7 @@ def _trained_on(cards: list[Card]) -> str:
 
 def default_systems(systems: Sequence[str]) -> list[str]:
     """Return the systems that are ticked by default, at most three, the usual ones first."""
-    usual = [name for name in default_systems_for("run") if name in systems]
+    usual = [name for name in representatives("motion") if name in systems]
     chosen = [*dict.fromkeys((*usual, *systems))][:MAX_DEFAULT_SYSTEMS]
     return [name for name in systems if name in chosen]
 

@@ -18,7 +18,7 @@ from app.page.tabs.runner import PAGE_DISPLAY, Services
 from app.page.visitors.files import Job
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
-from model.systems.registry import default_systems_for, family_of
+from model.systems.registry import family_of, representatives
 
 _MAX_TOKEN = 100
 
@@ -75,8 +75,8 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
 
 def offered(catalogue: Catalogue) -> dict[str, Any]:
     """Return the choices of the browser's live form, defaults first."""
-    live = [name for name in catalogue.systems if name not in family_of(name).whole_speech]
-    usual = default_systems_for("live")
+    live = [name for name in catalogue.systems if name not in family_of(name).offline_only]
+    usual = representatives("streaming")
     systems = sorted(live, key=lambda name: name not in usual)
     return {
         "systems": systems,

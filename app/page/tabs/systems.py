@@ -30,9 +30,9 @@ from app.run.requests.requests import (
     StepSweepRequest,
 )
 from app.run.tasks import COMPARE_ROTATION_NOISE, MEASURE_SPEECH_EFFECT, MEASURE_STEPS, Task
-from model.generation.family import Beside, ExplainedSystem, Ladder, Use
+from model.generation.family import Ablation, AblationStep, ExtraSystem, Topic
 from model.storage.cards import CALM_AND_LIVELY
-from model.systems.registry import default_systems_for, families, family_of
+from model.systems.registry import families, family_of, representatives
 
 NOT_HERE = "weights not installed"
 _DELIMITERS = {"left": "$$", "right": "$$", "display": True}
@@ -42,28 +42,29 @@ def build_systems_tab(systems: Sequence[str]) -> None:
     """Lay out the tab in the current context, for systems that have weights."""
     # Markdown, because Gradio renders its formulas; the text is our own and needs no sanitising.
     gr.Markdown(
-        ladder(systems), sanitize_html=False, latex_delimiters=[_DELIMITERS], elem_id="ladder"
+        ablations_html(systems),
+        sanitize_html=False,
+        latex_delimiters=[_DELIMITERS],
+        elem_id="ladder",
     )
 
 
-def ladder(systems: Sequence[str]) -> str:
+def ablations_html(systems: Sequence[str]) -> str:
     """Format the ablation steps as cards, and mark those without weights."""
-    ladders = [family.ladder for family in families() if family.ladder is not None]
-    told = "".join(_ladder(each, systems) for each in ladders)
-    explained = [name for each in ladders for name in each.systems]
+    ablations = [family.ablation for family in families() if family.ablation is not None]
+    told = "".join(_ablation(each, systems) for each in ablations)
+    explained = [name for each in ablations for name in each.systems]
     others = _others([name for name in systems if name not in explained])
     return f'<section class="ladder">{told}{others}</section>'
 
 
-def _ladder(told: Ladder, systems: Sequence[str]) -> str:
-    cards = "".join(_card(number, rung, systems) for number, rung in enumerate(told.rungs, start=1))
-    beside = "".join(_beside(each, systems) for each in told.beside)
-    return (
-        f"<h2>{escape(told.title)}</h2><p>{escape(told.introduction)}</p><ol>{cards}</ol>{beside}"
-    )
+def _ablation(told: Ablation, systems: Sequence[str]) -> str:
+    cards = "".join(_card(number, step, systems) for number, step in enumerate(told.steps, start=1))
+    extra = "".join(_extra(each, systems) for each in told.extra)
+    return f"<h2>{escape(told.title)}</h2><p>{escape(told.introduction)}</p><ol>{cards}</ol>{extra}"
 
 
-def _beside(told: Beside, systems: Sequence[str]) -> str:
+def _extra(told: ExtraSystem, systems: Sequence[str]) -> str:
     missing = "" if told.system in systems else f"<em>{NOT_HERE}</em>"
     return (
         f'<div class="own"><h3>{escape(told.title)}</h3><code>{escape(told.system)}</code>{missing}'
@@ -84,15 +85,15 @@ def _others(others: Sequence[str]) -> str:
     return "".join(cards)
 
 
-def _card(number: int, rung: ExplainedSystem, systems: Sequence[str]) -> str:
-    is_here = rung.system in systems
+def _card(number: int, step: AblationStep, systems: Sequence[str]) -> str:
+    is_here = step.system in systems
     missing = "" if is_here else f"<em>{NOT_HERE}</em>"
     return (
         f'<li{"" if is_here else " class=absent"}><h3><i aria-hidden="true">{number}</i>'
-        f"{escape(rung.adds)}</h3>"
-        f"<code>{escape(rung.system)}</code>{missing}<p>{escape(rung.meaning)}</p>"
-        f'<div class="equation">$${rung.equation}$$<small>{escape(rung.source)}</small></div>'
-        f"<p><b>What to watch</b> {escape(rung.look_for)}</p></li>"
+        f"{escape(step.adds)}</h3>"
+        f"<code>{escape(step.system)}</code>{missing}<p>{escape(step.meaning)}</p>"
+        f'<div class="equation">$${step.equation}$$<small>{escape(step.source)}</small></div>'
+        f"<p><b>What to watch</b> {escape(step.look_for)}</p></li>"
     )
 
 
@@ -132,9 +133,9 @@ class FigureRunner(TabRunner):
         outputs = [status, self.player, self.message, self.figure]
         self.begins_and_ends_on(start, cancel, self.fields, outputs, api_name=self.tab)
 
-    def systems(self, catalogue: Catalogue, use: Use) -> gr.CheckboxGroup:
-        """Make a field of systems, in which those usual for a use are ticked."""
-        ticked = [name for name in default_systems_for(use) if name in catalogue.systems]
+    def systems(self, catalogue: Catalogue, topic: Topic) -> gr.CheckboxGroup:
+        """Make a field of systems, with the representatives of a topic selected."""
+        ticked = [name for name in representatives(topic) if name in catalogue.systems]
         choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
         chips = gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
         about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)
@@ -264,7 +265,7 @@ class HearingRunner(FigureRunner):
     asks, measure = SpeechEffectRequest, MEASURE_SPEECH_EFFECT
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
-        systems = self.systems(catalogue, "hearing-tab")
+        systems = self.systems(catalogue, "speech_effect")
         speeches = {
             name: _file(f"Speech {letter} (optional)", ["audio"])
             for name, letter in (("first", "A"), ("second", "B"))
@@ -310,7 +311,8 @@ class StepCurveRunner(FigureRunner):
 
     def lay_out(self, catalogue: Catalogue) -> Fields:
         label = "Speech (optional; ten seconds are used)"
-        return {"systems": self.systems(catalogue, "steps"), "speech": _file(label, ["audio"])}
+        systems = self.systems(catalogue, "sampling_steps")
+        return {"systems": systems, "speech": _file(label, ["audio"])}
 
     def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
         speech = told["speech"] or next(iter(self.examples), None)

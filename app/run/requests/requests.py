@@ -38,7 +38,7 @@ from conventions.names import file_stem
 from conventions.views import CLOSE_UPS
 from model.formats.reading import ImportOverrides
 from model.storage.cards import two_speakers
-from model.systems.registry import default_systems_for, list_systems
+from model.systems.registry import list_systems, representatives
 from renderer.figures.style import MAX_SYSTEMS
 
 Joint = Annotated[
@@ -258,7 +258,7 @@ class SpeechEffectRequest:
     output: ExperimentOutput
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
-    systems: Names = field(default_factory=lambda: default_systems_for("hearing"))
+    systems: Names = field(default_factory=lambda: representatives("speech_effect"))
     """Names of systems."""
     speaker: Text = None
     """Speaker style of the motion."""

@@ -108,5 +108,5 @@ FAMILY = Family(
         **dict.fromkeys((LCM_SYNC, LCM_ASYNC), make_samplers("lcm", steps=8, strength=2.5)),
     },
     shared_weights={LCM_ASYNC: LCM_SYNC},
-    usual=dict.fromkeys(("steps", "hearing-tab"), (LCM_ASYNC,)),
+    representatives=dict.fromkeys(("sampling_steps", "speech_effect"), (LCM_ASYNC,)),
 )

@@ -102,6 +102,6 @@ FAMILY = Family(
         name: make_samplers("posterior", "ddim", steps=steps, strength=3.0)
         for name, steps in SYSTEMS.items()
     },
-    usual=dict.fromkeys(("steps", "hearing", "hearing-tab", "live"), (_FASTEST,)),
+    representatives=dict.fromkeys(("sampling_steps", "speech_effect", "streaming"), (_FASTEST,)),
     shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
 )

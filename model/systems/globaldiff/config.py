@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from model.generation.family import Beside, Claim, ExplainedSystem, Family, Ladder
+from model.generation.family import Ablation, AblationStep, Claim, ExtraSystem, Family
 from model.motion.spaces import Representation, RootMotion, RotationSpace
 from model.networks.config import BranchConfig
 from model.sampling.samplers import FLOW_SAMPLERS, make_samplers
@@ -70,7 +70,7 @@ class AblationRow:
     """Fields of `GlobalDiffLoss` that get their weight from `CONSTRAINT_WEIGHTS`."""
 
 
-LADDER: dict[str, AblationRow] = {
+ABLATION: dict[str, AblationRow] = {
     "globaldiff/local": AblationRow("local"),
     "globaldiff/global": AblationRow("global"),
     "globaldiff/joint": AblationRow("global", ("joint",)),
@@ -82,7 +82,7 @@ LADDER: dict[str, AblationRow] = {
 BEST = "workbench/priorflow"
 """This project's system: the paper's network on a Gaussian prior (`model.sampling.prior`)."""
 
-SYSTEMS: tuple[str, ...] = (BEST, *LADDER)
+SYSTEMS: tuple[str, ...] = (BEST, *ABLATION)
 """Names of all systems of the family, in the order of display."""
 
 CONSTRAINT_WEIGHTS: dict[str, float] = {"joint": 900.0, "skeleton": 3.0, "motion": 0.045}
@@ -93,7 +93,7 @@ eq. 10 is in metres squared at 5 cm, hence its large factor."""
 
 def presets(system: str) -> dict[str, GlobalDiffConfig]:
     """Return one system's settings: ``demo`` as bundled, ``paper`` in its size, or ``smoke``."""
-    config = _best() if system == BEST else _rung(system)
+    config = _best() if system == BEST else _ablation_step(system)
     large = replace(
         config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
     )
@@ -105,18 +105,18 @@ def presets(system: str) -> dict[str, GlobalDiffConfig]:
     }
 
 
-def _rung(system: str) -> GlobalDiffConfig:
+def _ablation_step(system: str) -> GlobalDiffConfig:
     """Return the settings of an ablation step, with the paper's losses and raw 6D as in its code.
 
     Flow times are uniform and equal in weight. 600,000 windows are half an hour on a processor.
     """
-    rung = LADDER[system]
-    weights: dict[str, Any] = {name: CONSTRAINT_WEIGHTS[name] for name in rung.constraints}
+    row = ABLATION[system]
+    weights: dict[str, Any] = {name: CONSTRAINT_WEIGHTS[name] for name in row.constraints}
     return GlobalDiffConfig(
         system=system,
         representation="raw",
         network=NetworkConfig(
-            rotation_space=rung.rotation_space, width=96, num_blocks=2, num_heads=3
+            rotation_space=row.rotation_space, width=96, num_blocks=2, num_heads=3
         ),
         loss=GlobalDiffLoss(velocity=0.0, acceleration=0.0, time_weight_floor=None, **weights),
         flow_time_power=1.0,
@@ -154,7 +154,7 @@ _TITLE = "Five systems, each adding one thing to the one before"
 _INTRODUCTION = (
     "All predict the clean motion from a noised one, the speech, the speaker and a short seed "
     "(flow matching, eq. 7), with positions supervised beside rotations. In this project everything"
-    " but the rung's own step is equal: data and their order, network, windows of training, and "
+    " but the step's own change is equal: data and their order, network, windows of training, and "
     "the noise of a comparison; each was trained from nothing, on raw rotations as in the paper's "
     "code. That a step helps is the paper's claim; on your clip, the measures decide."
 )
@@ -163,7 +163,7 @@ _OWN_MEANING = (
     "A linear-Gaussian prior of the motion (range, smoothness and duration of each body part's "
     "movement) gives the distribution of x₁ given the noised motion and the previous frames. The "
     "network predicts what the speech adds, in units of the remaining standard deviation. So it "
-    "moves as far and as smoothly as its data; the ladder shows what happens without."
+    "moves as far and as smoothly as its data; the ablation shows what happens without."
 )
 
 _EQ_3 = r"R_k^{\text{global}} = R_1^{\text{local}} R_2^{\text{local}} \cdots R_k^{\text{local}}"
@@ -178,15 +178,15 @@ _SKELETON = (
 )
 _MOTION = r"\mathcal{L}_m = \|g(\hat{X}) - g(X)\|^2"
 
-_RUNGS = (
-    ExplainedSystem(
+_STEPS = (
+    AblationStep(
         "globaldiff/local", "Local rotations",
         "Each joint is predicted relative to its parent. A joint's direction in the world is a "
         "product along the chain, so an error at the shoulder turns everything below it.",
         _EQ_3, "eq. 3",
         "Trembling that grows from shoulder to fingertip; a body that tilts as a whole.",
     ),
-    ExplainedSystem(
+    AblationStep(
         "globaldiff/global", "Global rotations",
         "Each joint is predicted in the world. A position is a sum over the chain's bones; an "
         "error at one joint moves what is below it but turns nothing else.",
@@ -194,20 +194,20 @@ _RUNGS = (
         "Less fingertip jitter. In return, neighbouring joints are not coupled, so a joint may "
         "twist against its parent.",
     ),
-    ExplainedSystem(
+    AblationStep(
         "globaldiff/joint", "+ joint constraint",
         "Six anchor points around each joint are turned along with it and compared. A position "
         "says nothing of a last joint's own turn; the anchors do.",
         _JOINT, "eqs. 8 to 10",
         "Thumbs and little fingers: without it they may be flipped or twisted.",
     ),
-    ExplainedSystem(
+    AblationStep(
         "globaldiff/skeleton", "+ skeleton constraint",
         "The angle between every two bones is compared, however far apart they are on the body.",
         _SKELETON, "eqs. 11 to 13",
         "Posture: leaning, uneven limbs and unsteady feet should become rarer.",
     ),
-    ExplainedSystem(
+    AblationStep(
         "globaldiff/full", "+ motion constraint",
         "A trained encoder g turns whole stretches of motion into codes at several time scales; "
         "codes of prediction and recording are compared.",
@@ -216,7 +216,9 @@ _RUNGS = (
     ),
 )  # fmt: skip
 
-LADDER_EXPLAINED = Ladder(_TITLE, _INTRODUCTION, _RUNGS, (Beside(BEST, _OWN_TITLE, _OWN_MEANING),))
+ABLATION_EXPLAINED = Ablation(
+    _TITLE, _INTRODUCTION, _STEPS, (ExtraSystem(BEST, _OWN_TITLE, _OWN_MEANING),)
+)
 
 
 FAMILY = Family(
@@ -235,20 +237,18 @@ FAMILY = Family(
     presets=presets,
     package="model.systems.globaldiff",
     place=2,
-    usual={
-        "run": (_LOCAL, _GLOBAL, BEST),
-        "steps": (_FULL, BEST),
-        "hearing": (BEST, _GLOBAL),
-        "hearing-tab": (BEST, _GLOBAL),
-        "training": (_GLOBAL,),
-        "bench-training": (_GLOBAL, _FULL),
+    representatives={
+        "motion": (_LOCAL, _GLOBAL, BEST),
+        "sampling_steps": (_FULL, BEST),
+        "speech_effect": (BEST, _GLOBAL),
+        "training": (_GLOBAL, _FULL),
     },
-    ladder=LADDER_EXPLAINED,
+    ablation=ABLATION_EXPLAINED,
     claim=Claim(
         what="global rotations",
         than="local ones",
         more=_LOCAL,
-        less=tuple(name for name in LADDER if name != _LOCAL),
+        less=tuple(name for name in ABLATION if name != _LOCAL),
         plain=_GLOBAL,
         added="constraints",
     ),

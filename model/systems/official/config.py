@@ -47,16 +47,16 @@ class OfficialFamily(Family):
                 official_file(part)
             require_speech()
 
-    def why_not_on_page(self) -> str | None:
-        """Return why prepared features, which are of one speech, cannot be used; otherwise None."""
+    def single_speech_reason(self) -> str | None:
+        """Return that prepared features are of one speech; None without them."""
         if official_folder() is None or not require_speech().is_file():
             return None
         return (
-            "The page cannot use prepared features, which are of one speech; name a folder of "
-            "WavLM or HuBERT with --official-features DIR."
+            "prepared features are of one speech; name a folder of WavLM or HuBERT with "
+            "--official-features DIR."
         )
 
-    def private_paths(self) -> tuple[Path, ...]:
+    def licensed_paths(self) -> tuple[Path, ...]:
         """Return the folder of the checkpoints."""
         folder = official_folder()
         return () if folder is None else (folder,)
@@ -102,7 +102,7 @@ FAMILY = OfficialFamily(
     presets=lambda system: {},
     package="model.systems.official",
     place=5,
-    whole_speech=(FILTERED, UNFILTERED),
+    offline_only=(FILTERED, UNFILTERED),
     files_title="GlobalDiff by its authors (docs/official.md)",
     files=(
         FileFlag(

@@ -102,6 +102,6 @@ FAMILY = Family(
     package="model.systems.planned",
     place=1,
     helpers=(PLANNER,),
-    usual=dict.fromkeys(("run", "hearing", "hearing-tab"), (PLANNED,)),
+    representatives=dict.fromkeys(("motion", "speech_effect"), (PLANNED,)),
     plans=(PLANNED,),
 )

@@ -9,20 +9,20 @@ from typing import get_args
 import pytest
 from frame_regression.config import FAMILY
 
-from model.generation.family import FamilyError, Use
+from model.generation.family import FamilyError, Topic
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import CheckpointError, load_card
 from model.systems import registry
 from model.systems.registry import (
     GROUP,
     check_family,
-    default_systems_for,
     families,
     list_speakers,
     list_systems,
     load_system,
     planning_systems,
     register_installed,
+    representatives,
 )
 from tests.helpers import ROOT
 
@@ -55,12 +55,14 @@ def test_card_of_another_shape_is_refused(folder):
 
 def test_families_declare_only_systems_of_their_own():
     for family in families():
-        declared = {name for names in family.usual.values() for name in names} | {*family.plans}
-        declared |= set() if family.ladder is None else set(family.ladder.systems)
-        declared |= {*family.about, *family.samplers, *family.whole_speech}
+        declared = {name for names in family.representatives.values() for name in names} | {
+            *family.plans
+        }
+        declared |= set() if family.ablation is None else set(family.ablation.systems)
+        declared |= {*family.about, *family.samplers, *family.offline_only, *family.plans}
         assert declared <= {*family.systems}
         assert {*family.about} == {*family.systems}
-    assert planning_systems() and all(default_systems_for(use) for use in get_args(Use))
+    assert planning_systems() and all(representatives(topic) for topic in get_args(Topic))
 
 
 def test_nothing_outside_the_families_knows_a_system_by_its_name():

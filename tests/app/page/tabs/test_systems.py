@@ -7,15 +7,21 @@ from typing import Any
 import gradio as gr
 import pytest
 
-from app.page.tabs.systems import NOT_HERE, HearingRunner, MechanismRunner, StepCurveRunner, ladder
+from app.page.tabs.systems import (
+    NOT_HERE,
+    HearingRunner,
+    MechanismRunner,
+    StepCurveRunner,
+    ablations_html,
+)
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
 from app.run.examples import FIRST_MOTION
 from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
 from app.run.output.run_folder import RunRecord, edit_record
 from app.run.requests.requests import WITHOUT_NOISE, RotationNoiseRequest
 from app.run.run_writer import open_run_writer
-from model.systems.globaldiff.config import BEST, LADDER, SYSTEMS
-from model.systems.globaldiff.config import LADDER_EXPLAINED as EXPLAINED
+from model.systems.globaldiff.config import ABLATION, BEST, SYSTEMS
+from model.systems.globaldiff.config import ABLATION_EXPLAINED as EXPLAINED
 from tests.app.fakes import catalogue_of, made_services
 from tests.app.page.made import updates_of
 from tests.app.page.results.made_run import made_run
@@ -132,11 +138,13 @@ def test_noise_that_cannot_be_drawn_is_told(tmp_path):
     assert not last["figure"]["visible"] and "got 3" in last["message"]["value"]
 
 
-def test_the_ladder_has_the_rungs_of_the_trainings_and_tells_those_without_weights_apart():
-    assert [rung.system for rung in EXPLAINED.rungs] == list(LADDER)
-    assert BEST in ladder([BEST])
-    html = ladder(["globaldiff/local", "globaldiff/global"])
+def test_the_ladder_has_the_steps_of_the_trainings_and_tells_those_without_weights_apart():
+    assert [step.system for step in EXPLAINED.steps] == list(ABLATION)
+    assert BEST in ablations_html([BEST])
+    html = ablations_html(["globaldiff/local", "globaldiff/global"])
     assert html.count("class=absent") == 3 and html.count(NOT_HERE) == 4
-    assert "absent" not in ladder(list(SYSTEMS)) and NOT_HERE not in ladder(list(SYSTEMS))
-    assert all(f"$${rung.equation}$$" in ladder([]) for rung in EXPLAINED.rungs)
-    assert not any(set("<>&$") & set(rung.equation) for rung in EXPLAINED.rungs)
+    assert "absent" not in ablations_html(list(SYSTEMS)) and NOT_HERE not in ablations_html(
+        list(SYSTEMS)
+    )
+    assert all(f"$${step.equation}$$" in ablations_html([]) for step in EXPLAINED.steps)
+    assert not any(set("<>&$") & set(step.equation) for step in EXPLAINED.steps)

@@ -11,7 +11,7 @@ from model.motion.packing import HAND_CHANNELS, TORSO_CHANNELS
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import from_dict, to_json
 from model.systems.globaldiff.config import (
-    LADDER,
+    ABLATION,
     GlobalDiffConfig,
     NetworkConfig,
     presets,
@@ -84,7 +84,7 @@ def test_config_survives_json_and_refuses_unknown_fields():
 
 @pytest.mark.parametrize("size", ["demo", "paper"])
 def test_each_rung_differs_from_the_one_before_in_one_thing(size):
-    rungs = [json.loads(to_json(presets(name)[size])) for name in LADDER]
+    rungs = [json.loads(to_json(presets(name)[size])) for name in ABLATION]
     changes = [
         [name for name in differing_fields(a, b) if name != "system"] for a, b in pairwise(rungs)
     ]
@@ -100,7 +100,7 @@ def test_each_rung_differs_from_the_one_before_in_one_thing(size):
     assert first["simple"] > 0 and first["position"] > 0
 
 
-@pytest.mark.parametrize("name", LADDER)
+@pytest.mark.parametrize("name", ABLATION)
 def test_an_untrained_network_predicts_the_mean_or_a_pose_that_it_starts_at(name):
     config = presets(name)["smoke"].network
     network, pose = MotionNetwork(config), torch.randn(333)
