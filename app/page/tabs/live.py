@@ -35,8 +35,8 @@ class LiveRunner(RunRunner):
             RunError: if there is nothing to keep.
         """
         token = values[0] if isinstance(values[0], str) else ""
-        kept = self._services.live.save_recording(token[:_MAX_TOKEN], job.cookie, job.folder)
-        config = self._services.config_for(job)
+        kept = self.services.live.save_recording(token[:_MAX_TOKEN], job.cookie, job.folder)
+        config = self.services.config_for(job)
         shown = {**PAGE_DISPLAY, "figure_forms": ("png",)}
         return replace_fields(kept, weights=config.weights, body=config.body, **shown)
 

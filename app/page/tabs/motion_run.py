@@ -76,8 +76,8 @@ class RunRunner(TabRunner):
     def __init__(self, services: Services, form: FormParts, parts: ResultParts) -> None:
         super().__init__(services, parts.status)
         self.videos = VideosBehind(services, parts, self.tab)
-        self._form = form
-        self._parts = parts
+        self.form = form
+        self.parts = parts
         self.outputs: list[Any] = [*parts.all, form.start, form.cancel]
         self._waiting: set[str] = set()
         """Visitors with a click and no started run."""
@@ -90,10 +90,10 @@ class RunRunner(TabRunner):
         **how: Any,
     ) -> None:
         """Attach runs to the form's buttons, and to other events."""
-        form = self._form
-        reveal_on_click(form.start, self._status)
+        form = self.form
+        reveal_on_click(form.start, self.status)
         # Listeners of a click run in order: this one before the run.
-        waits = [self._status, form.start, form.cancel]
+        waits = [self.status, form.start, form.cancel]
         form.start.click(self.waits, outputs=waits, **AT_ONCE)
         # The button is enabled while figures are drawn; its next run is queued behind them.
         begun = [self.after(form.start.click, fields, trigger_mode="multiple", **how)]
@@ -119,7 +119,7 @@ class RunRunner(TabRunner):
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         request = self.asked(job, values)
         self.videos.give_up(job.visitor)
-        fields = self._form.fields
+        fields = self.form.fields
         form = kept_values(fields, values, job.folder) if "speech" in fields else {}
         yield self.blank()
         yield from self.perform(job, request, form)
@@ -132,7 +132,7 @@ class RunRunner(TabRunner):
         Raises:
             Exception: from a run that has left nothing.
         """
-        services, parts = self._services, self._parts
+        services, parts = self.services, self.parts
         address = services.media.share(job.folder, job.cookie)
         showings = partial(
             showings_in, request.output.out, address, job.folder.name, request.output.has_video
@@ -155,7 +155,7 @@ class RunRunner(TabRunner):
                 records = {clip: each.record for clip, each in begun.items()}
                 updates[parts.clips] = shown(clips_html(records))
                 if [*records] == [""] and records[""].numbers:  # figures do not need the form
-                    updates[self._form.start] = gr.update(interactive=True)
+                    updates[self.form.start] = gr.update(interactive=True)
             new = {part: each for part, each in updates.items() if so_far.get(part) != each}
             so_far.update(new)
             return new
@@ -185,26 +185,26 @@ class RunRunner(TabRunner):
         yield {
             **kept.updates(parts, begins=True),
             parts.runs: shown(services.kept.html(job.cookie, kept)),
-            **self._buttons(is_running=job.visitor in self._waiting),
+            **self.buttons(is_running=job.visitor in self._waiting),
         }
 
     def blank(self) -> Updates:
         return {
             **self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), ""),
-            self._parts.runs: shown(""),
-            **self._buttons(is_running=True),
+            self.parts.runs: shown(""),
+            **self.buttons(is_running=True),
         }
 
     def stopped(self, status: str, message: str) -> Updates:
         return {
             **self._without_results(),
-            self._parts.status: status,
-            self._parts.message: shown(message),
-            **self._buttons(is_running=False),
+            self.parts.status: status,
+            self.parts.message: shown(message),
+            **self.buttons(is_running=False),
         }
 
     def _without_results(self) -> Updates:
-        parts = self._parts
+        parts = self.parts
         told = (parts.clips, parts.verdict, parts.seen, parts.figures, parts.numbers)
         hidden = {parts.player: NOTHING, parts.clip: gr.update(visible=False)}
         return {**hidden, **{part: shown("") for part in (*told, parts.downloads)}}
@@ -213,13 +213,13 @@ class RunRunner(TabRunner):
         """Show that the run waits for its turn."""
         self._waiting.add(visitor_of(request))
         line = markup.sentence_status("Waiting in the queue.")
-        return {self._status: line, **self._buttons(is_running=True)}
+        return {self.status: line, **self.buttons(is_running=True)}
 
     def refused(self, request: gr.Request) -> Updates:
         """Release the buttons after a failed run, and the status if the queue was full."""
         visitor = visitor_of(request)
         if visitor not in self._waiting:
-            return self._buttons(is_running=False)
+            return self.buttons(is_running=False)
         self._waiting.discard(visitor)
         return self.idle()
 
@@ -229,12 +229,12 @@ class RunRunner(TabRunner):
 
     def idle(self) -> Updates:
         ready = markup.idle_status(text.READY)
-        return {self._status: ready, **self._buttons(is_running=False)}
+        return {self.status: ready, **self.buttons(is_running=False)}
 
     def _buttons(self, is_running: bool) -> Updates:
         return {
-            self._form.start: gr.update(interactive=not is_running),
-            self._form.cancel: gr.update(visible=is_running),
+            self.form.start: gr.update(interactive=not is_running),
+            self.form.cancel: gr.update(visible=is_running),
         }
 
 
@@ -244,8 +244,8 @@ class GenerateRunner(RunRunner):
     tab = "generate"
 
     def asked(self, job: Job, values: Sequence[Any]) -> AnyRun:
-        services = self._services
-        told = values_of(GenerateRequest, self._form.fields, values)
+        services = self.services
+        told = values_of(GenerateRequest, self.form.fields, values)
         return ask_from_form(told, job.folder, services.catalogue, services.config_for(job))
 
 
@@ -261,32 +261,32 @@ class Opening:
             places: result components by tab; runs of other tabs are shown in the first.
             form: fields of the first tab, filled in with the values of an opened run.
         """
-        self._services = services
+        self.services = services
         self._kept = services.kept
         self._tabs = tabs
         self._places = places
-        self._form = form
+        self.form = form
 
     @property
     def outputs(self) -> list[Any]:
         parts = [part for parts in self._places.values() for part in parts.all]
-        return [self._tabs, *parts, *self._form.values()]
+        return [self._tabs, *parts, *self.form.values()]
 
     def opened(self, request: gr.Request) -> Updates:
         cookie = cookie_of(request)
         listed = self._kept.html(cookie)  # but an update each: Gradio modifies them
         updates: Updates = {parts.runs: shown(listed) for parts in self._places.values()}
-        tokens = request.query_params.getlist(PARAMETER)[:2] or self._services.opened
+        tokens = request.query_params.getlist(PARAMETER)[:2] or self.services.opened
         runs = [run for run in map(self._kept.find, tokens) if run is not None]
         if len(runs) == 2 and runs[0] != runs[1]:
             return {**updates, **self._pair_opened(runs, cookie)}
         if runs and len(tokens) == len(runs):
             return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
-        if self._services.first_look is not None:
-            updates[parts.player] = self._services.first_look
+        if self.services.first_look is not None:
+            updates[parts.player] = self.services.first_look
         if tokens:
-            gone = text.RUN_GONE.format(minutes=round(self._services.config.keep_results_s / 60))
+            gone = text.RUN_GONE.format(minutes=round(self.services.config.keep_results_s / 60))
             updates[parts.message] = shown(markup.note(gone))
         return updates
 
@@ -294,7 +294,7 @@ class Opening:
         parts = next(iter(self._places.values()))
         a, b = sorted(runs, key=lambda run: run.ended)
         return {
-            **updates_of(a, b, parts, self._services.media, cookie),
+            **updates_of(a, b, parts, self.services.media, cookie),
             parts.runs: shown(self._kept.html(cookie, a, b)),
         }
 
@@ -311,14 +311,14 @@ class Opening:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))
         return {
             **self._shown(run, self._places[tab], cookie),
-            **{self._form[name]: gr.update(value=sent) for name, sent in run.form.items()},
+            **{self.form[name]: gr.update(value=sent) for name, sent in run.form.items()},
             self._tabs: gr.Tabs(selected=tab),
         }
 
     def _shown(self, run: KeptRun, parts: ResultParts, cookie: str) -> Updates:
         showing = run.showing
         if run.job.visitor and not is_same(run.job.cookie, cookie):  # no visitor: public
-            showing = showing.for_browser(self._services.media.share(run.folder, cookie))
+            showing = showing.for_browser(self.services.media.share(run.folder, cookie))
         return {
             **run.updates(parts, showing),
             parts.runs: shown(self._kept.html(cookie, run)),

@@ -292,8 +292,8 @@ class OwnMotionRunner(RunRunner):
         self.sets: Kept[SetResults] = Kept()
 
     def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
-        told = values_of(DiagnoseRequest, self._form.fields, values)
-        return own_ask(told, job.folder, self._services.config_for(job))
+        told = values_of(DiagnoseRequest, self.form.fields, values)
+        return own_ask(told, job.folder, self.services.config_for(job))
 
     def perform(
         self, job: Job, request: AnyRun, form: Mapping[str, Any]
@@ -305,13 +305,13 @@ class OwnMotionRunner(RunRunner):
 
         def do(callbacks: RunCallbacks) -> SetResults:
             try:
-                return self._services.worker.do(MEASURE_SETS, request, callbacks)
+                return self.services.worker.do(MEASURE_SETS, request, callbacks)
             except BaseException:  # clips can only be opened after a complete run
                 shutil.rmtree(request.output.out / UNPACKED, ignore_errors=True)
                 raise
 
         found = yield from self.followed(job, do, "Measuring clips: {share:.0%}")
-        address = self._services.media.share(job.folder, job.cookie)
+        address = self.services.media.share(job.folder, job.cookie)
         token = self.sets.keep(found, job.folder, job.cookie or None)
         figures, files = figures_html(found.files, address), files_listed(found.files, address)
         choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.summary)]
@@ -321,11 +321,11 @@ class OwnMotionRunner(RunRunner):
         )
         told, clip = self._of_sets
         yield {
-            self._status: markup.sentence_status(line),
-            self._parts.message: shown(markup.notes_folded(list(found.notes))),
+            self.status: markup.sentence_status(line),
+            self.parts.message: shown(markup.notes_folded(list(found.notes))),
             told: shown(sets_html(found.summary, list(found.clips), figures, files)),
             clip: gr.update(choices=choices, value=None, visible=True),
-            **self._buttons(is_running=False),
+            **self.buttons(is_running=False),
         }
 
     def _without_results(self) -> Updates:
@@ -346,7 +346,7 @@ class ClipRunner(RunRunner):
 
     def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
         token, _, clip = str(values[0] if values else "").partition("/")
-        sets, config = self._sets.find(token, job.cookie), self._services.config_for(job)
+        sets, config = self._sets.find(token, job.cookie), self.services.config_for(job)
         if sets is None:
             raise RunError("These clips have expired. Please upload the zips again.")
         if clip not in sets.summary["clips"]:

@@ -198,8 +198,8 @@ class TabRunner(ABC):
     connection."""
 
     def __init__(self, services: Services, status: gr.HTML) -> None:
-        self._services = services
-        self._status = status
+        self.services = services
+        self.status = status
         self._unfinished: set[str] = set()
         """Visitors with an unfinished run in their tab."""
 
@@ -218,7 +218,7 @@ class TabRunner(ABC):
             how["api_visibility"] = "private"
         # Runs of all visitors are queued; the status shows the place in the queue. Another click of
         # the same button is ignored.
-        usual = {"show_progress": "minimal", "show_progress_on": self._status}
+        usual = {"show_progress": "minimal", "show_progress_on": self.status}
         usual |= {"trigger_mode": "once", "concurrency_id": RUNS}
         return event(run, fields, **{**usual, **how})
 
@@ -246,7 +246,7 @@ class TabRunner(ABC):
         Raises:
             gr.Error: if the run fails, with the sentence that the tab shows too.
         """
-        cookie, visitor, jobs = cookie_of(request), visitor_of(request), self._services.jobs
+        cookie, visitor, jobs = cookie_of(request), visitor_of(request), self.services.jobs
         try:
             with (
                 jobs.opened(
@@ -281,7 +281,7 @@ class TabRunner(ABC):
     def cancel(self, request: gr.Request) -> Updates:
         """Cancel the visitor's run; Gradio takes it out of the queue, or closes the generator."""
         visitor = visitor_of(request)
-        self._services.jobs.cancel(visitor, self.tab)
+        self.services.jobs.cancel(visitor, self.tab)
         if visitor not in self._unfinished:
             return self.idle()
         self._unfinished.discard(visitor)
@@ -289,7 +289,7 @@ class TabRunner(ABC):
 
     def idle(self) -> Updates:
         """Return the updates of a tab after cancelling a run before its start."""
-        return {self._status: gr.skip()}
+        return {self.status: gr.skip()}
 
     @abstractmethod
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
@@ -303,7 +303,7 @@ class TabRunner(ABC):
         self, job: Job, task: Task[Asked, Found], asked: Asked, told: Told | str = ""
     ) -> Generator[Updates, None, Found]:
         """Run a task in the worker with updates from ``told``, or a sentence with ``share``."""
-        return self.followed(job, partial(self._services.worker.do, task, asked), told)
+        return self.followed(job, partial(self.services.worker.do, task, asked), told)
 
     def followed(
         self, job: Job, do: Callable[[RunCallbacks], Found], told: Told | str
@@ -312,7 +312,7 @@ class TabRunner(ABC):
             share = last_share(events) if told else None
             if share is None:
                 return {}
-            return {self._status: markup.sentence_status(str(told).format(share=share))}
+            return {self.status: markup.sentence_status(str(told).format(share=share))}
 
         shown = line if isinstance(told, str) else told
-        return follow(do, job, shown, {self._status: gr.skip()})
+        return follow(do, job, shown, {self.status: gr.skip()})

@@ -63,14 +63,14 @@ class TakesRunner(TabRunner):
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
         super().__init__(services, parts.player)
-        self._parts = parts
+        self.parts = parts
 
     def wire(self) -> None:
         """Attach runs to the hidden button of the plan editor."""
         self.begins_on(
-            self._parts.take_start.click,
+            self.parts.take_start.click,
             [gr.Textbox(visible=False)],  # which the script fills in
-            outputs=[self._parts.player],
+            outputs=[self.parts.player],
             js="() => [document.querySelector('#player .lockstep').edits()]",
             show_progress="hidden",
             trigger_mode="multiple",
@@ -78,7 +78,7 @@ class TakesRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         asked = Asked.of(values[0])
-        run = self._services.kept.edited(asked.run, job.cookie)
+        run = self.services.kept.edited(asked.run, job.cookie)
         if run is None:
             raise RunError(text.EDITS_GONE)
         job.beside.append(run.job.folder)
@@ -86,7 +86,7 @@ class TakesRunner(TabRunner):
 
         def said(sentence: str, **how: Any) -> Updates:
             showing.say(sentence, **how)
-            return {self._parts.player: showing.value() | {"begins": False}}
+            return {self.parts.player: showing.value() | {"begins": False}}
 
         def coming(events: list[RunEvent]) -> Updates:
             if not any(isinstance(event, FolderUpdated) for event in events):
@@ -99,7 +99,7 @@ class TakesRunner(TabRunner):
         try:
             wanted = PlanEditRequest(
                 run=showing.folder,
-                weights=self._services.config.weights,
+                weights=self.services.config.weights,
                 start=asked.start,
                 edits=parse_edits(asked.edits),
             )
@@ -115,7 +115,7 @@ class TakesRunner(TabRunner):
         yield said(" ".join((done, *take.notes)))
 
     def stopped(self, status: str, message: str) -> Updates:
-        return {self._parts.player: gr.skip()}
+        return {self.parts.player: gr.skip()}
 
 
 class SeenRunner(TabRunner):
@@ -125,11 +125,11 @@ class SeenRunner(TabRunner):
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
         super().__init__(services, parts.seen)
-        self._parts = parts
+        self.parts = parts
 
     def wire(self, prefix: str = "") -> None:
         """Attach runs to the viewer's hidden button; ``prefix`` is that of the element ids."""
-        parts = self._parts
+        parts = self.parts
         outputs = [parts.seen, parts.seen_cancel]
         run = self.begins_on(
             parts.seen_start.click,
@@ -142,10 +142,10 @@ class SeenRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         seen = ViewerState.parse(values[0])
-        config = self._services.config
+        config = self.services.config
         if seen.has_character:
-            config = self._services.config_for(job)
-            if config.body == self._services.config.body:
+            config = self.services.config_for(job)
+            if config.body == self.services.config.body:
                 raise RunError(CHARACTER_GONE)
         request = ViewerVideoRequest(
             seen=seen,
@@ -155,15 +155,15 @@ class SeenRunner(TabRunner):
             body=config.body,
         )
         yield {
-            self._parts.seen: shown(line_of(text.SEEN_STARTING)),
-            self._parts.seen_cancel: gr.update(visible=True),
+            self.parts.seen: shown(line_of(text.SEEN_STARTING)),
+            self.parts.seen_cancel: gr.update(visible=True),
         }
 
         def updates_of(events: list[RunEvent]) -> Updates:
             share = last_share(events)
             if share is None:
                 return {}
-            return {self._status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
+            return {self.status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
 
         video = yield from self.done(job, DRAW_VIEWER_VIDEO, request, updates_of)
         count = len(seen.shown)
@@ -172,24 +172,24 @@ class SeenRunner(TabRunner):
             seconds=video.num_frames / FPS,
             megabytes=video.path.stat().st_size / 1e6,
         )
-        address = self._services.media.share(job.folder, job.cookie)(video.path)
+        address = self.services.media.share(job.folder, job.cookie)(video.path)
         link = saved_link(address, video.path.name, "Save the video")
         yield {
-            self._parts.seen: shown(line_of(" ".join((line, *video.notes)), more=link)),
-            self._parts.seen_cancel: gr.update(visible=False),
+            self.parts.seen: shown(line_of(" ".join((line, *video.notes)), more=link)),
+            self.parts.seen_cancel: gr.update(visible=False),
         }
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
         """Return the file of a URL; raises RunError if it no longer exists."""
-        path = self._services.media.at(address, cookie)
+        path = self.services.media.at(address, cookie)
         if path is None or path.suffix != suffix:
             raise RunError(text.SEEN_GONE)
         return path
 
     def stopped(self, status: str, message: str) -> Updates:
         return {
-            self._parts.seen: shown(message or status),
-            self._parts.seen_cancel: gr.update(visible=False),
+            self.parts.seen: shown(message or status),
+            self.parts.seen_cancel: gr.update(visible=False),
         }
 
 
@@ -231,8 +231,8 @@ class VideosBehind:
     """Background rendering, with low priority, of the videos of each visitor's newest run."""
 
     def __init__(self, services: Services, parts: ResultParts, tab: str) -> None:
-        self._services = services
-        self._parts = parts
+        self.services = services
+        self.parts = parts
         self._tab = f"{tab} videos"
         self._wanted: dict[str, tuple[KeptRun, VideoOptions]] = {}
 
@@ -245,7 +245,7 @@ class VideosBehind:
     def give_up(self, visitor: str) -> None:
         """Cancel the videos of a visitor's previous run."""
         self._wanted.pop(visitor, None)
-        self._services.jobs.cancel(visitor, self._tab)
+        self.services.jobs.cancel(visitor, self._tab)
 
     def left(self, request: gr.Request) -> None:
         """Cancel the videos when the visitor has closed the page."""
@@ -253,7 +253,7 @@ class VideosBehind:
 
     def follow(self, run: Any) -> None:
         """Attach the rendering of videos to the end of each run of an event."""
-        parts = self._parts
+        parts = self.parts
         run.then(
             self.run,
             outputs=[parts.status, parts.player, parts.downloads],
@@ -268,11 +268,11 @@ class VideosBehind:
         visitor = visitor_of(request)
         wanted = self._wanted.pop(visitor, None)
         if wanted is None:
-            yield {self._parts.status: gr.skip()}  # without any update, Gradio clears all outputs
+            yield {self.parts.status: gr.skip()}  # without any update, Gradio clears all outputs
             return
         run, video = wanted
         try:
-            jobs = self._services.jobs
+            jobs = self.services.jobs
             with jobs.opened(visitor, self._tab, owner=jobs.quota.owner_of(request)) as job:
                 job.beside.append(run.job.folder)  # the videos are added to it
                 yield from self._drawn(job, run, video)
@@ -287,7 +287,7 @@ class VideosBehind:
         def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
             if any(isinstance(event, FolderUpdated) for event in events):
-                updates[self._parts.player] = run.showing.value()
+                updates[self.parts.player] = run.showing.value()
             share = last_share(events)
             if share is not None:
                 when = remaining.sentence(share, time.monotonic())
@@ -296,12 +296,12 @@ class VideosBehind:
             return updates
 
         request = RunVideosRequest(run=run.showing.folder, out=job.folder / "drawn", video=video)
-        do = partial(self._services.videos.do, DRAW_VIDEOS, request)
-        yield from follow(do, job, updates_of, {self._parts.status: gr.skip()})
+        do = partial(self.services.videos.do, DRAW_VIDEOS, request)
+        yield from follow(do, job, updates_of, {self.parts.status: gr.skip()})
         downloads = shown(run.downloads(run.showing))
-        yield {self._parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
+        yield {self.parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
 
     def _line(self, run: KeptRun, sentence: str) -> Updates:
         """Append a sentence to the run's final status message."""
         line = markup.sentence_status(f"{run.record.sentence} {sentence}")
-        return {self._parts.status: line}
+        return {self.parts.status: line}

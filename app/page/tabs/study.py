@@ -356,17 +356,17 @@ class StudyRunner(TabRunner):
 
     def __init__(self, services: Services, fields: Fields, status: gr.HTML, made: gr.HTML) -> None:
         super().__init__(services, status)
-        self._fields = fields
-        self._made_part = made
+        self.fields = fields
+        self.made_part = made
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        told = values_of(Plan, self._fields, values)
+        told = values_of(Plan, self.fields, values)
         path = job.folder / "plan.toml"
         path.write_text(plan_text(told), "utf-8")
         plan = read_plan(path)
         size = size_of(plan, make_design(plan))[1]
-        yield {self._status: markup.sentence_status(text.STARTING), self._made_part: shown("")}
-        address = self._services.media.share(job.folder, job.cookie)
+        yield {self.status: markup.sentence_status(text.STARTING), self.made_part: shown("")}
+        address = self.services.media.share(job.folder, job.cookie)
         yield from self._made(job, told, path, size, address)
 
     def _made(
@@ -375,7 +375,7 @@ class StudyRunner(TabRunner):
         """Create the study, the participants' part with the job, the researcher's in private."""
         if not job.cookie:
             raise RunError(NO_COOKIE)
-        services, config = self._services, self._services.config_for(job)
+        services, config = self.services, self.services.config_for(job)
         work, waiting = (config.private_folder / secrets.token_hex(16) for _ in "ab")
         job.beside += [work, waiting]
         bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
@@ -418,12 +418,12 @@ class StudyRunner(TabRunner):
         )
         made = f"{_key(token, config.keep_results_s)}{_preview(f'{look}&preview')}{''.join(files)}"
         yield {
-            self._status: markup.sentence_status(f"{MADE} {size}"),
-            self._made_part: shown(f'<div class="downloads">{made}</div>'),
+            self.status: markup.sentence_status(f"{MADE} {size}"),
+            self.made_part: shown(f'<div class="downloads">{made}</div>'),
         }
 
     def stopped(self, status: str, message: str) -> Updates:
-        return {self._status: message or status}
+        return {self.status: message or status}
 
 
 class PlanRunner(StudyRunner):
@@ -434,8 +434,8 @@ class PlanRunner(StudyRunner):
     ) -> Generator[Updates, None, None]:
         link = _link("study-plan", address(plan), plan.name, PLAN)
         yield {
-            self._status: markup.sentence_status(f"The plan is written. {size}"),
-            self._made_part: shown(f'<div class="downloads">{link}</div>'),
+            self.status: markup.sentence_status(f"The plan is written. {size}"),
+            self.made_part: shown(f'<div class="downloads">{link}</div>'),
         }
 
 
@@ -468,7 +468,7 @@ class AnalysisRunner(StudyRunner):
     tab = "analysis"
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        told = values_of(AnalysisRequest, self._fields, values)
+        told = values_of(AnalysisRequest, self.fields, values)
         answers, key = told["answers"], told["key"]
         if not answers:
             raise RunError(NO_ANSWERS)
@@ -476,12 +476,12 @@ class AnalysisRunner(StudyRunner):
             raise RunError(NO_KEY)
         if len(answers) > MAX_FILES:
             raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(answers)))
-        yield {self._status: markup.sentence_status(text.STARTING), self._made_part: shown("")}
+        yield {self.status: markup.sentence_status(text.STARTING), self.made_part: shown("")}
         asked = AnalysisRequest(answers, key, job.folder / "results")
         files = yield from self.done(job, analyse, asked)
-        links = files_listed(files, self._services.media.share(job.folder, job.cookie))
+        links = files_listed(files, self.services.media.share(job.folder, job.cookie))
         html = f'{framed(files[0].read_text("utf-8"))}<div class="downloads">{links}</div>'
-        yield {self._status: markup.sentence_status(ANALYSED), self._made_part: shown(html)}
+        yield {self.status: markup.sentence_status(ANALYSED), self.made_part: shown(html)}
 
 
 def framed(report: str) -> str:

@@ -152,10 +152,10 @@ class FigureRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         wanted = self.given(values_of(self.asks, self.fields, values)) | {"is_kept": True}
-        asked = page_request(self.asks, wanted, self._services.config_for(job), job.folder)
+        asked = page_request(self.asks, wanted, self.services.config_for(job), job.folder)
         asked.check()
         yield self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), "")
-        address = self._services.media.share(job.folder, job.cookie)
+        address = self.services.media.share(job.folder, job.cookie)
         showing = Showing(asked.output.out, address, job.folder.name)
 
         def updates_of(events: list[RunEvent]) -> Updates:
@@ -165,7 +165,7 @@ class FigureRunner(TabRunner):
                 updates[self.player] = self.played(showing, wanted)
             share = last_share(events)
             if share is not None:
-                updates[self._status] = markup.sentence_status(f"Measuring: {share:.0%}")
+                updates[self.status] = markup.sentence_status(f"Measuring: {share:.0%}")
             return updates
 
         yield from self.done(job, self.measure, asked, updates_of)
@@ -173,7 +173,7 @@ class FigureRunner(TabRunner):
         lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
         files = (asked.output.out / name for name in record.result_files)
         yield {
-            self._status: markup.sentence_status(record.sentence),
+            self.status: markup.sentence_status(record.sentence),
             self.player: self.played(showing, wanted),
             self.message: shown(f'<ul class="hint">{lines}</ul>'),
             self.figure: shown(figures_html(files, address)),
@@ -185,7 +185,7 @@ class FigureRunner(TabRunner):
 
     def stopped(self, status: str, message: str) -> Updates:
         return {
-            self._status: status,
+            self.status: status,
             self.player: self.preview,
             self.message: shown(message),
             self.figure: shown(""),

@@ -46,19 +46,19 @@ class Runner(TabRunner):
 
         def shares(events: list[RunEvent]) -> Updates:
             found = [event.fraction for event in events if isinstance(event, Progress)]
-            return {self._status: found} if events else {}
+            return {self.status: found} if events else {}
 
         def do(*_: object) -> str:
             return ""
 
         try:
-            yield {self._status: "blank"}
-            yield {self._status: (yield from self.done(job, do, None, shares))}
+            yield {self.status: "blank"}
+            yield {self.status: (yield from self.done(job, do, None, shares))}
         finally:
             self.has_ended = True
 
     def stopped(self, status: str, message: str) -> Updates:
-        return {self._status: status, self.message: message}
+        return {self.status: status, self.message: message}
 
 
 @pytest.fixture

@@ -331,7 +331,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     for block in blocks[len(blocks) // 2 :]:
         live.add_audio(number, block)
     updates = list(keeps.run(browser("mine", "me"), own))
-    (line,) = [each[keeps._status] for each in updates if "Done in" in str(each)]
+    (line,) = [each[keeps.status] for each in updates if "Done in" in str(each)]
     kept_s = motion.num_frames / 30
     less = f"The last {5.5 - kept_s:.1f} s of speech had no motion yet"
     assert f"{kept_s:.1f} s were saved. {less}" in line
@@ -366,7 +366,7 @@ def form(speech: Path, length_s: float = 1, participants: float = 4) -> list[Any
 def click(study: StudyRunner, speech: Path, cookie: str = "cookie") -> Iterator[str]:
     """What the tab says, update by update."""
     for updates in study.run(browser(cookie), *form(speech)):
-        (status,) = [value for part, value in updates.items() if part is study._status]
+        (status,) = [value for part, value in updates.items() if part is study.status]
         yield status
 
 
@@ -418,7 +418,7 @@ def test_the_plan_alone_is_checked_and_copies_no_upload(speech, tmp_path):
             list(study.run(VISITOR, *form(speech, **changes)))
     shutil.rmtree(tmp_path / "jobs")
     *_, last = study.run(VISITOR, *form(speech, 2))
-    assert 'download="plan.toml"' in last[study._made_part]["value"]
+    assert 'download="plan.toml"' in last[study.made_part]["value"]
     left = {path.name for path in (tmp_path / "jobs").rglob("*") if path.is_file()}
     assert left == {"plan.toml"}
 
@@ -446,8 +446,8 @@ class Page:
 
 def test_every_visitor_sees_the_example_and_is_told_of_runs_in_each_tab(tmp_path):
     page = Page(tmp_path)
-    told = replace(page.opening._services, first_look={"rows": []})
-    page.opening._services = told
+    told = replace(page.opening.services, first_look={"rows": []})
+    page.opening.services = told
     keep(page.runs, tmp_path / "job", "mine")
     for _ in range(2):
         updates = page.opened("mine")
@@ -482,7 +482,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="given", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
     own = keep_own(page.runs, made.folder, tmp_path / "opened", Media())
-    page.opening._services = replace(page.opening._services, opened=(own,))
+    page.opening.services = replace(page.opening.services, opened=(own,))
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
     assert "made elsewhere" not in updates[page.own.runs]["value"], "it is nobody's own"

@@ -30,7 +30,7 @@ EXAMPLES = tuple(Path(f"/examples/{name}.wav") for name in "abc")
 
 
 def parts_of(runner: Any, *names: str) -> Any:
-    return SimpleNamespace(status=runner._status, **{name: getattr(runner, name) for name in names})
+    return SimpleNamespace(status=runner.status, **{name: getattr(runner, name) for name in names})
 
 
 class Measured:
