@@ -26,7 +26,7 @@ from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, load_card
-from model.storage.files import file_sha256, written_atomically
+from model.storage.files import FileVersions, file_sha256, file_versions, written_atomically
 from model.systems.helpers import emage, genea
 from model.systems.helpers.config import FGD_ENCODER
 
@@ -52,13 +52,19 @@ class FeatureEncoder:
     """Offset argument of `distance_of`."""
 
 
-@cache
-def judges_of(metrics: MetricOptions) -> tuple[FeatureEncoder, ...]:
-    """Load our encoder, and those of EMAGE and GENEA if there are any, once per process.
+def feature_encoders(metrics: MetricOptions) -> tuple[FeatureEncoder, ...]:
+    """Return our encoder, and those of EMAGE and GENEA if there are any, loaded once per process.
 
     Raises:
         CheckpointError: for other files, and for two of GENEA's for the same length.
     """
+    files = BUNDLED_WEIGHTS.glob(f"{FGD_ENCODER}.*")
+    named = filter(None, (metrics.emage_weights, *metrics.genea_weights))
+    return _load_encoders(metrics, file_versions((*files, *named)))
+
+
+@cache
+def _load_encoders(metrics: MetricOptions, versions: FileVersions) -> tuple[FeatureEncoder, ...]:
     ours = load_encoder(BUNDLED_WEIGHTS, FGD_ENCODER)
     frames, sha256 = max(ours.network.config.scales), load_card(BUNDLED_WEIGHTS, FGD_ENCODER).sha256
     judges = [
@@ -69,8 +75,12 @@ def judges_of(metrics: MetricOptions) -> tuple[FeatureEncoder, ...]:
         frames, sha256 = emage.FRAMES_A_CODE, file_sha256(metrics.emage_weights)
         judges.append(
             FeatureEncoder(
-                *(FGD_EMAGE, "fgd/emage", lambda m, _: emage.emage_codes(theirs, m)),
-                *(frames, sha256, emage.ROOT_OFFSET),
+                FGD_EMAGE,
+                "fgd/emage",
+                lambda m, _: emage.emage_codes(theirs, m),
+                frames,
+                sha256,
+                emage.ROOT_OFFSET,
             )
         )
     for path in metrics.genea_weights:
@@ -87,7 +97,7 @@ def encoder_digests(metrics: MetricOptions) -> dict[str, str]:
     """Return the sha256 of the encoders' files; ours is called ``FGD``."""
     return {
         "FGD" if judge.metric == FGD else judge.protocol: judge.sha256
-        for judge in judges_of(metrics)
+        for judge in feature_encoders(metrics)
     }
 
 
@@ -105,7 +115,7 @@ def check_weights(metrics: MetricOptions, reference: Path | None) -> None:
             "An encoder of FGD tells how far a set is from the recorded one; give it, too "
             "(--reference FOLDER)."
         )
-    judges_of(metrics)
+    feature_encoders(metrics)
 
 
 def codes_path(record: Path) -> Path:
@@ -128,7 +138,7 @@ def save_codes(
         _key(number, name, variation): np.concatenate(
             [judge.codes(*varied(motion, variation)) for motion in samples]
         )
-        for number, judge in enumerate(judges_of(metrics))
+        for number, judge in enumerate(feature_encoders(metrics))
         for variation in (PLAIN, *variations)
         for name, samples in motions.items()
     }
@@ -151,7 +161,7 @@ def distance_values(
     Distances with too few codes are left out.
     """
     values: dict[tuple[str, str, str, str], float] = {}
-    for number, judge in enumerate(judges_of(metrics) if REFERENCE_NAME in systems else ()):
+    for number, judge in enumerate(feature_encoders(metrics) if REFERENCE_NAME in systems else ()):
         for variation in (PLAIN, *variations):
             recorded = np.concatenate(list(_codes_of(number, records, REFERENCE_NAME, variation)))
             if len(recorded) < least_codes(recorded.shape[1]):
@@ -176,7 +186,7 @@ def distance_rows(
     """
     rows: list[tuple[Any, ...]] = []
     notes: list[str] = []
-    for number, judge in enumerate(judges_of(metrics) if REFERENCE_NAME in systems else ()):
+    for number, judge in enumerate(feature_encoders(metrics) if REFERENCE_NAME in systems else ()):
         shapes = [codes.shape for codes in _codes_of(number, records, REFERENCE_NAME)]
         count, least = sum(length for length, _ in shapes), least_codes(shapes[0][1])
         if count < least:

@@ -1,5 +1,6 @@
 """FGD by EMAGE's encoder: of whole sets, and of sets drawn with replacement."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,12 @@ from scipy.linalg import sqrtm
 
 from app.errors import RunError
 from app.findings.measure_rows import FGD_EMAGE
-from app.run.batch.frechet_distances import distance_rows, least_codes, save_codes
+from app.run.batch.frechet_distances import (
+    distance_rows,
+    feature_encoders,
+    least_codes,
+    save_codes,
+)
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MetricOptions
@@ -47,6 +53,15 @@ def _motions(frames: int, seed: int) -> dict[str, Motion]:
         name: replace(recorded, poses=(size * recorded.poses).astype(np.float32))
         for name, size in SIZES.items()
     }
+
+
+def test_an_encoder_file_that_was_replaced_is_read_anew(weights: Path, tmp_path: Path):
+    path = Path(shutil.copy(weights, tmp_path / weights.name))
+    metrics = MetricOptions(emage_weights=path)
+    assert feature_encoders(metrics) is feature_encoders(metrics)
+    path.write_bytes(b"no weights")
+    with pytest.raises(CheckpointError):
+        feature_encoders(metrics)
 
 
 @pytest.mark.usefixtures("few_draws")
