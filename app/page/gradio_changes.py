@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 WRITTEN_FOR = (6, 31)
-"""Major and minor version; later minor versions are expected to work."""
+"""Major and minor version."""
 OTHER_VERSION = (
-    "Gradio {installed} is installed; this page was written for Gradio {major}.{minor} or a later "
-    "{major}. If something does not work, install the version in locks/run.txt."
+    "Gradio {installed} is installed; this page was written for Gradio {major}.{minor}. If "
+    "something does not work, install the version in locks/run.txt."
 )
 DOES_NOT_FIT = "Gradio {installed} lacks what the page changes in it ({reason}): {without}."
 POLL_S = 0.02
@@ -53,10 +53,9 @@ def import_gradio() -> None:
     with _without_stubs():
         import gradio  # noqa: F401
     installed = version("gradio")
-    major, minor = (int(part) for part in installed.split(".")[:2])
-    if major != WRITTEN_FOR[0] or minor < WRITTEN_FOR[1]:
-        told = dict(zip(("major", "minor"), WRITTEN_FOR, strict=True))
-        log.warning("%s", OTHER_VERSION.format(installed=installed, **told))
+    major, minor = WRITTEN_FOR
+    if installed.split(".")[:2] != [str(major), str(minor)]:
+        log.warning("%s", OTHER_VERSION.format(installed=installed, major=major, minor=minor))
 
 
 @contextmanager

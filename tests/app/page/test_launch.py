@@ -258,13 +258,13 @@ def test_changes_that_do_not_fit_a_gradio_are_logged_and_the_page_is_served_with
 ):
     with served_page(weights, tmp_path / "as locked"):
         assert "Gradio" not in caplog.text
-    monkeypatch.setattr(gradio_changes, "version", lambda name: "7.1.0")
+    monkeypatch.setattr(gradio_changes, "version", lambda name: "6.40.0")
     monkeypatch.delattr(file_component, "tempfile")
     monkeypatch.delitem(sys.modules, "app.page.visitors.turns", raising=False)
     monkeypatch.delattr(queueing, "EventQueue")
     with served_page(weights, tmp_path / "other") as page:
         assert page.client.get("/config").status_code == 200
-    assert "Gradio 7.1.0 is installed; this page was written for Gradio 6.31" in caplog.text
+    assert "Gradio 6.40.0 is installed; this page was written for Gradio 6.31" in caplog.text
     assert "leaves an empty file for an hour" in caplog.text
     assert "the queue has no limits" in caplog.text and "functions end" not in caplog.text
 
