@@ -41,7 +41,7 @@ class Canvas(pyrender.Renderer):
         has_alpha = subject.is_transparent
         super().__init__(width, height)
         self._program_cache = ShaderProgramCache(shader_dir=str(SHADERS))
-        self._programs: dict[int, ShaderProgram] = {}
+        self._programs: dict[object, ShaderProgram] = {}
         self._lit_programs: set[ShaderProgram] = set()
         self._subject = subject
         self._floor_m = float(subject.ground_corners[0, 1])
@@ -212,10 +212,10 @@ class Canvas(pyrender.Renderer):
         self, primitive: object, flags: int, program_flags: int
     ) -> ShaderProgram:
         """Return the program of a mesh, looked up once; it stores a uniform only if it is new."""
-        program = self._programs.get(id(primitive))
+        program = self._programs.get(primitive)
         if program is None:
             program = super()._get_primitive_program(primitive, flags, program_flags)
-            self._programs[id(primitive)] = program
+            self._programs[primitive] = program
             if not isinstance(program.set_uniform, _Uniforms):
                 program.set_uniform = _Uniforms(program.set_uniform)
         return program

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TypeVar
+from typing import IO, Self
 
 import imageio_ffmpeg
 import numpy as np
@@ -27,7 +27,6 @@ from processes.job import Cancelled
 DEFAULT_CRF = 20
 PIPE_BYTES = 1 << 20
 """Size of the pipe to ffmpeg: a whole frame fits, so that writing does not wait for ffmpeg."""
-Own = TypeVar("Own", bound="Encoder")
 
 
 class VideoError(RuntimeError):
@@ -173,7 +172,7 @@ class Encoder:
         self._messages: IO[bytes]
         self._process: subprocess.Popen[bytes]
 
-    def __enter__(self: Own) -> Own:
+    def __enter__(self) -> Self:
         """Start ffmpeg.
 
         Raises:

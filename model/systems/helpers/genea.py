@@ -66,8 +66,13 @@ class GeneaEncoder(nn.Module):
         self.net = nn.Sequential(*convolutions, nn.Conv1d(third, last, 3))
         # The published LeakyReLU(True) has a slope of 1: the layers are linear.
         self.out_net = nn.Sequential(
-            *(nn.Linear(last * (length // 2 - 5), 256), nn.BatchNorm1d(256), nn.Identity()),
-            *(nn.Linear(256, 128), nn.BatchNorm1d(128), nn.Identity(), nn.Linear(128, CODE_DIM)),
+            nn.Linear(last * (length // 2 - 5), 256),
+            nn.BatchNorm1d(256),
+            nn.Identity(),
+            nn.Linear(256, 128),
+            nn.BatchNorm1d(128),
+            nn.Identity(),
+            nn.Linear(128, CODE_DIM),
         )
 
     def forward(self, pieces: Float[Tensor, "n T 42"]) -> Float[Tensor, "n 32"]:
