@@ -7,15 +7,17 @@ import json
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from app.config import BUNDLED_WEIGHTS
 from app.errors import RunError
+from app.run.bodies import TrackedPoint
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.models import get_body, get_system
 from app.run.output.result_folder import lock_folder, zip_folder
 from app.run.requests.parts import VideoOptions
-from app.run.videos.videos import render_settings
+from app.run.videos.videos import Draw, PictureKey, draw_videos
 from app.study.design.blinding import make_key, stimuli_of
 from app.study.design.key import Key, Stimulus, read_key, write_key
 from app.study.design.plan import Plan, read_plan
@@ -26,13 +28,9 @@ from app.study.make.bundle import write_bundle, write_records
 from app.study.make.motions import Source, read_sources, shown_motions
 from app.study.make.workspace import ExportRequest, Workspace
 from conventions.views import View
+from model.motion.motion import Motion
 from model.storage.files import file_sha256
-from renderer.body.body import BodyMotion
-from renderer.scene.camera_setup import make_camera_setup
-from renderer.video.workers import RenderJob, draw_jobs
-
-Draw = Callable[..., object]
-"""Function with the parameters of `renderer.video.workers.draw_jobs`."""
+from renderer.video.workers import draw_jobs
 
 
 def export_planned(request: ExportRequest, callbacks: RunCallbacks) -> Workspace:
@@ -164,7 +162,7 @@ class _Maker:
         self,
         view: View,
         scene: Mapping[Stimulus, str],
-        motions: Mapping[str, BodyMotion],
+        motions: Mapping[str, Motion],
         tracks: Mapping[str, Path],
         on_progress: Callable[[float], None],
     ) -> None:
@@ -187,32 +185,33 @@ class _Maker:
     def _streams(
         self,
         view: View,
-        motions: Mapping[str, BodyMotion],
+        motions: Mapping[str, Motion],
         shares: Mapping[str, float],
         on_progress: Callable[[float], None],
     ) -> dict[str, Path]:
         """Encode each system's picture as a stream; the n-th frames have equally many bytes."""
-        video = VideoOptions(size=self.plan.size, framing="whole", close_ups=())
-        settings = render_settings(video, view, crf=0)  # encoded again later
-        stage = make_camera_setup(
-            get_body(self.body), list(motions.values()), view, settings.aspect
+        video = VideoOptions(
+            body=self.body, views=(view,), size=self.plan.size, framing="whole", close_ups=()
         )
         work = self.workspace.work
         drawn = {name: work / f"drawn-{n}.mp4" for n, name in enumerate(motions)}
         streams = {name: path.with_suffix(".h264") for name, path in drawn.items()}
 
-        def encode(name: str) -> None:
+        def encode(key: PictureKey) -> None:
+            name, _ = key
             media.encode_picture(drawn[name], streams[name], self.plan.size, shares[name])
             drawn[name].unlink()
 
-        self.draw(
-            {
-                name: RenderJob(motion, drawn[name], None, settings, self.body, stage=stage)
-                for name, motion in motions.items()
-            },
-            on_progress=on_progress,
+        draw_videos(
+            motions,
+            video,
+            get_body(self.body),
+            TrackedPoint(),
+            lambda name, _: drawn[name],
+            on_progress,
             on_done=encode,
-            should_cancel=self.callbacks.should_cancel,
+            draw=partial(self.draw, should_cancel=self.callbacks.should_cancel),
+            crf=0,  # encoded again later
         )
         media.fill_alike(list(streams.values()))
         return streams

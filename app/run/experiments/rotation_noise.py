@@ -19,7 +19,7 @@ from app.run.requests.requests import (
     RotationNoiseRequest,
 )
 from app.run.run_writer import RunWriter, open_run_writer
-from app.run.videos.videos import jobs_of
+from app.run.videos.videos import draw_videos
 from model.formats.read import read_any_motion
 from model.metrics.error_growth import ErrorGrowth, growth_sentence, measure_error_growth
 from model.motion.kinematics import open_body_skeleton
@@ -28,7 +28,6 @@ from model.motion.tracks import moving_chain
 from model.motion.transforms import noisy_motions
 from model.speech.transcript import EMPTY_TRANSCRIPT
 from renderer.video.compose import compose_videos
-from renderer.video.workers import draw_jobs
 
 NAMES: tuple[str, str] = ("local noise", "global noise")
 """Names of the two bodies, by the rotations with noise."""
@@ -102,8 +101,8 @@ def _draw_bodies(
         return paths[name]
 
     # The camera frames the clean motion.
-    jobs = jobs_of(noisy, request.video, body, tip, out, staged=[clean])
-    draw_jobs(jobs, run.progress_callback("video", _DRAWN))
+    on_progress = run.progress_callback("video", _DRAWN)
+    draw_videos(noisy, request.video, body, tip, out, on_progress, framed=[clean])
     video = run.folder.path(ROTATION_NOISE_VIDEO)
     compose_videos(
         list(paths.values()),

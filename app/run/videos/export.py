@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from app.run.bodies import body_motion, make_tracked_point
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.models import get_body
 from app.run.requests.requests import MARKERS_SUFFIX, MAX_STILLS, SHEET_POSES, RenderRequest
-from app.run.videos.videos import jobs_of
+from app.run.videos.videos import draw_videos
 from conventions.views import View
 from model.formats.read import read_any_motion
 from model.formats.reading import ImportedMotion, length_notes
@@ -122,18 +123,20 @@ def _draw(
         is_first = view == request.video.views[0]
         return request.out if is_first else request.out.with_suffix(f".{view}{request.out.suffix}")
 
-    jobs = jobs_of(
+    pictures_of = draw_videos(
         {"": read},
         request.video,
         body,
         make_tracked_point(request.video.body, request.joint),
         lambda _, view: named(view) if request.suffix == ".mp4" else None,
+        on_progress,
         speech=request.speech,
         frames=(*stills, *sheet),
+        draw=partial(draw_jobs, parallel=1),
         is_transparent=request.stills.background == "transparent",
     )
     files: list[Path] = []
-    for (_, view), pictures in draw_jobs(jobs, on_progress, parallel=1).items():
+    for (_, view), pictures in pictures_of.items():
         files += [named(view)] if request.suffix == ".mp4" else []
         files += _write_stills(named(view), pictures[: len(stills)], has_sheet=bool(sheet))
         files += _write_sheet(named(view), pictures[len(stills) :], sheet)

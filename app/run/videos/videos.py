@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -45,6 +46,11 @@ from renderer.video.workers import RenderJob, draw_jobs
 
 OnFile = Callable[..., None]
 """Callback with the signature of `app.run.run_writer.RunWriter.add_files`."""
+PictureKey = tuple[str, View]
+"""Name of a motion, and view."""
+Jobs = dict[PictureKey, RenderJob]
+Draw = Callable[..., dict[PictureKey, np.ndarray]]
+"""Function with the parameters of `renderer.video.workers.draw_jobs`."""
 
 
 def render_settings(
@@ -82,29 +88,42 @@ class Snapshots:
     """Jerk of each joint around each of the frames; None without pictures."""
 
 
-def jobs_of(
+def draw_videos(
     motions: Mapping[str, Motion],
     video: VideoOptions,
     body: Body,
     tip: TrackedPoint,
     out: Callable[[str, View], Path | None],
+    on_progress: Callable[[float], None],
+    *,
+    on_done: Callable[[PictureKey], None] = lambda key: None,
     speech: Path | None = None,
     frames: tuple[int, ...] = (),
-    staged: Sequence[Motion] = (),
-    **how: Any,
-) -> dict[tuple[str, View], RenderJob]:
-    """Return the render jobs of each motion in each view, with one camera for all bodies.
+    framed: Sequence[Motion] = (),
+    layouts: Mapping[str, tuple[Panel, ...]] | None = None,
+    move_cameras: Callable[[Jobs], Jobs] = lambda jobs: jobs,
+    draw: Draw | None = None,
+    **settings: Any,
+) -> dict[PictureKey, np.ndarray]:
+    """Render each motion in each view, with one camera for all bodies; return stills by key.
 
-    The camera frames the original motions, also if they are exaggerated.
+    All videos of the program are rendered by this function. The camera frames the original motions,
+    also if they are exaggerated.
 
     Args:
         out: returns the video of a motion and view, or None for no video.
-        speech: sound of the videos.
-        frames: frames to return as pictures.
-        staged: motions that the camera frames, if they are other ones.
-        how: further arguments of `render_settings`.
+        on_progress: called with the fraction of frames done; an exception from it stops the work.
+        on_done: called with the key of each complete video.
+        frames: frames to return as stills.
+        framed: motions that the camera frames, if they are other ones.
+        layouts: panels by motion; None for the default ones.
+        settings: further fields of `RenderSettings`.
+
+    Raises:
+        RunError: if the size cannot be rendered or encoded.
+        BodyError, GLError, VideoError: as `draw_jobs`.
     """
-    posed = [body_motion(motion) for motion in staged or motions.values()]
+    posed = [body_motion(motion) for motion in framed or motions.values()]
     looks = {
         name: {
             "motion": body_motion(displayed(motion, video.display)),
@@ -112,22 +131,23 @@ def jobs_of(
         }
         for name, motion in motions.items()
     }
-    jobs = {}
-    for view in video.views:
-        settings = render_settings(video, view, **how)
-        stage = camera_setup_for(body, posed, settings)
-        for name in motions:
-            jobs[name, view] = RenderJob(
-                **looks[name],
-                out=out(name, view),
-                speech_wav=speech,
-                settings=settings,
-                body_path=video.body,
-                look=video.look,
-                stage=stage,
-                still_frames=frames,
-            )
-    return jobs
+    cameras: dict[RenderSettings, CameraSetup] = {}
+    jobs: Jobs = {}
+    for view, name in product(video.views, motions):
+        how = render_settings(video, view, (layouts or {}).get(name), **settings)
+        if how not in cameras:
+            cameras[how] = camera_setup_for(body, posed, how)
+        jobs[name, view] = RenderJob(
+            **looks[name],
+            out=out(name, view),
+            speech_wav=speech,
+            settings=how,
+            body_path=video.body,
+            look=video.look,
+            stage=cameras[how],
+            still_frames=frames,
+        )
+    return (draw or draw_jobs)(move_cameras(jobs), on_progress=on_progress, on_done=on_done)
 
 
 def draw_rows(
@@ -140,25 +160,21 @@ def draw_rows(
     speech: Path | None,
     on_file: OnFile,
 ) -> None:
-    """Render a video of each motion in each view.
+    """Render a video of each row of a run in each view; see `draw_videos`.
 
     Args:
         motions: aligned motions.
-        on_share: called with the fraction of all frames done; an exception from it stops the work.
         on_file: called with each video as soon as it is complete.
-
-    Raises:
-        BodyError, GLError, VideoError: as `draw_jobs`.
     """
 
     def out(name: str, view: View) -> Path:
         return folder.path(video_file(name, view, video.views))
 
-    def on_done(key: tuple[str, View]) -> None:
+    def on_done(key: PictureKey) -> None:
         name, view = key
         on_file(out(name, view), row=name if view == video.views[0] else "", kind="video")
 
-    draw_jobs(jobs_of(motions, video, body, tip, out, speech), on_share, on_done)
+    draw_videos(motions, video, body, tip, out, on_share, on_done=on_done, speech=speech)
 
 
 def draw_poses(

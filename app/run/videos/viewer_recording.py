@@ -17,7 +17,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import ViewerVideoRequest
 from app.run.tasks import ViewerVideo
-from app.run.videos.videos import jobs_of
+from app.run.videos.videos import Jobs, draw_videos
 from conventions.rates import FPS
 from conventions.views import BODY_LOOKS
 from model.motion.motion import Motion, load_motion
@@ -26,7 +26,7 @@ from renderer.body.body import Body, BodyMotion
 from renderer.scene.camera import Orbit
 from renderer.scene.camera_setup import Panel
 from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, Pair, band_height, compose_videos
-from renderer.video.workers import RenderJob, draw_jobs
+from renderer.video.workers import RenderJob
 
 NAME = "stage.mp4"
 NO_LINES = "Skeletons and joint axes are only shown in the viewer, not in the video."
@@ -64,20 +64,26 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
     with ResultFolder(request.out) as folder:
         parts = folder.scratch("parts")
         parts.mkdir()
-        jobs: dict[str, RenderJob] = {}
-        for i, base in bases.items():
-            picture = room.pictures[int(i) if seen.mode != "grid" else 0]
-            drawn = {i: base}, _as_seen(request), body, tip, lambda name, _: parts / f"{name}.mp4"
-            try:
-                made = jobs_of(*drawn, staged=motions, layout=picture, crf=_FINE_CRF)
-            except RunError as error:
-                raise RunError(TOO_SMALL.format(why=error)) from error
-            (jobs[i],) = made.values()
-        jobs = _seen_from_there(jobs, {i: body_motion(raw) for i, raw in shown.items()}, body, seen)
-        draw_jobs(jobs, callbacks.progress_callback("video", _DRAWN))
+        pictures = room.pictures if seen.mode != "grid" else room.pictures * len(bases)
+        raw = {i: body_motion(motion) for i, motion in shown.items()}
+        try:
+            draw_videos(
+                bases,
+                _as_seen(request),
+                body,
+                tip,
+                lambda i, _: parts / f"{i}.mp4",
+                callbacks.progress_callback("video", _DRAWN),
+                framed=motions,
+                layouts=dict(zip(bases, pictures, strict=True)),
+                move_cameras=lambda jobs: _seen_from_there(jobs, raw, body, seen),
+                crf=_FINE_CRF,
+            )
+        except RunError as error:
+            raise RunError(TOO_SMALL.format(why=error)) from error
         _compose(
             request,
-            [parts / f"{i}.mp4" for i in jobs],
+            [parts / f"{i}.mp4" for i in bases],
             [seen.bodies[number].label for number in seen.shown],
             room,
             folder,
@@ -114,25 +120,24 @@ def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
     )
 
 
-def _seen_from_there(
-    jobs: dict[str, RenderJob], raw: dict[str, BodyMotion], body: Body, seen: ViewerState
-) -> dict[str, RenderJob]:
+def _seen_from_there(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, seen: ViewerState) -> Jobs:
     """Move the jobs to the viewer's camera, which follows the raw motions.
 
     The camera of a pair follows the first motion, with the second aligned to it.
 
     Args:
-        raw: raw motions by the keys of ``jobs``.
+        raw: raw motions by name.
     """
+    keys = [*jobs]
     if seen.mode != "grid" and seen.look.is_aligned:
-        jobs["1"], raw["1"] = _laid_on(jobs["0"], jobs["1"], raw["1"])
+        jobs[keys[1]], raw["1"] = _laid_on(jobs[keys[0]], jobs[keys[1]], raw["1"])
     for key, job in jobs.items():
         assert job.stage is not None
-        stage = job.stage.with_orbit(Orbit(*seen.camera))
-        ways = stage.tracks(body, raw[key])
+        stage, (name, _) = job.stage.with_orbit(Orbit(*seen.camera)), key
+        ways = stage.tracks(body, raw[name])
         if seen.mode != "grid":
             way, *_ = stage.tracks(body, raw["0"])
-            ways[0] = way[np.minimum(np.arange(raw[key].num_frames), len(way) - 1)]
+            ways[0] = way[np.minimum(np.arange(raw[name].num_frames), len(way) - 1)]
         if seen.mode == "ghost" and job.marks is not None and job.marks.trail is not None:
             trail = replace(job.marks.trail, is_on_body=False)
             job = replace(job, marks=replace(job.marks, trail=trail))

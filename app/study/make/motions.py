@@ -25,7 +25,7 @@ from model.plan.plan import GesturePlan, PlanError
 from model.sampling.samplers import clip_seed
 from model.speech.audio import Speech, load_speech
 from model.storage.files import file_sha256
-from renderer.body.body import Body, BodyMotion
+from renderer.body.body import Body
 from renderer.scene.camera_setup import make_camera_setup
 
 FACE_JOINTS = slice(3 * 22, 3 * 25)
@@ -159,7 +159,7 @@ def shown_motions(
     weights: Path,
     body_path: Path | None,
     should_cancel: Callable[[], bool],
-) -> dict[str, BodyMotion]:
+) -> dict[str, Motion]:
     """Return every system's motion of a clip, ready to be drawn.
 
     Raises:
@@ -214,18 +214,13 @@ def _generate(
     return filtered(motion, system.post_filter)
 
 
-def _alike(motion: Motion, face: Literal["still", "moving"], body: Body) -> BodyMotion:
+def _alike(motion: Motion, face: Literal["still", "moving"], body: Body) -> Motion:
     """Return the motion on the mean body, standing on the floor in the middle of the picture."""
     poses, expressions = motion.poses.copy(), motion.expressions
     if face == "still":
         poses[:, FACE_JOINTS] = 0
         expressions = np.zeros_like(expressions)
-    plain = replace(
-        body_motion(motion),
-        poses=poses,
-        expressions=expressions,
-        betas=np.zeros_like(motion.betas),
-    )
+    plain = replace(motion, poses=poses, expressions=expressions, betas=np.zeros_like(motion.betas))
     x, _, z = motion.trans.mean(axis=0)
-    floor = make_camera_setup(body, [plain]).floor_m
+    floor = make_camera_setup(body, [body_motion(plain)]).floor_m
     return replace(plain, trans=motion.trans - np.array([x, floor, z], np.float32))

@@ -63,8 +63,8 @@ def kill_at(number: int):
     """A renderer that is killed when it starts its nth video."""
     started = []
 
-    def start(name: str) -> None:
-        started.append(name)
+    def start(key: tuple[str, str]) -> None:
+        started.append(key)
         if len(started) == number:
             raise Killed
 
@@ -151,7 +151,9 @@ def test_finished_videos_the_secret_and_the_plan_are_kept_and_damaged_videos_mad
     damaged = next(b for b, v in read_key(study.key).videos.items() if v.clip == "garden")
     study.video(damaged).write_bytes(b"damaged")
     export_study(plan, tmp_path / "out", draw=again)
-    assert sorted(drawn) == sorted(SYSTEMS)  # the whole scene, as its files must be equal
+    assert sorted(name for name, _ in drawn) == sorted(
+        SYSTEMS
+    )  # the whole scene, as its files must be equal
     assert tree(study.bundle) == before
     with pytest.raises(RunError, match="holds the export of another plan"):
         export_study(replace(plan, seed=3), tmp_path / "out", draw=draw_noise)
@@ -241,7 +243,7 @@ def test_length_body_face_and_place_are_the_same_for_every_system(inputs, tmp_pa
     length = f"length_s = {FRAMES / 30}"
     study = export_study(plan_of(inputs, length, HERE[1:]), tmp_path / "out", draw=look)
     assert {len(media.read_mp4(path).tracks[0].sizes) for path in study.media.iterdir()} == {FRAMES}
-    first, second = (seen[name] for name in TWO)
+    first, second = (seen[name, "front"] for name in TWO)
     assert first.stage == second.stage and first.settings == second.settings
     for job in (first, second):
         assert not job.motion.betas.any() and not job.motion.expressions.any()
