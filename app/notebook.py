@@ -244,7 +244,7 @@ def diagnose(
             named,
             tip,
             onsets_s=None if sound is None else onsets_of(sound),
-            heard=None if sound is None else speech_bands_by_frame(sound.waveform),
+            speech_bands=None if sound is None else speech_bands_by_frame(sound.waveform),
             on_share=partial(bars.update, "measure"),
         )
 

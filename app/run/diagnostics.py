@@ -41,7 +41,7 @@ def measure_motions(
     onsets_s: np.ndarray | None = None,
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windowing] | None = None,
-    heard: np.ndarray | None = None,
+    speech_bands: np.ndarray | None = None,
     inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Compute all metrics and findings of the motions.
@@ -53,7 +53,7 @@ def measure_motions(
         on_share: called with the fraction done, 0 to 1, for each motion raw and filtered, more than
             once for a long one; an exception from it stops the work.
         windows: generation windows by name, if known.
-        heard: log-mel bands of the speech per motion frame, for the lag of motions.
+        speech_bands: log-mel bands of the speech per motion frame, for the lag of motions.
         inputs: published mean speeds for BeatAlign, and inputs of published protocols.
     """
     done, count = 0, 2 * len(motions)
@@ -70,7 +70,7 @@ def measure_motions(
         open_body_skeleton(),
         reference=motions.get(REFERENCE_NAME),
         windows=windows,
-        speech_bands=heard,
+        speech_bands=speech_bands,
         inputs=inputs,
         tip_track=follow,
         tip_source=tip.name,

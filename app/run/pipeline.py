@@ -178,7 +178,7 @@ def _measure(motions: RunMotions, run: RunWriter) -> Diagnostics:
         motions.onsets_s,
         on_share,
         motions.windows,
-        heard=motions.speech_bands,
+        speech_bands=motions.speech_bands,
         inputs=motions.inputs,
     )
 

@@ -68,9 +68,9 @@ class Editing(TypedDict):
 
     rows: list[str]
     """Original rows of the run that can be edited."""
-    known: dict[str, EditableRow]
+    editable: dict[str, EditableRow]
     """Rows from which edits can start, by name."""
-    said: str
+    message: str
     """Message on the last edit."""
     refused: bool
     state: str

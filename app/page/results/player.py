@@ -93,7 +93,7 @@ class Showing:
     ) -> None:
         """Set the message, state (``working`` during a take) and offers of the plan editor."""
         told = [{"label": one.label, "edits": [e.as_json() for e in one.edits]} for one in offers]
-        self.editing = {"said": sentence, "refused": is_refused, "state": state, "offers": told}
+        self.editing = {"message": sentence, "refused": is_refused, "state": state, "offers": told}
 
     def for_browser(self, address: Address) -> Showing:
         """Return a copy for another browser, which cannot edit the run."""
@@ -119,18 +119,18 @@ class Showing:
             **self._addresses(beside),
         }
 
-    def _edited(self, said: dict[str, Any]) -> dict[str, Any]:
+    def _edited(self, state: dict[str, Any]) -> dict[str, Any]:
         """Return the state of the plan editor, with the rows that can be edited."""
-        known = {}
+        editable = {}
         for row in self.record.rows:
             if told := self.file("told", row.name):
                 take = row.take or EditInfo(number=0, of=row.name, start=row.name)
-                known[row.name] = {
+                editable[row.name] = {
                     "of": take.of,
                     "from": take.start if row.take else "",
                     "told": self.address(told),
                 }
-        return {"rows": self.performed(), "known": known, **said}
+        return {"rows": self.performed(), "editable": editable, **state}
 
     def _row(self, row: Row) -> dict[str, Any]:
         files = {kind: name for kind, name in row.files.items() if kind in _SHOWN}

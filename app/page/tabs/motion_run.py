@@ -185,14 +185,14 @@ class RunRunner(TabRunner):
         yield {
             **kept.updates(parts, begins=True),
             parts.runs: shown(services.kept.html(job.cookie, kept)),
-            **self.buttons(is_running=job.visitor in self._waiting),
+            **self.button_updates(is_running=job.visitor in self._waiting),
         }
 
     def blank(self) -> Updates:
         return {
             **self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), ""),
             self.parts.runs: shown(""),
-            **self.buttons(is_running=True),
+            **self.button_updates(is_running=True),
         }
 
     def stopped(self, status: str, message: str) -> Updates:
@@ -200,7 +200,7 @@ class RunRunner(TabRunner):
             **self._without_results(),
             self.parts.status: status,
             self.parts.message: shown(message),
-            **self.buttons(is_running=False),
+            **self.button_updates(is_running=False),
         }
 
     def _without_results(self) -> Updates:
@@ -213,13 +213,13 @@ class RunRunner(TabRunner):
         """Show that the run waits for its turn."""
         self._waiting.add(visitor_of(request))
         line = markup.sentence_status("Waiting in the queue.")
-        return {self.status: line, **self.buttons(is_running=True)}
+        return {self.status: line, **self.button_updates(is_running=True)}
 
     def refused(self, request: gr.Request) -> Updates:
         """Release the buttons after a failed run, and the status if the queue was full."""
         visitor = visitor_of(request)
         if visitor not in self._waiting:
-            return self.buttons(is_running=False)
+            return self.button_updates(is_running=False)
         self._waiting.discard(visitor)
         return self.idle()
 
@@ -229,9 +229,9 @@ class RunRunner(TabRunner):
 
     def idle(self) -> Updates:
         ready = markup.idle_status(text.READY)
-        return {self.status: ready, **self.buttons(is_running=False)}
+        return {self.status: ready, **self.button_updates(is_running=False)}
 
-    def _buttons(self, is_running: bool) -> Updates:
+    def button_updates(self, is_running: bool) -> Updates:
         return {
             self.form.start: gr.update(interactive=not is_running),
             self.form.cancel: gr.update(visible=is_running),

@@ -325,7 +325,7 @@ class OwnMotionRunner(RunRunner):
             self.parts.message: shown(markup.notes_folded(list(found.notes))),
             told: shown(sets_html(found.summary, list(found.clips), figures, files)),
             clip: gr.update(choices=choices, value=None, visible=True),
-            **self.buttons(is_running=False),
+            **self.button_updates(is_running=False),
         }
 
     def _without_results(self) -> Updates:

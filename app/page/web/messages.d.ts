@@ -127,9 +127,9 @@ export interface Editing {
   /** Original rows of the run that can be edited. */
   rows: string[];
   /** Rows from which edits can start, by name. */
-  known: Record<string, EditableRow>;
+  editable: Record<string, EditableRow>;
   /** Message on the last edit. */
-  said: string;
+  message: string;
   refused: boolean;
   /** ``working`` while a take is generated. */
   state: string;

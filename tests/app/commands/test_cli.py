@@ -340,6 +340,7 @@ def test_flags_that_a_command_would_ignore_are_refused(motion, tmp_path, capsys)
             ["diagnose", str(folder), "--tracked-point", "neck", "--window", "60"],
             "leave --tracked-point and --win",
         ),
+        (["diagnose", str(folder), "--figures", "png"], "leave --figures out"),
         (["diagnose", str(folder), "--check", "genea", "--channel", "left"], "leave --channel out"),
         (
             ["speech-effect", str(folder), "--guidance", "2", "--seeds", "3"],

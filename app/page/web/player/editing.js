@@ -30,7 +30,7 @@ const SLIDERS = {
   smile: ["Smile", 0, 1, 0.05],
 };
 const HINT = "Select a gesture. You can drag a stroke, or the end of any hand phase.";
-const NOTHING = { rows: [], known: {}, said: "", refused: false, state: "", offers: [] };
+const NOTHING = { rows: [], editable: {}, message: "", refused: false, state: "", offers: [] };
 
 export class Editing {
   #player;
@@ -174,10 +174,10 @@ export class Editing {
     this.#rows = rows;
     if (!value?.rows.length) return;
     if (!this.#start) this.#start = value.rows[0];
-    if (this.#isBusy) this.#say(value.said, value.refused, value.offers);
-    const coming = rows.find(({ name, take }) => take && !value.known[name])?.name ?? null;
+    if (this.#isBusy) this.#say(value.message, value.refused, value.offers);
+    const coming = rows.find(({ name, take }) => take && !value.editable[name])?.name ?? null;
     const isNew = coming && coming !== this.#coming;
-    const made = this.#coming && !coming && value.known[this.#coming] ? this.#coming : null;
+    const made = this.#coming && !coming && value.editable[this.#coming] ? this.#coming : null;
     this.#coming = coming;
     if (isNew) this.#watch();
     if (made) this.#arrived(made);
@@ -220,7 +220,7 @@ export class Editing {
     if (!isOpen) this.palette.remove();
     this.#foresee();
     if (!this.#start) return;
-    if (isOpen && !this.#value.known[this.#start]) this.#flush(true);
+    if (isOpen && !this.#value.editable[this.#start]) this.#flush(true);
     this.#timeline.showBody(isOpen ? this.#start : this.#value.rows[0]);
     this.#onShown();
     this.#update();
@@ -238,7 +238,7 @@ export class Editing {
 
   #arrived(name) {
     this.#redo = [];
-    this.#beside = this.#value.known[name].from;
+    this.#beside = this.#value.editable[name].from;
     this.#start = name;
     this.#isShowing = true;
     this.#player.setLoop(this.#player.loop); // from its start, where it had to wait for what was to come
@@ -248,10 +248,10 @@ export class Editing {
 
   #goOnFrom(name) {
     this.#start = name;
-    if (this.#beside === name) this.#beside = this.#value.known[name]?.from || null;
+    if (this.#beside === name) this.#beside = this.#value.editable[name]?.from || null;
     this.#chosen = null;
     this.#timeline.showBody(name);
-    if (!this.#value.known[name]) this.#flush(true);
+    if (!this.#value.editable[name]) this.#flush(true);
     this.#load();
     this.#onShown();
     this.#update();
@@ -264,18 +264,18 @@ export class Editing {
   }
 
   #undo() {
-    const before = this.#value.known[this.#start]?.from;
+    const before = this.#value.editable[this.#start]?.from;
     if (!before || this.#isBusy) return;
     this.#redo.push(this.#start);
     const now = this.#start;
     this.#goOnFrom(before);
-    this.#putBeside(this.#value.known[before]?.from || now);
+    this.#putBeside(this.#value.editable[before]?.from || now);
     this.#tellStart();
   }
 
   /** Of takes that were there before nothing new is told by the server. */
   #tellStart() {
-    if (this.#value.known[this.#start]) this.#say(`${capital(this.#labelOf(this.#start))}: restored${this.#beside ? `, compared with ${this.#labelOf(this.#beside)}` : ""}.`);
+    if (this.#value.editable[this.#start]) this.#say(`${capital(this.#labelOf(this.#start))}: restored${this.#beside ? `, compared with ${this.#labelOf(this.#beside)}` : ""}.`);
   }
 
   #labelOf(name) {
@@ -291,7 +291,7 @@ export class Editing {
   }
 
   async #load() {
-    const url = this.#value.known[this.#start]?.told ?? null;
+    const url = this.#value.editable[this.#start]?.told ?? null;
     if (url === this.#toldUrl) return;
     this.#toldUrl = url;
     this.#told = null;
@@ -438,7 +438,7 @@ export class Editing {
   // ------------------------------------------------------------------ choosing
 
   #isKnown(name) {
-    return !!name && (this.#value.rows.includes(name) || name in this.#value.known);
+    return !!name && (this.#value.rows.includes(name) || name in this.#value.editable);
   }
 
   #isDropping = false; // a click follows that chooses nothing
@@ -546,10 +546,10 @@ export class Editing {
       select.dataset.told = told;
       select.value = value;
     };
-    const names = [...new Set([...this.#value.rows, ...Object.keys(this.#value.known)])];
+    const names = [...new Set([...this.#value.rows, ...Object.keys(this.#value.editable)])];
     options(this.takes, names.map((name) => [name, this.#labelOf(name)]), this.#start);
     options(this.besides, [["", "nothing"], ...this.#rows.filter(({ name }) => name !== this.#start && name !== this.#coming).map((row) => [row.name, row.label ?? row.name])], this.#beside ?? "");
-    allow(this.undo, !this.#isBusy && !!this.#value.known[this.#start]?.from);
+    allow(this.undo, !this.#isBusy && !!this.#value.editable[this.#start]?.from);
     allow(this.redo, !this.#isBusy && !!this.#redo.length);
     this.element.setAttribute("aria-busy", String(this.#isBusy));
     this.#showChosen();

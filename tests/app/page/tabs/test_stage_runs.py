@@ -231,17 +231,17 @@ def rows(value: dict[str, Any]) -> list[str]:
 def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     editor = Editor(tmp_path)
     ready = editor.ask()
-    assert ready["editing"]["said"] == text.EDITOR_READY and rows(ready) == [ROW]
+    assert ready["editing"]["message"] == text.EDITOR_READY and rows(ready) == [ROW]
     last = editor.ask(NOD)
     assert rows(last) == [ROW, f"{ROW}.take1"]
     take = last["rows"][1]
     assert (take["label"], take["take"], take["of"]) == ("version 1", 1, ROW)
     assert take["noise"] == last["rows"][0]["noise"] and take["there"]["end"] == 8
     editing = last["editing"]
-    assert editing["said"] == f"{text.TAKE_DONE.format(number=1)} It was mended."
-    assert editing["known"][f"{ROW}.take1"]["from"] == ROW and not editing["state"]
+    assert editing["message"] == f"{text.TAKE_DONE.format(number=1)} It was mended."
+    assert editing["editable"][f"{ROW}.take1"]["from"] == ROW and not editing["state"]
     again = editor.ask(NOD, start=f"{ROW}.take1")
-    assert again["editing"]["known"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
+    assert again["editing"]["editable"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
     other = editor.showing.for_browser(str).value()
     assert rows(other) == rows(again) and "editing" not in other, "whoever has the link sees them"
     with edit_record(editor.showing.folder) as record:  # as where its page was closed meanwhile
@@ -259,13 +259,13 @@ def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
     editor = Editor(tmp_path, fails)
     last = editor.ask(NOD)
     editing = last["editing"]
-    assert rows(last) == [ROW] and not editing["known"]
-    said = (editing["said"], editing["refused"], editing["state"])
+    assert rows(last) == [ROW] and not editing["editable"]
+    said = (editing["message"], editing["refused"], editing["state"])
     assert said == ("The hand has no time for 1.", True, "")
     wrong = editor.ask({"do": "nod", "at": "now"})["editing"]
-    assert wrong["refused"] and "input should be a valid number" in wrong["said"]
+    assert wrong["refused"] and "input should be a valid number" in wrong["message"]
     unknown = editor.ask(NOD, start="gan/20")["editing"]
-    assert unknown["refused"] and unknown["said"] == text.EDITS_GONE
+    assert unknown["refused"] and unknown["message"] == text.EDITS_GONE
 
 
 def test_nobody_reaches_the_run_of_another(tmp_path):
