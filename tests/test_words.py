@@ -50,7 +50,7 @@ MOST: dict[str, int] = {
     "found": 57,
     "given": 12,
     "heard": 20,
-    "judge": 5,
+    "judge": 7,
     "judges": 2,
     "kept": 24,
     "known": 5,
@@ -59,7 +59,7 @@ MOST: dict[str, int] = {
     "seen": 15,
     "settled": 1,
     "shown": 13,
-    "told": 98,
+    "told": 97,
     "what": 12,
     "whose": 1,
 }
