@@ -236,7 +236,7 @@ CHARACTER_TOO_LARGE = "A character may have {limit:.0f} MB; export it with small
 TOO_MANY_CHARACTERS = "Several characters are being read; try again in a moment."
 CHARACTER_GONE = "Your character was deleted after a while without use; choose its file again."
 NO_COOKIE = "Allow this page's cookie, which keeps your character for your browser alone."
-_MAX_CHARACTERS_AT_ONCE = 4
+_MAX_CHARACTERS_AT_ONCE, _MAX_OF_OWNER = 16, 4
 
 
 def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> APIRoute:
@@ -245,7 +245,8 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
     The file is a request's body; its name is not sent. It is kept for this browser alone, which
     can ask for the mesh again (GET), or have the file deleted (DELETE).
     """
-    reading: set[Path] = set()
+    reading: dict[Path, str] = {}
+    """Owners (`Quota.owner_of`) by the folder of what is read for them."""
 
     async def character(request: Request) -> Response:
         cookie, folder = cookie_of(request), Path(tempfile.mkdtemp(dir=made.temp))
@@ -255,9 +256,11 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
                 return Response(status_code=204)
             if not cookie:
                 return PlainTextResponse(NO_COOKIE, status_code=400)
-            if len(reading) >= _MAX_CHARACTERS_AT_ONCE:
+            owner = quota.owner_of(request)
+            of_owner = [*reading.values()].count(owner)
+            if len(reading) >= _MAX_CHARACTERS_AT_ONCE or of_owner >= _MAX_OF_OWNER:
                 return PlainTextResponse(TOO_MANY_CHARACTERS, status_code=429)
-            reading.add(folder)
+            reading[folder] = owner
             source = folder / FILE
             if request.method == "GET":
                 if characters.link(cookie, folder) is None:
@@ -271,7 +274,6 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
                         told = CHARACTER_TOO_LARGE.format(limit=MAX_CHARACTER_BYTES / 1e6)
                         return PlainTextResponse(told, status_code=413)
                     file.write(piece)
-            owner = quota.owner_of(request)
             quota.require(owner, size)
             answer = await made.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
             if answer.status_code == 200:
@@ -281,7 +283,7 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
         except RunError as error:
             return PlainTextResponse(str(error), status_code=413)
         finally:
-            reading.discard(folder)
+            reading.pop(folder, None)
             shutil.rmtree(folder, ignore_errors=True)
 
     return APIRoute(CHARACTER_ROUTE, character, methods=["GET", "POST", "DELETE"])

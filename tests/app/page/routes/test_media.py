@@ -5,7 +5,9 @@ import urllib.parse
 from collections.abc import Callable
 from http.cookies import SimpleCookie
 from pathlib import Path
+from typing import Any
 
+import anyio
 import numpy as np
 import pytest
 from fastapi import FastAPI
@@ -165,6 +167,35 @@ def test_character_is_kept_for_its_visitor_alone_and_moves(
     assert linked.read_bytes() == hero, "a run keeps what it began with"
     shutil.rmtree(run)
     assert not list(temp.iterdir()) and not characters.folder("mine").exists()
+
+
+def test_characters_that_never_arrive_keep_no_other_visitor_out(browser):
+    app = browser("mine").app
+
+    async def post(host: str, receive: Callable[[], Any]) -> int:
+        sent: list[dict[str, Any]] = []
+
+        async def send(message: dict[str, Any]) -> None:
+            sent.append(message)
+
+        scope = {"type": "http", "method": "POST", "path": "/stage/character", "query_string": b""}
+        scope |= {"headers": [(b"cookie", f"{COOKIE}=mine".encode())], "client": (host, 1)}
+        await app(scope, receive, send)
+        return sent[0]["status"]
+
+    async def damaged() -> dict[str, Any]:
+        return {"type": "http.request", "body": b"glTF"}
+
+    async def attack() -> None:
+        async with anyio.create_task_group() as group:
+            for _ in range(4):
+                group.start_soon(post, "10.0.0.1", anyio.sleep_forever)
+            await anyio.wait_all_tasks_blocked()
+            assert await post("10.0.0.1", damaged) == 429
+            assert await post("10.0.0.2", damaged) == 400
+            group.cancel_scope.cancel()
+
+    anyio.run(attack)
 
 
 def test_only_what_belongs_to_it_is_served(media, browser, job, temp):
