@@ -20,7 +20,7 @@ from pandas import DataFrame
 
 from app.config import BUNDLED_WEIGHTS, drop_missing_backend, without_proxies
 from app.errors import RunError
-from app.findings.measure_rows import MEASURES, nearest, numbers_of, written
+from app.findings.measure_rows import MEASURES, definition_of, nearest, numbers_of, written
 from app.run.batch.table import title_with_unit
 from app.run.bodies import TrackedPoint
 from app.run.callbacks import RunCallbacks
@@ -39,6 +39,7 @@ from model.diagnostics import Diagnostics
 from model.formats.read import read_any_motion
 from model.formats.reading import parse_import_overrides
 from model.metrics.lag import speech_bands_by_frame
+from model.metrics.protocols.table import protocol_of
 from model.metrics.reference_error import degrees_by_part
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
@@ -266,6 +267,8 @@ class Comparison:
     apart_deg: Mapping[tuple[str, str], Mapping[str, float]]
     """Mean angle (degrees) between the joint rotations of two motions, by pair and body part, the
     largest first."""
+    protocols: Mapping[str, str]
+    """Ids of the protocols by metric; values of different protocols cannot be compared."""
 
     def __repr__(self) -> str:
         return self.table.map(written).to_string()
@@ -275,15 +278,15 @@ class Comparison:
         for key, names in self.nearest.items():
             for name in names:
                 told.loc[key, name] = f"<b>{told.loc[key, name]}</b>"
-        told = told.rename(index=_explained, columns=escape)
+        told = told.rename(index=self._explained, columns=escape)
         note = "<p>As generated. Bold: nearest to the reference.</p>"
         return note + told.to_html(escape=False, border=0)
 
-
-def _explained(key: str) -> str:
-    """Format the title of a metric as HTML with its description as a tooltip."""
-    measure = next(measure for measure in MEASURES if measure.key == key)
-    return f'<span title="{escape(measure.about)}">{escape(title_with_unit(measure))}</span>'
+    def _explained(self, key: str) -> str:
+        """Format the title of a metric as HTML with its rule and protocol as a tooltip."""
+        measure = next(measure for measure in MEASURES if measure.key == key)
+        about = f"{definition_of(key, self.protocols[key])} Protocol {self.protocols[key]}."
+        return f'<span title="{escape(about)}">{escape(title_with_unit(measure))}</span>'
 
 
 def compare(
@@ -317,7 +320,8 @@ def compare(
             best[measure.key] = nearest(others, target)
     apart = {(a, b): degrees_by_part(named[a], named[b]) for a, b in combinations(named, 2)}
     table = DataFrame(list(rows.values()), list(rows), list(of_all), dtype=object)
-    return Comparison(table, best, apart)
+    protocols = {key: protocol_of(key, diagnostics.beat_speeds) for key in rows}
+    return Comparison(table, best, apart, protocols)
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,12 +103,16 @@ class Diagnostics:
     @property
     def protocol_of(self) -> dict[str, str]:
         """Ids of the protocols of all metrics but the published ones, which are listed by id."""
-        measures = next(iter(self.all_motions.values())).raw if self.all_motions else None
-        if measures is None:
+        if not self.all_motions:
             return {}
-        speeds = measures.beats.beat_speeds_of if measures.beats else "own"
-        keys = measures.as_json().keys() - {"protocols"}
-        return {key: protocol_of(key, speeds) for key in sorted(keys)}
+        keys = next(iter(self.all_motions.values())).raw.as_json().keys() - {"protocols"}
+        return {key: protocol_of(key, self.beat_speeds) for key in sorted(keys)}
+
+    @property
+    def beat_speeds(self) -> BeatSpeeds:
+        """Source of the mean speeds of BeatAlign."""
+        beats = next((each.raw.beats for each in self.all_motions.values()), None)
+        return beats.beat_speeds_of if beats else "own"
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of ``diagnostics.json``."""

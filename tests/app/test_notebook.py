@@ -74,6 +74,7 @@ def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
     }
     shown = found._repr_html_()
     assert f"<b>{calm_jerk:.3g}</b>" in shown and "n/a" in shown and "nan" not in shown
+    assert found.protocols["l1_diversity_m"] == "l1div/emage" and "Protocol workbench/1." in shown
 
 
 def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights):
