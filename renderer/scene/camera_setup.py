@@ -46,6 +46,9 @@ STEADY_SIGMA_FRAMES = 2.0
 """Smoothing of hand close-ups (frames): their camera removes gestures, below 2 Hz, so that a hand
 stays large and centred, and leaves tremor, above 5 Hz, unchanged.
 """
+MAX_LEAD_M, CLOSE_UP_LEAD_M = 0.3, 0.15
+"""Largest distance (m) of a following camera from the point that it follows: without a limit, a
+body that starts to walk or jumps away would make all bodies small."""
 FINGERTIP_M = 0.035
 """Largest distance (m) of a fingertip from its last joint."""
 
@@ -215,7 +218,7 @@ class CameraSetup:
                 tracks.append(np.zeros((motion.num_frames, 3)))
             else:
                 positions = _joint_positions(body, motion) if positions is None else positions
-                tracks.append(_track(positions, shot.view, shot.sigma_frames))
+                tracks.append(_track(body, positions, shot.view, shot.sigma_frames))
         return tracks
 
     def with_camera_paths(self, ways: Sequence[Float[np.ndarray, "T 3"]]) -> "CameraSetup":
@@ -262,12 +265,12 @@ def make_camera_setup(
         positions = _joint_positions(body, motion)
         from_afar.append(extreme_points(positions[:, seen[0][2]], view, aspect=aspect))
         for found, (name, ratio, joints, _, sigma) in zip(places, seen, strict=True):
-            relative = positions[:, joints] - _track(positions, name, sigma)[:, None]
+            relative = positions[:, joints] - _track(body, positions, name, sigma)[:, None]
             found.append(extreme_points(relative, name, aspect=ratio))
         pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
-    wandered_m = float(np.ptp(pelvises, axis=0)[[0, 2]].max())
+    wandered_m = float(np.ptp(pelvises, axis=0).max())
     shots = []
     for found, (name, ratio, _, flesh, sigma) in zip(places, seen, strict=True):
         if not shots and view not in CLOSE_UP_JOINTS and wandered_m <= FOLLOW_DISTANCE_M:
@@ -315,14 +318,22 @@ def _joint_positions(body: Body, motion: BodyMotion) -> Float32[np.ndarray, "T J
 
 
 def _track(
-    positions: Float[np.ndarray, "T J 3"], view: str, sigma_frames: float
+    body: Body, positions: Float[np.ndarray, "T J 3"], view: str, sigma_frames: float
 ) -> Float[np.ndarray, "T 3"]:
-    """Return the smoothed centre of a close-up's joints, or of the pelvis on the ground."""
+    """Return the smoothed centre of a close-up's joints, or of the pelvis on the ground.
+
+    It stays near that point; the height of the pelvis counts for a body that rises far.
+    """
     if view in CLOSE_UP_JOINTS:
-        middle = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1)
+        middle, lead_m = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1), CLOSE_UP_LEAD_M
     else:
-        middle = positions[:, 0] * np.array([1.0, 0.0, 1.0], np.float32)
-    return ndimage.gaussian_filter1d(middle, sigma_frames, axis=0, mode="nearest")
+        middle, lead_m = positions[:, 0].copy(), MAX_LEAD_M
+        is_rising = np.ptp(middle[:, 1]) > FOLLOW_DISTANCE_M
+        stands_m = _floor(body, positions) + body.rest_joints[0, 1] - body.template[:, 1].min()
+        middle[:, 1] = middle[:, 1] - stands_m if is_rising else 0.0
+    smooth = ndimage.gaussian_filter1d(middle, sigma_frames, axis=0, mode="nearest")
+    away_m = np.linalg.norm(smooth - middle, axis=1, keepdims=True)
+    return middle + (smooth - middle) * np.minimum(1.0, lead_m / np.maximum(away_m, 1e-9))
 
 
 def _reach(body: Body) -> Float[np.ndarray, " J"]:

@@ -37,6 +37,8 @@ def render_constants() -> dict:
             "knee_flesh": camera_setup.KNEE_FLESH_M,
             "fingertip": camera_setup.FINGERTIP_M,
             "follow_beyond": camera_setup.FOLLOW_DISTANCE_M,
+            "lead": camera_setup.MAX_LEAD_M,
+            "close_lead": camera_setup.CLOSE_UP_LEAD_M,
             "middle": camera_setup.ORBIT_CENTRE_HEIGHT_M,
             "walk_sigma": camera_setup.WALK_SIGMA_FRAMES,
             "face_sigma": camera_setup.CLOSE_UP_SIGMA_FRAMES,

@@ -4,7 +4,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { Orbit } from "../../app/page/web/body/orbit.js";
-import { framePoints, lens, projected } from "../../app/page/web/stage/framing.js";
+import { framePoints, Framing, lens, projected } from "../../app/page/web/stage/framing.js";
+import { NUM_JOINTS } from "../../app/page/web/stage/motion.js";
 
 const LENS = { yfov: 0.6, near: 0.05, margin: 0.06 };
 const FRONT = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]; // right, up, backward
@@ -35,6 +36,52 @@ test("what lies before the camera is in the middle, and right is right", () => {
   assert.ok(projected(matrix, [1.1, 2, 0])[0] > 0.5);
   assert.ok(projected(matrix, [1, 2.1, 0])[1] < 0.5, "up is up");
   assert.equal(projected(matrix, [1, 2, 6]), null, "behind the camera");
+});
+
+/** Somebody with a head, a pelvis and a foot, who goes `way(seconds)`, (T, J, 3). */
+const walker = (way) =>
+  Float32Array.from({ length: 300 * 3 * NUM_JOINTS }, (_, i) => {
+    const [frame, joint, axis] = [Math.floor(i / (3 * NUM_JOINTS)), Math.floor(i / 3) % NUM_JOINTS, i % 3];
+    return way(frame / 30)[axis] + (axis === 1 ? { pelvis: 1, head: 1.7 }[JOINTS[joint]] ?? 0.1 : 0);
+  });
+const JOINTS = ["pelvis", "head", "left_ankle", "right_ankle", "left_foot", "right_foot", ...new Array(NUM_JOINTS - 6).fill("left_knee")];
+const BODY = { names: JOINTS, reach: new Array(NUM_JOINTS).fill(0.1), rest: Float32Array.of(0, 0.9, ...new Array(3 * NUM_JOINTS - 2).fill(0)), sole: -0.1 };
+const FACTS = {
+  camera: LENS,
+  views: { front: FRONT },
+  framing: { below_knees: ["ankle", "foot"], knee_flesh: 0.1, follow_beyond: 1.5, lead: 0.3, close_lead: 0.15, walk_sigma: 30 },
+  ground: { half_size: 2 },
+};
+
+/** How high a body stands in its picture at a frame, as a share, and where its pelvis is in it. */
+function seenAt(framing, places, number, frame) {
+  const { axes, eye } = framing.body("front", 0.6, false);
+  const matrix = lens({ axes, eye: eye.map((part, k) => part + (framing.isFollowing ? framing.track(number)[3 * frame + k] : 0)) }, 0.6, LENS);
+  const [pelvis, head] = [0, 1].map((joint) => projected(matrix, places.subarray(3 * (NUM_JOINTS * frame + joint))));
+  return { height: pelvis[1] - head[1], pelvis };
+}
+
+test("a body that goes far shrinks neither others nor itself, and its ground goes along", () => {
+  const still = walker(() => [0, 0, 0]);
+  const ways = {
+    walk: (s) => [2 * s, 0, 0],
+    approach: (s) => [0, 0, 2 * s],
+    jump: (s) => [s > 5 ? 20 : 0, 0, 0],
+    climb: (s) => [0, 2 * (s - 5), 0],
+    circle: (s) => [3 * Math.sin(2 * s), 0, 3 * Math.cos(2 * s)],
+  };
+  const alone = seenAt(new Framing(BODY, FACTS, [still]), still, 0, 150).height;
+  for (const [name, way] of Object.entries(ways)) {
+    const places = walker(way);
+    const framing = new Framing(BODY, FACTS, [still, places]);
+    for (const frame of [0, 75, 149, 151, 299]) {
+      assert.ok(seenAt(framing, still, 0, frame).height > 0.7 * alone, `${name} shrinks others: ${seenAt(framing, still, 0, frame).height} of ${alone}`);
+      const { height, pelvis } = seenAt(framing, places, 1, frame);
+      assert.ok(height > 0.5 * alone && pelvis.every((part) => part > 0 && part < 1), `${name}, frame ${frame}: ${height} of ${alone}, ${pelvis}`);
+      const { centre, halfSize } = framing.ground(1, frame);
+      assert.ok(halfSize === 2 && Math.hypot(centre[0] - way(frame / 30)[0], centre[1] - way(frame / 30)[2]) < 0.5, `${name}: the ground goes along`);
+    }
+  }
 });
 
 const AROUND = [0, 1, 0];

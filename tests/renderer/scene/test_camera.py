@@ -208,7 +208,10 @@ def test_the_face_fills_its_close_up_and_the_camera_follows_it():
 @pytest.mark.parametrize("view", ["front", "three_quarter", "side"])
 def test_a_body_that_wanders_far_stays_large_and_whole(view):
     body = load_body()
-    motions = [waving_motion(120, walk_m=9.0), waving_motion(120)]
+    stays, way_m = waving_motion(120), np.zeros((120, 3))
+    way_m[60:] = (20.0, 0.0, -5.0)
+    way_m[90:, 1] = 8.0
+    motions = [waving_motion(120, walk_m=9.0), replace(stays, trans=way_m), stays]
     stage = make_camera_setup(body, motions, view)
     heights = []
     for motion in motions:

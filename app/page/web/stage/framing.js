@@ -47,7 +47,7 @@ export class Framing {
   #cameras = new Map();
   floor;
   centre; // x and z
-  halfSize; // of the ground
+  #halfSize; // of the ground
   isFollowing; // whether cameras go along with bodies that wander
 
   /**
@@ -60,21 +60,20 @@ export class Framing {
     this.#mesh = mesh;
     this.#facts = facts;
     this.#all = all;
-    const bounds = { low: [Infinity, Infinity], high: [-Infinity, -Infinity] };
-    const pelvis = { low: [Infinity, Infinity], high: [-Infinity, -Infinity] };
-    for (const places of all) {
-      for (let at = 0; at < places.length; at += 3) {
-        widen(bounds, places[at], places[at + 2]);
-        if (at % (3 * NUM_JOINTS) === 0) widen(pelvis, places[at], places[at + 2]);
-      }
-    }
+    const [bounds, pelvis] = [3, 3 * NUM_JOINTS].map((step) => boundsOf(all, step));
     this.floor = median(all.map((places) => this.#floorOf(places)));
-    this.centre = [0, 1].map((k) => (bounds.low[k] + bounds.high[k]) / 2);
-    const extent = Math.max(...[0, 1].map((k) => bounds.high[k] - bounds.low[k]));
-    this.halfSize = facts.ground.half_size + extent / 2;
-    const wandered = Math.max(...[0, 1].map((k) => pelvis.high[k] - pelvis.low[k]));
-    this.isFollowing = wandered > facts.framing.follow_beyond;
+    this.centre = [0, 2].map((k) => (bounds.low[k] + bounds.high[k]) / 2);
+    this.#halfSize = facts.ground.half_size + Math.max(...[0, 2].map((k) => bounds.high[k] - bounds.low[k])) / 2;
+    this.isFollowing = Math.max(...pelvis.high.map((high, k) => high - pelvis.low[k])) > facts.framing.follow_beyond;
     if (before?.isFollowing === this.isFollowing) this.#before = before;
+  }
+
+  /** The ground that a body stands on at a frame, as Painter has it: where cameras follow, it goes along over a grid. */
+  ground(body, frame) {
+    const { floor, centre, isFollowing } = this;
+    if (!isFollowing) return { centre, floor, halfSize: this.#halfSize, hasGrid: false };
+    const [x, , z] = this.#track(body).subarray(3 * frame);
+    return { centre: [x, z], floor, halfSize: this.#facts.ground.half_size, hasGrid: true };
   }
 
   /** A camera of these, or on its way from where it stood before. */
@@ -140,7 +139,10 @@ export class Framing {
     return { axes, eye: framePoints(points, radii, axes, aspect, this.#facts.camera) };
   }
 
-  /** What a camera goes along with, (T, 3): the middle of a close-up's joints, or the way of the pelvis. */
+  /**
+   * What a camera goes along with, (T, 3), never far from it: the middle of a close-up's joints, or the way of the
+   * pelvis, up and down only of a body that rises far.
+   */
   track(body, closeUp = null) {
     return this.#track(body, closeUp);
   }
@@ -155,11 +157,16 @@ export class Framing {
         for (const joint of joints) {
           for (let k = 0; k < 3; k++) middle[3 * frame + k] += places[3 * (NUM_JOINTS * frame + joint) + k] / joints.length;
         }
-        if (!closeUp) middle[3 * frame + 1] = 0;
       }
-      const { walk_sigma: walk, face_sigma: face, hand_sigma: hand } = this.#facts.framing;
+      const { walk_sigma: walk, face_sigma: face, hand_sigma: hand, lead, close_lead: closeLead, follow_beyond: beyond } = this.#facts.framing;
+      if (!closeUp) {
+        const stands = this.#floorOf(places) + this.#mesh.rest[1] - this.#mesh.sole;
+        const { low, high } = boundsOf([middle], 3);
+        const isRising = high[1] - low[1] > beyond;
+        for (let at = 1; at < middle.length; at += 3) middle[at] = isRising ? middle[at] - stands : 0;
+      }
       const sigma = !closeUp ? walk : closeUp.view === "face" ? face : hand;
-      this.#tracks.set(key, gaussian(middle, 3, sigma));
+      this.#tracks.set(key, leashed(gaussian(middle, 3, sigma), middle, closeUp ? closeLead : lead));
     }
     return this.#tracks.get(key);
   }
@@ -185,11 +192,28 @@ export function projected(matrix, [x, y, z]) {
   return depth > 0 ? [0.5 + row(0) / (2 * depth), 0.5 - row(4) / (2 * depth)] : null;
 }
 
-function widen({ low, high }, ...place) {
-  for (const [k, value] of place.entries()) {
-    low[k] = Math.min(low[k], value);
-    high[k] = Math.max(high[k], value);
+/** Each point of `track` at most `lead` from that of `goal`; in place. */
+function leashed(track, goal, lead) {
+  for (let at = 0; at < track.length; at += 3) {
+    const away = [0, 1, 2].map((k) => track[at + k] - goal[at + k]);
+    const share = Math.min(1, lead / (Math.hypot(...away) || 1));
+    away.forEach((part, k) => (track[at + k] = goal[at + k] + share * part));
   }
+  return track;
+}
+
+/** Of each `step`th number and the two after it. */
+function boundsOf(all, step) {
+  const [low, high] = [new Array(3).fill(Infinity), new Array(3).fill(-Infinity)];
+  for (const places of all) {
+    for (let at = 0; at < places.length; at += step) {
+      for (let k = 0; k < 3; k++) {
+        low[k] = Math.min(low[k], places[at + k]);
+        high[k] = Math.max(high[k], places[at + k]);
+      }
+    }
+  }
+  return { low, high };
 }
 
 function median(values) {

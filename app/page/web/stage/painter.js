@@ -58,7 +58,9 @@ uniform vec3 shift;
 uniform vec3 heat_colors[HEATS];
 uniform float heat_scale;  // jerk at the end of the scale; 0 shows the body's own colours
 uniform vec4 ink;  // that it is printed in, dark where it is dark; the last is 0 of its own colours
+uniform float floor_height;
 out vec3 lit;
+out float above;  // the floor
 #ifdef TEXTURED
 layout(location = 4) in vec2 texcoord;
 out vec2 uv;
@@ -74,6 +76,7 @@ vec3 heat_color(float share) {
 
 void main() {
     vec3 world = posed + shift;
+    above = world.y - floor_height;
     gl_Position = clip_from_world * vec4(world, 1.0);
     vec3 base = heat_scale > 0.0 ? heat_color(jerk / heat_scale) : color.rgb;
     base *= material.base_color_factor.rgb;
@@ -88,12 +91,23 @@ void main() {
 #endif
 }`;
 
+/** Of what the floor hides, a hint is left. */
+const SUNK = `
+in float above;
+uniform bool hides;
+vec4 sunk(vec3 display) {
+    return hides && above < 0.0 ? vec4(mix(display, vec3(1.0), ink.a), 0.12) : vec4(display, 1.0);
+}
+`;
+
 const BODY_FRAGMENTS = `${HEAD}
 in vec3 lit;
 uniform float inside;  // of a sleeve, dark; of a coarser mesh slivers are turned away that are none
+uniform vec4 ink;
 out vec4 frag_color;
+${SUNK}
 void main() {
-    frag_color = vec4(gl_FrontFacing ? lit : inside * lit, 1.0);
+    frag_color = sunk(gl_FrontFacing ? lit : inside * lit);
 }`;
 
 const TEXTURED_FRAGMENTS = (lighting) => `${HEAD}
@@ -106,13 +120,14 @@ uniform sampler2D picture;
 uniform vec4 ink;
 uniform float heat_scale;
 out vec4 frag_color;
+${SUNK}
 void main() {
     vec4 texel = texture(picture, uv);
     if (texel.a < 0.5) discard;  // between the strands of hair
     vec3 own = heat_scale > 0.0 ? vec3(1.0) : texel.rgb;
     vec3 display = to_display(lit * own * own + gloss);
     vec3 print = mix(ink.rgb, vec3(1.0), dot(display, vec3(0.2126, 0.7152, 0.0722)));
-    frag_color = vec4(mix(display, print, ink.a), 1.0);
+    frag_color = sunk(mix(display, print, ink.a));
 }`;
 
 const SHADOW_VERTICES = `${HEAD}
@@ -165,9 +180,10 @@ uniform vec3 ground;
 uniform float half_size;
 uniform vec3 shift;
 out vec2 at;  // -1 to 1
+out vec2 place;
 void main() {
     at = vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, gl_VertexID < 2 ? -1.0 : 1.0);
-    vec2 place = ground.xy + half_size * at;
+    place = ground.xy + half_size * at;
     gl_Position = clip_from_world * vec4(vec3(place.x, ground.z, place.y) + shift, 1.0);
 }`;
 
@@ -178,6 +194,8 @@ uniform vec3 background;
 uniform vec2 glow;  // how much lighter the pool's middle is, and its lightest
 uniform vec2 pool;  // power and fade
 uniform vec3 lost;  // by the body, by what touches, at most
+in vec2 place;  // in the world
+uniform float grid;  // how strong its lines are
 out vec4 frag_color;
 void main() {
     float radius = length(at);
@@ -185,7 +203,10 @@ void main() {
     vec3 lit = mix(background, min(background + glow.x, glow.y), lightness);
     vec2 covered = texture(shadow, 0.5 * at + 0.5).rg;
     float dark = min(dot(lost.xy, covered), lost.z) * clamp((1.0 - radius) * pool.y, 0.0, 1.0);
-    lit *= 1.0 - dark;
+    vec2 wide = fwidth(place);
+    vec2 off = abs(fract(2.0 * place + 0.5) - 0.5) / (2.0 * wide);  // pixels from the nearest line of every half metre
+    float line = grid * clamp(1.2 - min(off.x, off.y), 0.0, 1.0) * clamp(2.0 * (1.0 - radius), 0.0, 1.0);
+    lit = mix(lit, background.r > 0.5 ? vec3(0.45) : vec3(0.8), line) * (1.0 - dark);
     frag_color = vec4(lit, 1.0);
 }`;
 
@@ -204,6 +225,8 @@ out vec4 frag_color;
 void main() {
     frag_color = vec4(ink, 1.0);
 }`;
+
+const GRID = 0.35; // of its lines
 
 /** @type {[number, number, number]} */
 const DARK = [0.115, 0.15, 0.19];
@@ -434,7 +457,7 @@ export class Painter {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 
-  /** Make the shadow of one body ready for its panels. `ground` is { centre, floor, halfSize }. */
+  /** Make the shadow of one body ready for its panels. `ground` is that of Framing. */
   castShadow(number, level, { centre, floor, halfSize }) {
     const gl = this.#gl;
     const { touching, texels: usual } = this.#facts.ground;
@@ -486,7 +509,8 @@ export class Painter {
     const gl = this.#gl;
     this.#frame(rect, clip);
     gl.clear(gl.DEPTH_BUFFER_BIT);
-    if (!isOver) this.#drawGround(matrix, ground, shift);
+    const isSeenFromAbove = eye[1] > ground.floor;
+    if (!isOver && isSeenFromAbove) this.#drawGround(matrix, ground, shift);
     gl.enable(gl.DEPTH_TEST);
     const { body } = this.#programs;
     gl.useProgram(body.handle);
@@ -502,8 +526,11 @@ export class Painter {
     gl.uniform1f(body.at("heat_scale"), heat);
     gl.uniform1f(body.at("inside"), isWhole ? 0.35 : 1);
     gl.uniform4f(body.at("ink"), ...(ink ?? [0, 0, 0]), ink ? 1 : 0);
+    gl.uniform1f(body.at("floor_height"), ground.floor);
+    gl.uniform1i(body.at("hides"), Number(isSeenFromAbove));
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     if (isOver) {
-      gl.enable(gl.BLEND);
       gl.blendEquation(gl.MIN);
       gl.colorMask(false, false, false, false);
       this.#drawBody(number, faces); // its depth: nothing behind it is printed
@@ -514,6 +541,7 @@ export class Painter {
     gl.depthFunc(gl.LESS);
     gl.disable(gl.BLEND);
     gl.blendEquation(gl.FUNC_ADD);
+    gl.blendFunc(gl.ONE, gl.ZERO);
   }
 
   /** The floor with the shadow that was cast last. */
@@ -531,6 +559,7 @@ export class Painter {
     gl.uniform2f(floor.at("glow"), glow, lightest);
     gl.uniform2f(floor.at("pool"), power, fade);
     gl.uniform3f(floor.at("lost"), ...lost, most);
+    gl.uniform1f(floor.at("grid"), ground.hasGrid ? GRID : 0);
     gl.bindVertexArray(null);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, this.#shadow[2].texture);

@@ -729,7 +729,7 @@ export class Stage {
     for (const { cell, entry } of this.#cells) {
       if (!entry.shown) continue;
       const [left, top, w, h] = cell.map((part) => Math.round(part * density));
-      this.#painter.castShadow(entry.number, level.shadow, this.#framing);
+      this.#painter.castShadow(entry.number, level.shadow, this.#groundOf(entry, moment));
       for (const panel of panels(this.#inside([left, top, Math.min(w, width - left), Math.min(h, height - top)], density), this.closeUp, this.#facts.close_ups)) this.#drawPanel(panel, entry, moment, level);
     }
   }
@@ -748,7 +748,7 @@ export class Stage {
       flicker: this.#isSecond ? [[second, { shift, like: first }]] : [[first, {}]],
     }[this.mode];
     for (const [entry, options] of bodies) {
-      this.#painter.castShadow(entry.number, level.shadow, this.#framing);
+      this.#painter.castShadow(entry.number, level.shadow, this.#groundOf(entry, moment));
       this.#drawPanel({ view: null, rect }, entry, moment, level, options);
     }
     for (const [i, entry] of [first, second].entries()) for (const panel of layout.sides[i]) this.#drawPanel(panel, entry, moment, level);
@@ -772,7 +772,7 @@ export class Stage {
     const mesh = panel.view ? level.close : level.mesh;
     const faces = panel.view ? this.#mesh.part(mesh, panel.drawn) : this.#mesh.level(mesh);
     const heat = this.#look.get("hasHeat") ? this.#look.get("heatScale") : 0;
-    this.#painter.panel(rect, { matrix, eye: camera.eye, number: entry.number, faces, isWhole: mesh === 0, ground: this.#framing, heat, ...options });
+    this.#painter.panel(rect, { matrix, eye: camera.eye, number: entry.number, faces, isWhole: mesh === 0, ground: this.#groundOf(entry, moment), heat, ...options });
     this.#drawBones({ ...panel, rect }, entry, matrix, options);
     const isTrailIn = !panel.view || panel.view === `${this.#look.get("point").split("_")[0]}_hand`;
     if (this.#look.get("hasTrail") && !options.ink && isTrailIn) this.#drawTrail({ rect }, entry, moment, matrix, options);
@@ -799,8 +799,12 @@ export class Stage {
     return this.#mesh.names.map((name) => /index|middle|pinky|ring|thumb|jaw|eye/.test(name));
   }
 
+  #groundOf(entry, moment) {
+    return this.#framing.ground(entry.number, frameAt(entry, moment));
+  }
+
   #cameraOf(panel, entry, moment, aspect) {
-    const frame = Math.max(0, Math.min(Math.floor(moment), entry.shown.length - 1));
+    const frame = frameAt(entry, moment);
     const at = (track) => [0, 1, 2].map((k) => track[3 * frame + k]);
     if (panel.view) {
       const { axes, eye } = this.#framing.closeUp(panel, aspect);
@@ -811,7 +815,7 @@ export class Stage {
     const along = this.#framing.isFollowing ? at(this.#framing.track(entry.number)) : [0, 0, 0];
     const place = eye.map((part, k) => part + along[k]);
     if (!this.orbit.isMoved) return { axes, eye: place };
-    const height = this.#framing.floor + this.#facts.framing.middle;
+    const height = this.#framing.floor + this.#facts.framing.middle + along[1];
     const pelvis = this.#framing.isFollowing ? [along[0], height, along[2]] : [this.#framing.centre[0], height, this.#framing.centre[1]];
     return this.orbit.from({ axes, eye: place }, pelvis);
   }
@@ -940,6 +944,10 @@ function settled(entry, world) {
   const left = 1 - Math.min(1, (performance.now() - entry.moved.at) / GLIDE_MS);
   if (!left) entry.moved = null;
   return entry.moved ? partlyBack(world, entry.moved.from, entry.moved.to, left * left * (3 - 2 * left)) : world;
+}
+
+function frameAt({ shown }, moment) {
+  return Math.max(0, Math.min(Math.floor(moment), shown.length - 1));
 }
 
 /** The colour of a motion, 0 to 1. */
