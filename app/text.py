@@ -125,7 +125,7 @@ NEAREST_LEGEND = "closest to the reference"
 NO_REFERENCE_LEGEND = "Add a reference motion to see which system is closest to it."
 ALL_MEASURES = "Show all {count} metrics"
 CSV_LABEL = "Save as CSV"
-GO_THERE = "Show {time}"
+GO_THERE = "Show {where}"
 
 VIEW_NAMES = {
     "front": "Front view",

@@ -3,6 +3,10 @@
 Every index in the project is computed from a joint *name* here.
 """
 
+from typing import Literal
+
+BodyPart = Literal["", "feet", "hands", "face"]
+"""Part of a body; empty for the whole body."""
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 
 JOINT_NAMES: tuple[str, ...] = (

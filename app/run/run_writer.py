@@ -44,6 +44,7 @@ from app.run.timeline import (
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, join_names, short_names
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding, ranked
+from model.faults.table import body_part
 from model.formats.reading import ImportedMotion
 from model.generation.base import Windowing
 from model.metrics.protocols.clip import ProtocolInputs
@@ -363,7 +364,11 @@ def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRe
         norms.add(finding.people)
         told.append(
             FindingRecord(
-                name=name, kind=finding.kind, sentence=truncate(sentence), at=finding.worst_s
+                name=name,
+                kind=finding.kind,
+                sentence=truncate(sentence),
+                at=finding.worst_s,
+                part=body_part(finding),
             )
         )
     labels = short_names(name for name in findings if name != REFERENCE_NAME)

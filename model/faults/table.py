@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 
+from conventions.joints import FACE, HANDS, JOINT_INDEX, BodyPart
 from model.faults import glitches, posture, range_checks
 from model.faults.analysis import MEASURED, SEEN, WRONG, Evidence, Finding, by_gravity
 
@@ -77,6 +78,8 @@ FAULTS: tuple[FaultCheck, ...] = (
     FaultCheck("amplitude", MEASURED, range_checks.AMPLITUDE.search),
     FaultCheck("speed", MEASURED, range_checks.SPEED.search),
 )
+_PARTS: dict[str, BodyPart] = {"legs": "feet", "hands": "hands", "face": "face"}
+"""Body part that shows a fault, by the part of a motion file that its detector needs."""
 STILL = FaultCheck("still", WRONG, posture.nothing_moves)
 """Detector that runs first: if nothing moves, no other finding is reported."""
 
@@ -90,6 +93,19 @@ def find_faults(evidence: Evidence) -> list[Finding]:
     kinds = {finding.kind for finding in found}
     explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.explains}
     return by_gravity(finding for finding in found if finding.kind not in explained)
+
+
+def body_part(finding: Finding) -> BodyPart:
+    """Return the body part that shows a finding: ``feet``, ``hands`` or ``face``, else empty."""
+    joint = finding.numbers.get("joint", "")
+    if joint.endswith(("_ankle", "_foot")):
+        return "feet"
+    if joint.endswith("_wrist") or JOINT_INDEX.get(joint) in HANDS:
+        return "hands"
+    if JOINT_INDEX.get(joint) in FACE:
+        return "face"
+    needed = next((fault.required_parts for fault in FAULTS if fault.kind == finding.kind), ())
+    return next((_PARTS[part] for part in needed if part in _PARTS), "")
 
 
 def _found(fault: FaultCheck, evidence: Evidence) -> list[Finding]:

@@ -217,6 +217,8 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     expect(gravest).to_contain_text("Feet slide")
     gravest.get_by_role("button").click()
     worst_s = page.evaluate(f"{PLAYER}.lockstep.time")
+    assert page.evaluate(f"{PLAYER}.stage.orbit.state[2]") > 2, "the feet are seen from near"
+    assert page.evaluate(f"{PLAYER}.look.get('isWhole')"), "and not cut off"
     assert worst_s > 0 and gravest.get_by_role("button").inner_text().startswith("Show 0:")
     page.evaluate(f"{PLAYER}.lockstep.seekFrame(0)")
     player.locator(".lane .flag").first.click()

@@ -7,6 +7,7 @@ from typing import Literal, NotRequired
 from typing_extensions import TypedDict
 
 from app.run.output.run_folder import AssumptionRecord, FramesAvailable
+from conventions.joints import BodyPart
 
 
 class FileReading(TypedDict):
@@ -102,6 +103,8 @@ class PlayerFinding(TypedDict):
     sentence: str
     at: float | None
     """Time (s) at which it is worst."""
+    part: BodyPart
+    """Body part that shows it; empty for the whole body."""
 
 
 class PlayerValue(TypedDict, total=False):

@@ -112,7 +112,12 @@ class Showing:
             "running": is_running,
             "begins": is_running,
             "findings": [
-                {"name": each.name, "sentence": each.sentence, "at": each.at}
+                {
+                    "name": each.name,
+                    "sentence": each.sentence,
+                    "at": each.at,
+                    "part": each.part,
+                }
                 for each in record.top_findings
             ],
             **({"editing": self._edited(self.editing)} if self.editing else {}),

@@ -209,14 +209,16 @@ def _cell(measure: Measure, column: Column, near: Mapping[FilterVersion, Sequenc
 
 
 def _finding(found: FindingRecord, label: str) -> str:
-    """Format a finding, with a button that seeks to its worst time."""
+    """Format a finding, with a button that shows its worst time and its body part."""
     go = ""
-    if found.at is not None:
-        tenths = round(10 * found.at)
-        time = f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
+    if found.at is not None or found.part:
+        at, where = "", f"the {found.part}"
+        if found.at is not None:
+            tenths = round(10 * found.at)
+            at, where = f"{found.at:.3f}", f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
         go = (
-            f'<button type="button" class="go" data-at="{found.at:.3f}">'
-            f"{text.GO_THERE.format(time=time)}</button>"
+            f'<button type="button" class="go" data-at="{at}" data-name="{escape(found.name)}"'
+            f' data-part="{found.part}">{text.GO_THERE.format(where=where)}</button>'
         )
     who = f"<b>{escape(label)}:</b> " if label else ""
     return f"<li>{who}{escape(found.sentence)}{go}</li>"

@@ -1,7 +1,6 @@
 /** The table of measures: one switch for the filter, few or all of them, and moments to look at. */
 
 import { currentFilter, followFilter, wireSwitch } from "./filter_switch.js";
-import { goTo as goToMoment } from "./player/findings.js";
 
 export function mountMeasures(element, props, watch) {
   const mark = wireSwitch(element);
@@ -24,7 +23,8 @@ function goTo(button) {
   const player = [...players].find(({ lockstep }) => lockstep); // a live body has no time to go to
   if (!player) return;
   player.dispatchEvent(new Event("watch"));
-  goToMoment(player.lockstep, Number(button.dataset.at));
+  const { name, part, at } = button.dataset;
+  player.showFinding({ name, part, at: at ? Number(at) : null });
   player.scrollIntoView({ block: "nearest", behavior: "smooth" });
 }
 

@@ -142,6 +142,8 @@ export interface PlayerFinding {
   sentence: string;
   /** Time (s) at which it is worst. */
   at: number | null;
+  /** Body part that shows it; empty for the whole body. */
+  part: "" | "feet" | "hands" | "face";
 }
 
 /** Magnitude of a derivative at equal steps of time (s). */
@@ -319,6 +321,8 @@ export interface ViewerConstants {
     knee_flesh: number;
     fingertip: number;
     follow_beyond: number;
+    lead: number;
+    close_lead: number;
     middle: number;
     walk_sigma: number;
     face_sigma: number;

@@ -21,6 +21,7 @@ from app.run.requests.convert import nested_fields
 from app.run.requests.parts import MAX_CLIPS
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from conventions.colors import colors_of
+from conventions.joints import BodyPart
 from conventions.names import (
     COMPARISON,
     REFERENCE_NAME,
@@ -137,6 +138,8 @@ class FindingRecord(_Strict):
     sentence: Text
     at: Number | None = None
     """Time (s) at which it is worst."""
+    part: BodyPart = ""
+    """Body part that shows it; empty for the whole body."""
 
 
 class VerdictRecord(_Strict):

@@ -237,6 +237,23 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
     ]
 
 
+@pytest.mark.parametrize(
+    ("kind", "numbers", "part"),
+    [
+        ("through_floor", {}, "feet"),
+        ("still_face", {}, "face"),
+        ("frozen_hand", {"side": "left"}, "hands"),
+        ("snap", {"joint": "left_index2"}, "hands"),
+        ("pops", {"joint": "right_ankle"}, "feet"),
+        ("pops", {"joint": "head"}, ""),
+        ("jerk", {}, ""),
+    ],
+)
+def test_a_finding_says_which_body_part_shows_it(kind, numbers, part):
+    (told,) = finding_records({"a": [Finding("It is wrong.", numbers, kind=kind)]})
+    assert told.part == part
+
+
 def test_rows_of_one_noise():
     assert (
         noise_group("a/b") == noise_group("a/c") != noise_group("a/b.s2")

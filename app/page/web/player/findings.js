@@ -3,21 +3,27 @@
 import { make, momentText } from "../dom.js";
 
 export class Findings {
-  #player;
+  #show;
 
-  constructor(player) {
-    this.#player = player;
+  /** @param {(finding: import("../messages").PlayerFinding) => void} show */
+  constructor(show) {
+    this.#show = show;
     this.element = make("ol", { class: "gravest", hidden: true, "aria-label": "Findings, most severe first" });
   }
 
-  /** `findings` say `name`, `sentence` and `at`, seconds or null; `rows` say how each motion is called. */
+  /**
+   * @param {import("../messages").PlayerFinding[]} findings
+   * @param {import("../messages").PlayerRow[]} rows
+   */
   show(findings, rows) {
     this.element.hidden = !findings.length;
     this.element.replaceChildren(
-      ...findings.map(({ name, sentence, at }) => {
+      ...findings.map((finding) => {
+        const { name, sentence, at, part } = finding;
         const row = rows.find((each) => each.name === name);
         const words = name ? [make("b", {}, `${row?.label ?? name}:`), " ", sentence] : [sentence];
-        const go = at === null ? null : make("button", { type: "button", class: "go", onclick: () => goTo(this.#player, at) }, `Show ${momentText(at)}`);
+        const where = at === null ? part && `the ${part}` : momentText(at);
+        const go = where && make("button", { type: "button", class: "go", onclick: () => this.#show(finding) }, `Show ${where}`);
         return make("li", {}, make("p", {}, ...words), ...(go ? [go] : []));
       }),
     );

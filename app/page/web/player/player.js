@@ -13,7 +13,7 @@ import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
 import { Argument } from "./argument.js";
 import { Controls } from "./controls.js";
 import { Editing } from "./editing.js";
-import { Findings } from "./findings.js";
+import { Findings, goTo } from "./findings.js";
 import { Lockstep } from "./lockstep.js";
 import { Parts } from "./parts.js";
 import { LOW, Timeline } from "./timeline.js";
@@ -62,7 +62,11 @@ class Player {
     this.controls.element.append(this.argument.slider);
     this.timeline.bar.append(this.sounds, this.controls.worst.line);
     this.fold = make("button", { type: "button", class: "fold", hidden: true, onclick: () => this.#foldForm(!this.#isFolded) });
-    this.findings = new Findings(this.#lockstep);
+    root.showFinding = this.timeline.onmark = ({ name, at, part }) => {
+      if (at !== null) goTo(this.#lockstep, at);
+      this.#stage?.lookAt(name, part);
+    };
+    this.findings = new Findings(root.showFinding);
     const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
     this.parts = new Parts(root);
     const parts = [this.fold, this.parts.element, this.#why, this.argument.head, seen, this.#videos.element, this.controls.element, this.controls.displays.box, this.editing.element, this.timeline.element, this.#audio];

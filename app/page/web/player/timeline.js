@@ -53,6 +53,7 @@ export class Timeline {
   onplan = () => null;
   /** Called when they are. */
   onplanned = () => {};
+  onmark = (_finding) => {};
   #view = [0, 0]; // the seconds that are shown
   #observer = new ResizeObserver(() => this.#draw());
 
@@ -223,12 +224,13 @@ export class Timeline {
   #placeMarks() {
     for (const flag of this.lanes.querySelectorAll(".flag")) flag.remove();
     if (!this.#data) return;
-    for (const { name, sentence, at } of this.#marks) {
+    for (const finding of this.#marks) {
+      const { name, sentence, at } = finding;
       const share = this.#share(at);
       const plot = this.#lanes.get(name)?.canvas.parentElement;
       if (!plot || share < 0 || share > 1) continue;
       const label = `${momentText(at)}: ${sentence}`;
-      const flag = make("button", { type: "button", class: "flag", title: label, "aria-label": label, onclick: () => goTo(this.#player, at), onpointerdown: (event) => event.stopPropagation() });
+      const flag = make("button", { type: "button", class: "flag", title: label, "aria-label": label, onclick: () => this.onmark(finding), onpointerdown: (event) => event.stopPropagation() });
       flag.style.left = `${100 * share}%`;
       plot.append(flag);
     }

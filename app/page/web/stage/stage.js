@@ -40,6 +40,7 @@ const UNDER_SMALL_PX = 60; // the controls on a phone
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
 const SWIPE_PX = 40;
 const TAG_PX = 34; // of a body's name, above its picture
+const FEET_ZOOM = 3.5;
 const CLOSE_UP_SIDE = 0.02; // of its width, free at either side: no arm goes over into another's
 const NAME_PX = 15; // of the same, under close-ups
 const LIST_PX = 400; // less from the left, and a list of files would not be seen whole
@@ -467,6 +468,31 @@ export class Stage {
   enlargeNumber(number) {
     const name = this.names[number - 1];
     if (name) this.enlarge(name);
+  }
+
+  /** What of a body a finding is about, in its close-ups, or by the camera: feet have none. */
+  lookAt(name, part) {
+    const entry = this.#rows.get(name);
+    if (!entry?.shown || !part) return;
+    this.#at = this.names.indexOf(name); // on a narrow screen
+    if (part === "feet") this.#lookAtFeet(entry);
+    else {
+      this.orbit.reset();
+      if (![part, "both"].includes(this.closeUp)) return this.setCloseUp(part);
+    }
+    this.fit();
+  }
+
+  #lookAtFeet(entry) {
+    this.#look.set("isWhole", true);
+    const [body] = panels(this.#inside(this.#cells[0].cell), this.closeUp, this.#facts.close_ups);
+    this.orbit.reset();
+    const { axes, eye } = this.#cameraOf(body, entry, this.#moment, body.rect[2] / body.rect[3]);
+    const world = entry.shown.world(this.#moment, this.#motionLook);
+    const feet = ["left_foot", "right_foot"].map((name) => 12 * this.#mesh.names.indexOf(name));
+    const away = eye.map((part, k) => (world[feet[0] + 4 * k + 3] + world[feet[1] + 4 * k + 3]) / 2 - part);
+    const [right, up] = axes.map((axis) => axis.reduce((sum, part, k) => sum + part * away[k], 0));
+    this.orbit.place([0, 0, FEET_ZOOM, right, up]);
   }
 
   // -------------------------------------------------------------- room
