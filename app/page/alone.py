@@ -34,7 +34,7 @@ NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; g
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 """Pattern of relative imports in the modules; a test checks that there are no others."""
 _STYLE = """
-body { margin: 0; padding: 8px 10px; font-family: system-ui, sans-serif; color: var(--body-text-color); background: var(--body-background-fill); }
+body { margin: 0; padding: 8px 10px; font-family: Inter, system-ui, sans-serif; color: var(--body-text-color); background: var(--body-background-fill); }
 header { margin-bottom: 8px; font-size: 14px; line-height: 1.45; }
 h1, header p { margin: 0; }
 h1 { font-size: 17px; }

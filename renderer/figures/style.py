@@ -16,9 +16,10 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -35,6 +36,7 @@ PAGE_MM, COLUMN_MM = 174.0, 85.0
 MAX_HEIGHT_MM = 235.0
 DPI = 300  # resolution of PNG, and of pictures inside SVG and PDF
 FORMS = ("png", "svg", "pdf")
+FONTS = Path(__file__).parents[1] / "assets" / "fonts"
 """File formats of a figure."""
 CONTENTS_ENDING = ".figure.npz"
 """Suffix of files from which other formats are drawn, see `renderer.figures.kept`."""
@@ -52,7 +54,7 @@ GRID_INK = "#dcdcdc"
 SNAPSHOT_INK = "#c8c8c8"
 
 RC_PARAMS: dict[str, object] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
+    "font.family": ["Inter", "DejaVu Sans"],  # shipped: the same letters on every machine
     "font.size": LABEL_PT,
     "text.parse_math": False,  # a name may hold a dollar sign
     "text.color": INK,
@@ -176,7 +178,8 @@ def text_width_mm(text: str, size_pt: float) -> float:
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 
-    font = FontProperties(family=str(RC_PARAMS["font.family"]), size=size_pt)
+    _add_fonts()
+    font = FontProperties(family=cast(list[str], RC_PARAMS["font.family"]), size=size_pt)
     width_pt, _, _ = TextToPath().get_text_width_height_descent(text, font, ismath=False)
     return float(width_pt) / 72.0 / MM
 
@@ -243,11 +246,21 @@ class FigureError(ValueError):
     """Error for a figure that cannot be made from its input; the message says why."""
 
 
+@cache
+def _add_fonts() -> None:
+    """Make the shipped fonts known to matplotlib."""
+    from matplotlib.font_manager import fontManager
+
+    for path in sorted(FONTS.glob("*.ttf")):
+        fontManager.addfont(path)
+
+
 @contextmanager
 def matplotlib_settings() -> Iterator[None]:
     """Use matplotlib's defaults with the figures' settings, in one thread at a time."""
     from matplotlib import style
 
+    _add_fonts()
     with _MATPLOTLIB_LOCK, style.context(["default", RC_PARAMS]):
         yield
 
