@@ -267,6 +267,10 @@ def test_two_participants_complete_a_study_and_their_answers_are_read(
     practise(phone)
     obey(phone)
     assert findings(phone) == []
+    large = phone.get_by_role("button", name="Full screen").first
+    for is_large in ("true", "false"):
+        large.click()
+        phone.wait_for_function(f"() => Boolean(document.fullscreenElement) === {is_large}")
     watch_all(phone)
     choose(phone, "right")
     phone.locator(".reasons").get_by_text("Smoothness of the movements").click()

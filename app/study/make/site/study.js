@@ -395,7 +395,8 @@
       const action = make("span", { className: "action" });
       const play = make("button", { type: "button", className: "play", onclick: () => toggle(card) },
         make("span", { className: "sign", "aria-hidden": "true" }), make("span", { className: "name" }, name), action);
-      const card = { video, element: make("div", { className: "card" }, video, play), refresh, isWhole: false };
+      const full = document.fullscreenEnabled ? button(words.buttons.full, () => (document.fullscreenElement ? document.exitFullscreen() : card.element.requestFullscreen()), { className: "full" }) : null;
+      const card = { video, element: make("div", { className: "card" }, ...[video, full, play].filter(Boolean)), refresh, isWhole: false };
       const spoil = () => (card.isWhole = false);
 
       function refresh() {
