@@ -54,7 +54,9 @@ def build_app(services: Services) -> gr.Blocks:
         name_of_page = gr.HTML(
             "",
             html_template="",
-            js_on_load=mount("leaving.js", "mountLeaving") + mount("back.js", "mountBack"),
+            js_on_load=mount("leaving.js", "mountLeaving")
+            + mount("back.js", "mountBack")
+            + mount("help.js", "mountHelp"),
             apply_default_css=False,
             elem_classes="told-elsewhere",
         )

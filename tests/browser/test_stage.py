@@ -415,6 +415,13 @@ def test_measures_are_filtered_and_saved_and_a_figure_opens_large(
     button = page.locator("#player .timeline button[data-filter=raw]")
     expect(button).to_have_attribute("aria-pressed", "true")
 
+    term, told = page.locator("#numbers abbr").first, page.locator(".help-bubble")
+    for tell in (term.click, lambda: term.press("Enter")):
+        tell()
+        expect(told).to_have_text(term.get_attribute("title") or "")
+        page.keyboard.press("Escape")
+        expect(told).to_be_hidden()
+
     heads = page.locator("#numbers thead th[data-name]")
     expect(heads).to_have_text(LABELS)
     csv = page.get_by_role("link", name=text.CSV_LABEL)

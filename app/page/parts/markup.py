@@ -37,7 +37,7 @@ MAX_NOTES = 3
 
 
 def explained(sentence: str) -> str:
-    """Format a sentence as HTML, with a tooltip on the first use of each technical term."""
+    """Format a sentence as HTML, with an explanation (`help.js`) of each term at its first use."""
     seen: set[str] = set()
 
     def mark(found: re.Match[str]) -> str:
@@ -45,7 +45,7 @@ def explained(sentence: str) -> str:
         if WORDS[word] in seen:
             return found[1]
         seen.add(WORDS[word])
-        return f'<abbr title="{escape(WORDS[word])}">{found[1]}</abbr>'
+        return f'<abbr title="{escape(WORDS[word])}" tabindex="0">{found[1]}</abbr>'
 
     return _WORDS.sub(mark, escape(sentence))
 

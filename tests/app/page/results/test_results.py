@@ -118,7 +118,7 @@ def test_names_and_findings_cannot_bring_markup(tmp_path):
         told = explained(words)  # where a word stands first, and once
         assert re.sub("<[^>]*>", "", told) == escape(words)
         assert told.count(f'title="{escape(WORDS["jerk"])}"') <= 1
-    assert explained("jerk") == f'<abbr title="{WORDS["jerk"]}">jerk</abbr>'
+    assert explained("jerk") == f'<abbr title="{WORDS["jerk"]}" tabindex="0">jerk</abbr>'
 
 
 def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files(tmp_path):
