@@ -121,6 +121,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
         reached.append(tabbed(page))
         assert len(reached) < 60
     assert {"Upload file", "Record audio"} <= {*reached}
+    expect(page.locator("ul.options:visible")).to_have_count(0)  # lists that were passed
     page.keyboard.press("Enter")
     expect(page.locator("#message")).to_contain_text(text.NO_SPEECH)
     expect(page.get_by_text(text.NO_SPEECH)).to_have_count(1)  # and by no toast

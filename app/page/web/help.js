@@ -1,4 +1,4 @@
-/** Explained words: what their title says on hover, a click, a finger and Enter say too. */
+/** Explained words: what their title says on hover, a click, a finger and Enter say too; and lists that close. */
 
 import { make } from "./dom.js";
 
@@ -17,4 +17,7 @@ export function mountHelp() {
     bubble.showPopover();
   };
   for (const name of ["click", "keydown"]) document.addEventListener(name, tell);
+  // Gradio's lists open at each key that they hear, even at the Tab that leaves them.
+  const isLeavingList = ({ key, target }) => key === "Tab" && target instanceof Element && target.matches("[role=listbox]");
+  document.addEventListener("keydown", (event) => isLeavingList(event) && event.stopPropagation(), true);
 }
