@@ -18,6 +18,6 @@ export function mountHelp() {
   };
   for (const name of ["click", "keydown"]) document.addEventListener(name, tell);
   // Gradio's lists open at each key that they hear, even at the Tab that leaves them.
-  const isLeavingList = ({ key, target }) => key === "Tab" && target instanceof Element && target.matches("[role=listbox]");
+  const isLeavingList = ({ key, target }) => key === "Tab" && target instanceof Element && target.matches("[role=combobox]");
   document.addEventListener("keydown", (event) => isLeavingList(event) && event.stopPropagation(), true);
 }
