@@ -48,6 +48,8 @@ MAX_REACH_M = 20.0
 MAX_ARM_TWIST_DEG = 30.0
 """Twist of the hand that the upper arm shares; the forearm takes more, as when a palm turns up."""
 
+_SIDES = ("left", "right")
+_ARM = ("shoulder", "elbow", "wrist")
 _TRUNK = ("spine1", "spine2", "spine3")
 _EYE = re.compile(r"eye(ball)?(left|right|[lr])?[0-9]*$")
 _VRM_FINGERS = {"Index": "index", "Middle": "middle", "Ring": "ring", "Little": "pinky"}
@@ -138,7 +140,7 @@ class _Character:
         # The last bone carries neck and arms, so it must have all of the trunk's rotation.
         bones |= dict(zip(_TRUNK[:2] if len(trunk) > 2 else _TRUNK[:1], trunk[:-1], strict=False))
         bones |= {"spine3": trunk[-1]} if trunk else {}
-        arms = [f"{side}_{part}" for side in ("left", "right") for part in _ARM]
+        arms = [f"{side}_{part}" for side in _SIDES for part in _ARM]
         missing = [name for name in ("pelvis", *arms) if name not in bones]
         if missing or len(set(bones.values())) < len(bones):
             raise BodyError(
@@ -149,35 +151,31 @@ class _Character:
 
     def _vrm_bones(self) -> dict[str, int]:
         extensions = self._gltf.document.get("extensions", {})
+        joints = VRM_BONES
         if "VRMC_vrm" in extensions:
-            matches = extensions["VRMC_vrm"]["humanoid"]["humanBones"]
-            return {
-                joint: int(matches[bone]["node"])
-                for bone, joint in VRM_BONES.items()
-                if bone in matches and 0 <= int(matches[bone]["node"]) < len(self._gltf.nodes)
-            }
-        joints = VRM_BONES | _VRM0_THUMBS
+            bones = extensions["VRMC_vrm"]["humanoid"]["humanBones"].items()
+        else:
+            joints = VRM_BONES | _VRM0_THUMBS
+            bones = extensions.get("VRM", {}).get("humanoid", {}).get("humanBones", ())
+            bones = [(bone["bone"], bone) for bone in bones]
         return {
-            joints[bone["bone"]]: int(bone["node"])
-            for bone in extensions.get("VRM", {}).get("humanoid", {}).get("humanBones", ())
-            if bone["bone"] in joints and 0 <= int(bone["node"]) < len(self._gltf.nodes)
+            joints[name]: int(bone["node"])
+            for name, bone in bones
+            if name in joints and 0 <= int(bone["node"]) < len(self._gltf.nodes)
         }
 
     def _tree(self, names: list[str]) -> tuple[JointTree, list[int]]:
         """Return the largest tree of bones, and the nodes that are its joints."""
         gltf = self._gltf
         used: set[int] = set()
-        for skin in gltf.document.get("skins", ()):
-            for node in skin["joints"]:
-                while node >= 0 and node not in used:
-                    used.add(node)
-                    node = gltf.parents[node]
+        for node in (node for skin in gltf.document.get("skins", ()) for node in skin["joints"]):
+            while node >= 0 and node not in used:
+                used.add(node)
+                node = gltf.parents[node]
         trees: list[list[int]] = []
-        for node in gltf.order:
-            if node in used:
-                if gltf.parents[node] < 0:
-                    trees.append([])
-                trees[-1].append(node)
+        for node in (each for each in gltf.order if each in used):
+            trees += [[]] if gltf.parents[node] < 0 else []
+            trees[-1].append(node)
         if not trees:
             raise BodyError(
                 f"{gltf.name} has no skin, so its mesh does not follow bones; rig it as a humanoid "
@@ -210,7 +208,7 @@ class _Character:
         """Return the rotation of the file's axes to ours, and the factor of its lengths."""
         tree = JointTree(self._gltf.name, [], [], self._origins)
         joint_map: JointMap = {name: [node] for name, node in self.bones.items()}
-        if not all(f"{side}_hip" in self.bones for side in ("left", "right")):
+        if "right_hip" not in joint_map:
             joint_map.pop("left_hip", None)
         up, across, hang = tree.upright(joint_map)
         if hang < 0.5:
@@ -221,22 +219,18 @@ class _Character:
         y = nearest_axis(up)
         x = across - y * (across @ y)
         x /= np.linalg.norm(x)
-        limb = ("hip", "knee", "ankle")
-        if not all(f"{side}_{part}" in self.bones for side in ("left", "right") for part in limb):
-            limb = _ARM
-        lengths = []
-        for places in ({name: self._origins[node] for name, node in self.bones.items()}, None):
-            sides = [
-                [
-                    self._rest[JOINT_INDEX[f"{side}_{part}"]]
-                    if places is None
-                    else places[f"{side}_{part}"]
-                    for part in limb
-                ]
-                for side in ("left", "right")
+        legs = ("hip", "knee", "ankle")
+        has_legs = all(f"{side}_{part}" in self.bones for side in _SIDES for part in legs)
+
+        def length(places: dict[str, np.ndarray]) -> float:
+            limbs = [
+                [places[f"{side}_{part}"] for part in (legs if has_legs else _ARM)]
+                for side in _SIDES
             ]
-            lengths.append(np.linalg.norm(np.diff(sides, axis=1), axis=2).sum())
-        scale = float(lengths[1] / lengths[0])
+            return float(np.linalg.norm(np.diff(limbs, axis=1), axis=2).sum())
+
+        ours = {name: self._rest[index] for name, index in JOINT_INDEX.items()}
+        scale = length(ours) / length({name: self._origins[at] for name, at in self.bones.items()})
         if not 1e-6 < scale < 1e6:
             raise BodyError(f"{self._gltf.name} has limbs without length.")
         return np.stack([x, y, np.cross(x, y)]), scale
@@ -332,7 +326,7 @@ class _Character:
             raise BodyError(f"{path.name} has no mesh of triangles.")
         template = np.concatenate([placed for placed, *_ in parts])
         weights = sp.csr_array(sp.vstack([each for _, _, each, _ in parts]), dtype=np.float32)
-        soles = weights[:, [JOINT_INDEX[f"{s}_{p}"] for s in ("left", "right") for p in _FEET]]
+        soles = weights[:, [JOINT_INDEX[f"{s}_{p}"] for s in _SIDES for p in ("ankle", "foot")]]
         is_sole = np.asarray(soles.sum(axis=1)).ravel() > 0.5
         lift = self._sole_m - template[is_sole if is_sole.any() else slice(None), 1].min()
         template[:, 1] += lift
@@ -410,7 +404,8 @@ class _Character:
         matrices = (posed[joints] @ gltf.world[joints] @ binds)[:, :3]
         sets = [n for n in range(2) if f"JOINTS_{n}" in attributes and f"WEIGHTS_{n}" in attributes]
         which = np.hstack([gltf.array(attributes[f"JOINTS_{n}"]) for n in sets]).astype(np.int64)
-        shares = np.hstack([_shares(gltf.array(attributes[f"WEIGHTS_{n}"])) for n in sets])
+        shares = np.hstack([gltf.array(attributes[f"WEIGHTS_{n}"]) for n in sets]).clip(0)
+        shares = shares.astype(np.float64)
         if which.shape[0] != count or shares.shape != which.shape or which.max() >= len(joints):
             raise BodyError(f"{gltf.name}: skinning weights do not fit their vertices.")
         total = shares.sum(axis=1, keepdims=True)
@@ -441,12 +436,10 @@ class _Character:
         return tuple(f"{each}." for each in told)
 
 
-_ARM = ("shoulder", "elbow", "wrist")
-_FEET = ("ankle", "foot")
-
-
-def _shares(weights: np.ndarray) -> np.ndarray:
-    return np.maximum(weights.astype(np.float64), 0)
+Places = dict[str, np.ndarray]
+"""Position of each joint or fingertip."""
+Turns = dict[str, Rotation]
+"""World rotation of each joint."""
 
 
 def _frame(along: np.ndarray, across: np.ndarray) -> Float64[np.ndarray, "3 3"]:
@@ -476,10 +469,7 @@ def _about(axis: np.ndarray, angle: float) -> Rotation:
 
 
 def zero_pose_turns(
-    theirs: dict[str, np.ndarray],
-    their_tips: dict[str, np.ndarray],
-    rest: Float64[np.ndarray, "J 3"],
-    tips: dict[str, np.ndarray],
+    theirs: Places, their_tips: Places, rest: Float64[np.ndarray, "J 3"], tips: Places
 ) -> list[Rotation]:
     """Return the world rotation of each bone from the character's rest pose to the zero pose.
 
@@ -488,11 +478,7 @@ def zero_pose_turns(
     at other places than ours in every rig.
     """
     ours = {name: rest[index] for name, index in JOINT_INDEX.items()}
-    turns: dict[str, Rotation] = {}
-
-    def bone(places: dict[str, np.ndarray], start: str, end: str) -> np.ndarray:
-        return places[end] - places[start]
-
+    turns: Turns = {}
     for joint, name in enumerate(JOINT_NAMES):
         turns[name] = turns[JOINT_NAMES[PARENTS[joint]]] if joint else Rotation.identity()
         side, _, part = name.partition("_")
@@ -504,20 +490,15 @@ def zero_pose_turns(
         elif part == "ankle":
             turns |= _foot_turns(side, turns, theirs, ours)
         elif end in theirs:
-            along = turns[name].apply(bone(theirs, name, end))
-            turns[name] = _aligned(along, bone(ours, name, end)) * turns[name]
+            along = turns[name].apply(theirs[end] - theirs[name])
+            turns[name] = _aligned(along, ours[end] - ours[name]) * turns[name]
         elif name[:-1] in their_tips and name.endswith("3"):
             along = turns[name].apply(their_tips[name[:-1]] - theirs[name])
             turns[name] = _aligned(along, tips[name[:-1]] - ours[name]) * turns[name]
     return [turns[name] for name in JOINT_NAMES]
 
 
-def _hand_turns(
-    side: str,
-    turns: dict[str, Rotation],
-    theirs: dict[str, np.ndarray],
-    ours: dict[str, np.ndarray],
-) -> dict[str, Rotation]:
+def _hand_turns(side: str, turns: Turns, theirs: Places, ours: Places) -> Turns:
     """Return rotations of wrist, elbow and shoulder: the palm as ours, its twist along the arm."""
     shoulder, elbow, wrist = (f"{side}_{part}" for part in _ARM)
     fingers = [f"{side}_{finger}1" for finger in ("index", "middle", "ring", "pinky")]
@@ -533,18 +514,11 @@ def _hand_turns(
         frames.append(_frame(along, palms[-1]))
     hand = Rotation.from_matrix(frames[1] @ frames[0].T)
     palm = hand.apply(palms[0])
-    most = np.radians(MAX_ARM_TWIST_DEG)
-    return {wrist: hand} | _twisted(
-        (shoulder, elbow, wrist), turns, theirs, ours, palms[0], palm, most
-    )
+    limb, most = (shoulder, elbow, wrist), np.radians(MAX_ARM_TWIST_DEG)
+    return {wrist: hand} | _twisted(limb, turns, theirs, ours, palms[0], palm, most)
 
 
-def _foot_turns(
-    side: str,
-    turns: dict[str, Rotation],
-    theirs: dict[str, np.ndarray],
-    ours: dict[str, np.ndarray],
-) -> dict[str, Rotation]:
+def _foot_turns(side: str, turns: Turns, theirs: Places, ours: Places) -> Turns:
     """Return rotations of ankle, knee and hip: the foot's heading as ours, its twist in the leg."""
     hip, knee, ankle, foot = (f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot"))
     if foot not in theirs:
@@ -552,22 +526,21 @@ def _foot_turns(
     heading = (theirs[foot] - theirs[ankle]) * (1.0, 0.0, 1.0)  # its pitch is no twist
     up = np.array([0.0, 1.0, 0.0])
     turn = _about(up, _twist(heading, ours[foot] - ours[ankle], up))
-    changed = {ankle: turn}
-    if hip in theirs and knee in theirs:
-        most, ahead = np.pi, turn.apply(heading)
-        changed |= _twisted((hip, knee, ankle), turns, theirs, ours, heading, ahead, most)
-    return changed
+    if hip not in theirs or knee not in theirs:
+        return {ankle: turn}
+    limb, ahead = (hip, knee, ankle), turn.apply(heading)
+    return {ankle: turn} | _twisted(limb, turns, theirs, ours, heading, ahead, np.pi)
 
 
 def _twisted(
     limb: tuple[str, str, str],
-    turns: dict[str, Rotation],
-    theirs: dict[str, np.ndarray],
-    ours: dict[str, np.ndarray],
+    turns: Turns,
+    theirs: Places,
+    ours: Places,
     normal: np.ndarray,
     wanted: np.ndarray,
     most: float,
-) -> dict[str, Rotation]:
+) -> Turns:
     """Return rotations of a limb's two bones, twisted until a normal at its end lies as wanted.
 
     Args:
