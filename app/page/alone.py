@@ -42,7 +42,7 @@ header .scroll { overflow-x: auto; }
 .dark { color-scheme: dark; }
 header table { margin: 6px 0; border-spacing: 12px 1px; text-align: right; white-space: nowrap; }
 header th:first-child { text-align: left; white-space: normal; }
-.lockstep .more-box > button, .lockstep .body-choice, .lockstep .fold { display: none; } /* these ask a server */
+.lockstep .more-box > button, .lockstep .fold { display: none; } /* these ask a server */
 """  # noqa: E501
 _SCRIPT = """
 const kept = JSON.parse(document.getElementById("kept").textContent);

@@ -42,28 +42,24 @@ def read_glb(path: Path) -> bytes:
         BodyError: if it is too large.
         OSError: if it cannot be read.
     """
-    _check_size(path.name, path.stat().st_size)
-    return path.read_bytes()
-
-
-def _check_size(name: str, num_bytes: int) -> None:
+    num_bytes = path.stat().st_size
     if num_bytes > MAX_FILE_BYTES:
         raise BodyError(
-            f"{name} has {num_bytes / 1e6:.0f} MB; a character may have "
+            f"{path.name} has {num_bytes / 1e6:.0f} MB; a character may have "
             f"{MAX_FILE_BYTES / 1e6:.0f}: export it with smaller textures."
         )
+    return path.read_bytes()
 
 
 class Gltf:
     """Parsed file. Its nodes form trees, whose parents and global matrices are computed once.
 
     Raises:
-        BodyError: if the file is too large, no glTF, or compressed.
+        BodyError: if the file is no glTF, or compressed.
     """
 
     def __init__(self, content: bytes, name: str) -> None:
         self.name = name
-        _check_size(name, len(content))
         if len(content) < 20 or content[:4] != b"glTF":
             raise BodyError(f"{name} is no binary glTF; export it as .glb or .vrm.")
         self.version, length, json_bytes = struct.unpack_from("<III", content, 4)

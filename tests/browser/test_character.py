@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
+from app.page.tabs import live as live_tab
 from renderer.body.body import load_body
 from renderer.body.gltf import Gltf
 from tests.browser.conftest import (
@@ -13,6 +14,7 @@ from tests.browser.conftest import (
     Fake,
     bar_of,
     opened,
+    ready,
     saved,
     staged,
     start,
@@ -24,7 +26,7 @@ pytestmark = pytest.mark.browser
 CHOICE = "Your own character (.glb or .vrm)"
 
 
-def test_character_moves_on_the_stage_and_is_saved_with_the_motion(
+def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     browser: Browser, the_fake: Fake, fake_address: str, speech: Path, tmp_path: Path
 ) -> None:
     the_fake.usual()
@@ -52,15 +54,25 @@ def test_character_moves_on_the_stage_and_is_saved_with_the_motion(
     page.wait_for_function(AT_REST)
     assert canvas.screenshot() != open_body
     page.locator("#player .files summary").first.click()
-    button = page.locator("#player .files button").first
-    expect(button).to_contain_text("your character with this motion")
-    file = saved(page, button, tmp_path)
+    file = saved(page, page.locator("#player .files a[download$='-character.glb']").first, tmp_path)
     gltf = Gltf(file.read_bytes(), file.name)
     paths = [each["target"]["path"] for each in gltf.document["animations"][0]["channels"]]
     assert paths.count("rotation") == 55
     assert paths.count("translation") == 1
+    page.reload()
+    staged(ready(page), 3)  # the run opens again
+    expect(stage).to_have_attribute("data-character", "own")
+    page.wait_for_function(BUILDS_ARE_THERE)
+    bar_of(page).locator(".more").click()
+    expect(choice.locator("output")).to_have_text("hero.glb")
     choice.get_by_role("button", name="Open body").click()
     expect(stage).to_have_attribute("data-character", "")
     page.wait_for_function(AT_REST)
     assert canvas.screenshot() == open_body
+    page.get_by_role("tab", name=live_tab.TAB, exact=True).click()
+    live = page.locator(".live")
+    live.locator(".more").click()
+    live.get_by_label(CHOICE).set_input_files(hero)
+    expect(live.locator(".stage")).to_have_attribute("data-character", "own")
+    expect(stage).to_have_attribute("data-character", "own")
     context.close()

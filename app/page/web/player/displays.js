@@ -41,7 +41,7 @@ export class Displays {
     const smoothed = this.#checkbox("Smoothed", () => currentFilter() === "savgol", (is) => setFilter(is ? "savgol" : "raw")); // of the whole page
     smoothed.title = SMOOTHED;
     controls.splice(1 + rarer.findLastIndex(([, { toggle }]) => toggle), 0, smoothed);
-    if (stage && location.protocol.startsWith("http") && !without.includes("body")) controls.push(bodyChoice(stage));
+    if (stage && location.protocol.startsWith("http")) controls.push(bodyChoice(stage));
     const button = ([label, onclick]) => make("button", { type: "button", onclick }, label);
     const sides = Object.entries(SIDES).map(([label, side]) => button([label, () => stage.orbit.place(side)]));
     this.box = make("div", { class: "more-box", hidden: true, role: "group", "aria-label": "More displays and views", onkeydown: ({ key }) => this.#leave(key) },
