@@ -280,8 +280,8 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
                 characters.keep(cookie, source)
                 quota.set_upload(owner, characters.folder(cookie), FILE, size)
             return answer
-        except RunError as error:
-            return PlainTextResponse(str(error), status_code=413)
+        except (RunError, OSError) as error:  # the quota, or the disk
+            return PlainTextResponse(visitor_sentence(error), status_code=413)
         finally:
             reading.pop(folder, None)
             shutil.rmtree(folder, ignore_errors=True)
