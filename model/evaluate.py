@@ -47,7 +47,7 @@ from model.evaluation.clips import (
 from model.evaluation.plan_detection import finding
 from model.generation.base import System
 from model.metrics import beats
-from model.metrics.protocols.table import protocol_of
+from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
 from model.sampling.samplers import USUAL, Sampling, UnknownNameError
@@ -132,7 +132,8 @@ def _plans(args: argparse.Namespace) -> None:
         answers = finding(args.data, args.clips, args.fit)
     told = {}
     for told in tqdm(answers, desc="clips", unit="clip"):
-        write_atomically(args.out, json.dumps(told, indent=1) + "\n")  # what there is so far
+        content = {"protocol": WORKBENCH, **told}  # what there is so far
+        write_atomically(args.out, json.dumps(content, indent=1) + "\n")
     for question, answer in told.items():
         numbers = ", ".join(f"{name} {number:.4g}" for name, number in answer.items())
         sys.stdout.write(f"{question}: {numbers}\n")

@@ -179,6 +179,7 @@ def test_the_command_asks_a_protocol_by_its_name(annotated_folder, tmp_path, cap
     command = ["--data", str(annotated_folder), "--out", str(tmp_path / "told.json")]
     assert main(["finding", *command]) == 0
     told = json.loads((tmp_path / "told.json").read_text())
+    assert told["protocol"] == "workbench/1"
     assert told["strokes"]["annotated"] > 0 and list(told["f1 of strokes"]) == ["eve"]
     assert f"strokes: f1 {told['strokes']['f1']:.4g}, precision" in capsys.readouterr().out
     assert main(["adherence", *command, "--weights", str(tmp_path)]) == 1
