@@ -86,10 +86,15 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
 
 
 def feet_float(evidence: Evidence) -> Iterator[Finding]:
-    """Detect both feet in the air, above the lower foot's median height or 5th percentile."""
-    above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
-    contact = evidence.raw.posture.foot_contact_share
-    is_up = (evidence.lower_foot_m - evidence.floor_m > FLOATING_M) | (above > RISE_M)
+    """Detect both feet in the air, above the lower foot's median height or 5th percentile.
+
+    The percentile may lie below the floor of a body that stands; see `feet_sink`.
+    """
+    above = evidence.lower_foot_m - evidence.floor_m
+    is_up, contact = above > FLOATING_M, _standing_share(evidence)
+    if contact < STANDING_SHARE:
+        above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
+        is_up, contact = is_up | (above > RISE_M), evidence.raw.posture.foot_contact_share
     runs = [r for r in true_ranges(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
     if not runs and contact >= CONTACT_SHARE:
         return
@@ -114,11 +119,16 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
+def _standing_share(evidence: Evidence) -> float:
+    """Return the share of frames in which the lower foot is near its median height."""
+    return float(np.mean(abs(evidence.lower_foot_m - evidence.floor_m) < STANDING_M))
+
+
 def feet_sink(evidence: Evidence) -> Iterator[Finding]:
     """Detect a foot below the floor; a body that bobs or drifts has none, see `feet_float`."""
     below = evidence.floor_m - evidence.lower_foot_m
     is_below = below > SINKING_M
-    if is_below.sum() < SINKING_FRAMES or np.mean(abs(below) < STANDING_M) < STANDING_SHARE:
+    if is_below.sum() < SINKING_FRAMES or _standing_share(evidence) < STANDING_SHARE:
         return
     worst = int(below.argmax())
     share = float(np.mean(is_below))

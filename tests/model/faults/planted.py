@@ -243,6 +243,8 @@ PLANTED = (
     planted("foot through the floor", "through_floor", moved_by(bump(300, 30, -0.12), 1),
             says="up to 12 cm below the floor",
             numbers={"depth_m": 0.12}),
+    planted("2 s through the floor", "through_floor", moved_by(bump(300, 60, -0.12), 1),
+            numbers={"depth_m": 0.12}),
     planted("sliding", "foot_slide", moved_by(lambda frame: 0.01 * frame, 0),
             says="33 cm/s", numbers={"foot_slide_m_s": 0.325}),
     planted("z up", "lying", z_up, numbers={"spine_tilt_deg": 85.6}),
