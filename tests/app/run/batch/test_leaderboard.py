@@ -175,8 +175,9 @@ def test_beat_align_stands_on_a_board_with_its_chance_level_or_not_at_all() -> N
     alone = leaderboard_html([entry(measures={beats: value}), recorded])
     assert alone.count("0.4") - alone.count('"0.4"') == 2  # the recorded motion's two
     both = leaderboard_html([entry(measures={beats: value, chance: value}), recorded])
-    heads = [head for head in both.split("<th") if "BeatAlign" in head]
+    heads = [head for head in both.split("<tbody")[0].split("<th") if "BeatAlign" in head]
     assert len(heads) == 2 and not any('class="rare"' in head for head in heads)
+    assert both.split("</table>")[1].count("<dt>Beat alignment: BeatAlign") == 2  # their rules
     assert both.count("data-apart") == 2  # to be near in the level of chance says nothing
     assert "[0.4, 0.4]" not in both  # one clip has no interval
 
