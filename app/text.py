@@ -34,7 +34,7 @@ STUDY_TAB = "User study"
 
 
 SPEECH_HELP = "Upload or record {min_s:g} seconds to {max_min:g} minutes."
-OWN_GROUP, ABLATION_GROUP, OTHERS_GROUP = "Our systems", "The paper's ablation", "Other systems"
+OWN_GROUP, ABLATION_GROUP, OTHERS_GROUP = "Our systems", "GlobalDiff's ablation", "Other systems"
 SEED_LABEL = "Seed"
 SAMPLES_LABEL = "Samples per system"
 GUIDANCE_LABEL = "Speech guidance scale"

@@ -47,7 +47,7 @@ export class Argument {
     if (this.head.hidden || !local || !world) return;
     const cm = (metres) => `${(100 * metres).toFixed(1)} cm`;
     this.headline.textContent = `Same noise, ${(local / world).toFixed(1)} times the fingertip error on local rotations`;
-    this.sentence.textContent = `Both bodies make one motion. Every joint has random noise of ${this.output.textContent} about each axis: the fingertip is off by ${cm(local)} on local rotations, ${cm(world)} on global ones.`;
+    this.sentence.textContent = `Both bodies make the same motion, with the same random errors: ${this.output.textContent} about each axis of every joint. Local rotations add the errors up along the arm, so the fingertip is off by ${cm(local)}; global rotations do not, and it is off by ${cm(world)}.`;
     this.head.dataset.ratio = (local / world).toFixed(3);
   }
 }
