@@ -96,7 +96,7 @@ class JointTree:
             parents: index of each joint's parent, -1 for the first joint.
             rest: joint positions in the rest pose, in any unit.
         """
-        self._source = source
+        self.source = source
         self._joint_names = joint_names
         self._parents = parents
         self.rest = rest
@@ -158,7 +158,7 @@ class JointTree:
     def _unknown(self, why: str) -> NoHumanoidError:
         names = ", ".join(name[:24] for name in self._joint_names[:12])
         return NoHumanoidError(
-            f"{self._source} has {len(self._parents)} joints and {why} ({names} …); a trunk and"
+            f"{self.source} has {len(self._parents)} joints and {why} ({names} …); a trunk and"
             " two arms are needed. Retarget it to a Mixamo or SMPL-X skeleton first."
         )
 

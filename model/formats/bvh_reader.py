@@ -142,7 +142,7 @@ class _Skeleton(JointTree):
         up, across, hang = self.upright(found)
         if hang < 0.5:
             raise MotionError(
-                f"{self._source}: neither in its rest pose nor in its first frame do legs hang"
+                f"{self.source}: neither in its rest pose nor in its first frame do legs hang"
                 " below the trunk, so limbs cannot be laid onto ours; put a T-pose or A-pose into"
                 " its first frame (or, in Blender, Apply Pose as Rest Pose)."
             )
@@ -154,7 +154,7 @@ class _Skeleton(JointTree):
             z = np.cross(x, y) if told[1] not in AXES else axis_of(told[1])
             x = np.cross(y, z)
             if not np.linalg.norm(x):
-                raise MotionError(f"{self._source} cannot face the way that is up.")
+                raise MotionError(f"{self.source} cannot face the way that is up.")
             draft.decided.add("up")
         z = np.cross(x, y)
         stands, faces = (
