@@ -159,21 +159,24 @@ def _made_in_turns(
     parts: dict[str, dict[str, list[Motion]]] = {name: {} for name in making}
     shares = dict.fromkeys(making, 0.0)
     made: dict[str, tuple[Motion, Motion]] = {}
+
+    def generate_piece(name: str) -> None:
+        piece = next(making[name])
+        for sample, motion in enumerate(piece.motions, start=piece.first_sample + 1):
+            row = str(SampleName(name, sample))
+            parts[name].setdefault(row, []).append(motion)
+            if is_seen:
+                run.append_motion(row, motion, num_frames)
+        shares[name] = piece.share
+        run.report_progress("motion", sum(shares.values()) / len(shares), name)
+        if piece.share == 1.0:
+            del making[name]
+            made.update((row, told(row, concatenate(of))) for row, of in parts.pop(name).items())
+
     with one_thread():
         while making:
             for name in list(making):
-                piece = next(making[name])
-                for sample, motion in enumerate(piece.motions, start=piece.first_sample + 1):
-                    row = str(SampleName(name, sample))
-                    parts[name].setdefault(row, []).append(motion)
-                    if is_seen:
-                        run.append_motion(row, motion, num_frames)
-                shares[name] = piece.share
-                run.report_progress("motion", sum(shares.values()) / len(shares), name)
-                if piece.share == 1.0:
-                    del making[name]
-                    for row, of in parts.pop(name).items():
-                        made[row] = told(row, concatenate(of))
+                generate_piece(name)
     return {row.name: made[row.name] for row in run.record.rows if row.name in made}
 
 
