@@ -120,7 +120,7 @@ def test_all_bodies_of_a_run_are_in_register(
     """A reference that was recorded elsewhere stands where the systems stand, as large as they."""
     jobs: dict[Any, Any] = {}
 
-    def begin(given: dict[Any, Any], *others: Any) -> None:
+    def begin(given: dict[Any, Any], **others: Any) -> None:
         jobs.clear()
         jobs.update(given)
         raise _Drawing
