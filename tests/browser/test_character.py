@@ -41,6 +41,7 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     staged(page, 3)
     page.wait_for_function(BUILDS_ARE_THERE)  # they change the open body a little
     page.wait_for_function(AT_REST)
+    expect(page.locator("#player .files")).to_have_count(3)  # the pictures have their buttons
     canvas, stage = page.locator("#player .stage canvas"), page.locator("#player .stage")
     bar_of(page).locator(".more").click()
     page.wait_for_function(AT_REST)
@@ -59,12 +60,6 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     paths = [each["target"]["path"] for each in gltf.document["animations"][0]["channels"]]
     assert paths.count("rotation") == 55
     assert paths.count("translation") == 1
-    page.reload()
-    staged(ready(page), 3)  # the run opens again
-    expect(stage).to_have_attribute("data-character", "own")
-    page.wait_for_function(BUILDS_ARE_THERE)
-    bar_of(page).locator(".more").click()
-    expect(choice.locator("output")).to_have_text("hero.glb")
     choice.get_by_role("button", name="Open body").click()
     expect(stage).to_have_attribute("data-character", "")
     page.wait_for_function(AT_REST)
@@ -73,6 +68,13 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     live = page.locator(".live")
     live.locator(".more").click()
     live.get_by_label(CHOICE).set_input_files(hero)
-    expect(live.locator(".stage")).to_have_attribute("data-character", "own")
+    for each in (live.locator(".stage"), stage):
+        expect(each).to_have_attribute("data-character", "own")
+    page.reload()
+    staged(ready(page), 3)  # the run opens again
     expect(stage).to_have_attribute("data-character", "own")
+    bar_of(page).locator(".more").click()
+    expect(choice.locator("output")).to_have_text("hero.glb")
+    choice.get_by_role("button", name="Open body").click()
+    expect(stage).to_have_attribute("data-character", "")
     context.close()

@@ -334,6 +334,7 @@ export class Stage {
   wear(mesh, hasCharacter) {
     this.hasCharacter = hasCharacter;
     this.#mesh = mesh;
+    this.element.dataset.character = hasCharacter ? "own" : "";
     if (!this.#facts) return; // no motion has come yet
     this.#painter = new Painter(this.#gl, mesh, this.#facts, this.pace.isSlow);
     this.#painter.setBodies(this.#present.length);
@@ -342,7 +343,6 @@ export class Stage {
       this.#disturb(entry);
       entry.told = null; // what can be saved of it
     }
-    this.element.dataset.character = hasCharacter ? "own" : "";
     if (whole.length) this.#frame(false);
     this.fit();
     this.#ask();
