@@ -71,10 +71,11 @@ def body_glb() -> bytes:
 def write_stage_body(paths: tuple[Path, Path], *_: object) -> None:
     """Write a visitor's character, the first file, as the viewer's mesh, the second."""
     from renderer.body.body import load_body
+    from renderer.body.levels import clustered_faces
     from renderer.files.glb import glb_bytes
 
     body = load_body(paths[0])
-    paths[1].write_bytes(glb_bytes(body, reaches(body)))
+    paths[1].write_bytes(glb_bytes(body, reaches(body), clustered_faces(body)))
 
 
 @functools.cache

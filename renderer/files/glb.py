@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt16
+from jaxtyping import Float, Float32, UInt
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -47,7 +47,7 @@ _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 def glb_bytes(
     body: Body,
     motion: BodyMotion,
-    coarser: Sequence[UInt16[np.ndarray, "_ 3"]] = (),
+    coarser: Sequence[UInt[np.ndarray, "_ 3"]] = (),
     markers: Sequence[tuple[float, str]] = (),
 ) -> bytes:
     """Return the file as bytes: about 0.25 MB per 10 s of motion, and 1.5 MB for the body.
@@ -267,7 +267,7 @@ def _mesh(
     return mesh
 
 
-def _coarser_mesh(buffer: Buffer, mesh: dict, faces: UInt16[np.ndarray, "F 3"]) -> dict:
+def _coarser_mesh(buffer: Buffer, mesh: dict, faces: UInt[np.ndarray, "F 3"]) -> dict:
     """Return a mesh of other faces with the vertices of ``mesh``."""
     indices = buffer.accessor(faces.ravel(), target=_ELEMENT_BUFFER)
     attributes = mesh["primitives"][0]["attributes"]

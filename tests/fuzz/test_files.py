@@ -28,6 +28,7 @@ from model.plan.tiers import tiers_of
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript, read_words
 from renderer.body.body import load_body
+from renderer.body.levels import clustered_faces
 from renderer.files.character_glb import animated_glb
 from renderer.files.exports import write_bvh
 from renderer.files.glb import glb_bytes, joined
@@ -167,7 +168,7 @@ def test_characters(kind: str, tmp_path: Path) -> None:
         motion = reaches(body)
         (vertices,) = body.vertices(motion)
         assert np.isfinite(vertices).all()
-        glb_bytes(body, motion)
+        glb_bytes(body, motion, clustered_faces(body))
         animated_glb(body, motion)
         vrma_bytes(body, motion)
 

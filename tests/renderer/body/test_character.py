@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_NAMES
+from conventions.joints import FINGERS, JOINT_NAMES
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import BodyError
 from renderer.body.gltf import Gltf
+from renderer.body.levels import CLUSTERED_FACES, clustered_faces
 from renderer.files.character_glb import animated_glb
 from renderer.files.glb import glb_bytes, joined
 from tests.renderer.body.made_character import (
@@ -146,6 +147,22 @@ def test_character_without_a_face_is_written_for_the_stage(open_body, tmp_path):
     assert "no blendshapes" in " ".join(body.remarks)
     mesh = parse(glb_bytes(body, lively(2)))[0]["meshes"][0]
     assert "targets" not in mesh["primitives"][0]
+
+
+def test_coarser_meshes_keep_the_surface_and_every_finger(read):
+    meshes = clustered_faces(read)
+    assert all(len(faces) <= most for faces, most in zip(meshes, CLUSTERED_FACES, strict=True))
+
+    def area_m2(faces: np.ndarray) -> float:
+        a, b, c = np.moveaxis(read.template[faces], 1, 0)
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
+
+    for faces in meshes[:3]:  # the last is for shadows
+        assert (np.sort(faces, axis=1)[:, :-1] < np.sort(faces, axis=1)[:, 1:]).all()
+        assert abs(area_m2(faces) / area_m2(read.faces) - 1) < 0.1
+        drawn = {JOINT_NAMES[joint] for joint in read.main_joints[faces].ravel()}
+        tips = {f"{side}_{finger}3" for side in ("left", "right") for finger in FINGERS}
+        assert tips <= drawn
 
 
 def mutants(content: bytes, count: int, seed: int) -> list[bytes]:
