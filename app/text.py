@@ -113,6 +113,8 @@ FIGURES = {
     ),
 }
 CAPTION = "Caption (for your paper)"
+REDRAW = "Other panels, frames or width"
+OVER_CLIPS = ", mean over clips with 95 % confidence interval"
 NUMBERS_HEADING = "Metrics"
 NUMBERS_HELP = (
     "Tracked point: {point}. Lower jerk means smoother, not better: natural gestures "
@@ -191,6 +193,7 @@ TOO_MANY_TAKES = (
 )
 TAKE_BEGINS = "Regenerating the motion."
 TAKE_COMING = "Regenerating version {number}. The finished part can already be played."
+TAKE_JERK = "Jerk of the tracked point: {} m/s³."
 TAKE_DONE = "Version {number} is ready."
 EDITOR_BEGINS = "The editor is loading the gestures and the models (only once)."
 EDITOR_READY = "Select a gesture on the timeline, or add one."

@@ -232,7 +232,7 @@ def measure_memory(folder: Path) -> list[Figure]:
     system = list_systems(BUNDLED_WEIGHTS)[-1]
     imports = (
         "import app.run.pipeline, model.diagnostics, model.generation.windows, "
-        "renderer.figures.figure6"
+        "renderer.figures.figure6.layout"
     )
     imports_mb = peak_mb("-c", imports)
     peaks_mb = []

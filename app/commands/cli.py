@@ -29,6 +29,7 @@ COMMANDS: Mapping[str, Callable[..., None]] = {
     "diagnose": runs.diagnose,
     "steps": runs.steps,
     "render": runs.render,
+    "figure6": runs.figure6,
     "convert": convert,
     "plan": runs.plan,
     "speech-effect": runs.speech_effect,

@@ -26,6 +26,7 @@ from app.run.output.run_folder import read_run
 from app.run.requests.convert import refuse_ignored
 from app.run.requests.requests import (
     DiagnoseRequest,
+    FigureRequest,
     GenerateRequest,
     PlanRequest,
     RenderRequest,
@@ -39,6 +40,7 @@ from app.run.tasks import (
     GENERATE,
     MEASURE_SPEECH_EFFECT,
     MEASURE_STEPS,
+    REDRAW_FIGURE,
     Task,
 )
 from model.storage.files import write_atomically
@@ -283,6 +285,16 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     with ProgressBars() as shown:
         files, notes = render_motion(request, RunCallbacks(shown.on_event))
     _finish(files, notes)
+
+
+def figure6(request: Annotated[FigureRequest, Flat]) -> None:
+    """Draw Figure 6 of a finished run again, with other panels, frames or width.
+
+    It is drawn from the motions in the run's folder; nothing is generated or measured.
+    """
+    with ProgressBars() as shown:
+        files = REDRAW_FIGURE(request, RunCallbacks(shown.on_event))
+    _finish(files, ())
 
 
 Board = Annotated[Positional[Path], arg(metavar="BOARD.json")]

@@ -18,7 +18,7 @@ from app import text
 from app.errors import RunError
 from app.page.parts import markup
 from app.page.results.player import Showing
-from app.page.results.tables import clips_html, title_of
+from app.page.results.tables import clips_html, jerk_bars, title_of
 from app.page.routes.media import OF_STAGES
 from app.page.theme import PLAYER_CSS, make_theme
 from app.run.frame_packets import MAX_FRAMES
@@ -105,7 +105,9 @@ def player_alone(folder: Path) -> str:
         options = "".join(f"<option>{escape(clip)}</option>" for clip in played)
         head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
     elif first.verdict is not None:
-        head += markup.verdict(first.verdict.numbers, first.verdict.judgement)
+        told, bars = first.verdict, jerk_bars(first)
+        head += markup.verdict(told.numbers, told.judgement, bars)
+        head += f"<p>{escape(markup.claim_of(told.judgement)[1])}</p>" if bars else ""
     if path := file_of(next(iter(runs.values())), PROVENANCE):
         are = str(_object_in(path).get(WEIGHTS_ARE_KEY, ""))
         head += f"<p>{text.WEIGHTS.format(are=escape(are))}</p>" if are else ""

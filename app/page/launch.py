@@ -177,7 +177,9 @@ def _make_routes(services: Services) -> list[Any]:
     return [
         saving_route(services.kept, made, ".zip", save_run),
         saving_route(services.kept, made, ".html", save_page, "/page"),
-        *media_routes(services.media, made, services.characters, services.jobs.quota),
+        *media_routes(
+            services.media, made, services.characters, services.jobs.quota, services.config.body
+        ),
         researcher_route(services.private),
         visitor_route(),
         leaving_route(services.jobs),

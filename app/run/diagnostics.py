@@ -14,9 +14,16 @@ import numpy as np
 from app.errors import RunError
 from app.run.bodies import TrackedPoint
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.requests import GenerateRequest, RunRequest
+from app.run.requests.parts import FigureOptions
 from app.run.videos.videos import Snapshots
-from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, short_names
+from conventions.joints import FACE, HANDS, JOINT_INDEX, LOWER_BODY, UPPER_BODY
+from conventions.names import (
+    REFERENCE_NAME,
+    VERSIONS,
+    FilterVersion,
+    PostFilter,
+    short_names,
+)
 from model.diagnostics import Diagnostics, RawAndFiltered, diagnose
 from model.generation.base import Windowing
 from model.metrics.beats import speech_onsets
@@ -28,9 +35,13 @@ from model.motion.tracks import Tracks
 from model.speech.audio import Speech
 from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 from model.storage.escaping import csv_text
-from renderer.figures.figure6 import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6, fits_column
+from renderer.figures.figure6.contents import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6
+from renderer.figures.figure6.layout import fits_column
 from renderer.figures.jitter import Jitter, JitterSheet
 
+_ABOVE_HIPS = (*UPPER_BODY, *HANDS, *FACE)
+"""Joints of the snapshots in figures, cropped so that hands are large; whole if a leg is tracked.
+"""
 CSV_HEADER = ("name", "post_filter", "measure", "index", "value", "protocol")
 _ONSETS: WeakKeyDictionary[Speech, np.ndarray] = WeakKeyDictionary()
 
@@ -134,17 +145,18 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
         yield from _numbers(inner, f"{index}/{key}" if index else str(key))
 
 
-def check_figure(request: RunRequest, num_frames: int, num_motions: int) -> None:
-    """Check that Figure 6 fits the motions and the page.
+def check_figure(
+    figures: FigureOptions, num_frames: int, num_motions: int, is_drawn: bool = True
+) -> None:
+    """Check that Figure 6 fits the motions and, if it is drawn, the page.
 
     Raises:
         RunError: if its start or snapshots are beyond the shortest motion, or a column is taller
             than a page.
     """
-    figures, last = request.figures, num_frames - 1
+    last = num_frames - 1
     frames, panels = figures.figure_frames, figures.figure_panels
-    is_column = request.output.has_figures and figures.figure_width == "85mm"
-    if is_column and not fits_column(num_motions, panels):
+    if is_drawn and figures.figure_width == "85mm" and not fits_column(num_motions, panels):
         told = f"Figure 6 of {num_motions} motions with the panels {','.join(panels)} is taller"
         raise RunError(f"{told} than a page at 85mm; ask for 174mm, or for fewer panels.")
     if not 0 <= figures.start_frame <= last:
@@ -157,9 +169,10 @@ def figure6_of(
     motions: Mapping[str, Motion],
     snapshots: Snapshots,
     tip: TrackedPoint,
-    request: RunRequest,
+    figures: FigureOptions,
     clip: str,
     on_piece: Callable[[], None],
+    post_filter: PostFilter | None = None,
 ) -> Figure6:
     """Make the content of Figure 6: trajectories of the tracked point, and poses if there are any.
 
@@ -167,12 +180,13 @@ def figure6_of(
         motions: motions as they are shown; a recorded one has the name `REFERENCE_NAME`.
         clip: name of the speech.
         on_piece: called at least once for each motion; an exception from it stops the work.
+        post_filter: filter of generated motions; None for imported ones.
     """
-    figures = request.figures
     end, labels, marks = figures.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
     if marks is not None:
         pixels, values = _labelled(marks.pixels, labels), _labelled(marks.values, labels)
-        marks = replace(marks, pixels=pixels, values=values)
+        cropped_to = None if JOINT_INDEX.get(tip.point) in LOWER_BODY else _ABOVE_HIPS
+        marks = replace(marks, pixels=pixels, values=values, cropped_to=cropped_to)
     return Figure6(
         {labels[name]: tip.track(motion, end, on_piece) for name, motion in motions.items()},
         _labelled(snapshots.pictures, labels),
@@ -182,11 +196,9 @@ def figure6_of(
         start_frame=figures.start_frame,
         point=tip.title,
         tip_source=tip.name,
-        post_filter=request.sampling.post_filter
-        if isinstance(request, GenerateRequest)
-        else "none",
+        post_filter=post_filter or "none",
         clip=clip,
-        caveat=ONE_SEED_CAVEAT if isinstance(request, GenerateRequest) else "",
+        caveat="" if post_filter is None else ONE_SEED_CAVEAT,
         requested_panels=figures.figure_panels,
         width_mm=float(figures.figure_width.removesuffix("mm")),
     )

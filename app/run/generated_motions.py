@@ -86,7 +86,8 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
         run.write_motion(name, motion)
     tip = make_tracked_point(request.video.body, request.joint)
     shortest = min(each.num_frames for each in (speech, *recorded.values()))
-    check_figure(request, shortest, min(MAX_COMPARED, len(names)))
+    is_drawn = request.output.has_figures
+    check_figure(request.figures, shortest, min(MAX_COMPARED, len(names)), is_drawn)
     if any(map(_performs, systems)) and (request.planning.plan is None or request.planning.style):
         words.begin(speech.waveform)  # plans are sampled from words, which are needed first
         words.wait(run.raise_if_cancelled)

@@ -64,7 +64,8 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
     motions = {name: each.motion for name, each in readings.items()}
     windows = _windows(request, motions)
     shown = _shown(request, motions)
-    check_figure(request, min(motion.num_frames for motion in motions.values()), len(shown))
+    shortest = min(motion.num_frames for motion in motions.values())
+    check_figure(request.figures, shortest, len(shown), request.output.has_figures)
     limits = SpeechLimits(channel=request.speech.channel)
     speech = None if request.speech.path is None else load_speech(request.speech.path, limits)
     notes = apart(readings) + [note for each in readings.values() for note in each.notes]

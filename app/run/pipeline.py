@@ -10,36 +10,59 @@ import ctypes
 import json
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from app import text
 from app.errors import RunError
 from app.findings.sentences import sentences_of
-from app.run.bodies import body_motion
+from app.run.bodies import body_motion, make_tracked_point, picture_motions
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
-from app.run.diagnostics import figure6_of, make_jitter_sheet, measure_motions, write_diagnostics
+from app.run.diagnostics import (
+    check_figure,
+    figure6_of,
+    make_jitter_sheet,
+    measure_motions,
+    write_diagnostics,
+)
 from app.run.generated_motions import generate_motions
 from app.run.imported_motions import NO_SPEECH, import_motions, with_import_notes
-from app.run.models import rendering_unavailable_reason
-from app.run.output.provenance import PROVENANCE, run_title, settings_summary
-from app.run.output.run_folder import RunRecord, read_run, truncate
+from app.run.models import get_body, rendering_unavailable_reason
+from app.run.output.provenance import NONE, PROVENANCE, SPEECH, run_title, settings_summary
+from app.run.output.run_folder import RunRecord, read_run, row_files, truncate
 from app.run.requests.convert import request_json
-from app.run.requests.parts import VideoOptions
-from app.run.requests.requests import AnyRun, DiagnoseRequest, GenerateRequest, RunRequest
+from app.run.requests.parts import FigureOptions, VideoOptions
+from app.run.requests.requests import (
+    AnyRun,
+    DiagnoseRequest,
+    FigureRequest,
+    GenerateRequest,
+    RunRequest,
+)
 from app.run.run_writer import RunMotions, RunWriter, open_run_writer
 from app.run.tasks import RunResult
 from app.run.timeline import WordSearch, read_transcript_of_run, with_snaps
-from app.run.videos.videos import Snapshots, comparison_video, draw_poses, draw_rows
-from conventions.names import REFERENCE_NAME, pluralise
+from app.run.videos.videos import (
+    Snapshots,
+    comparison_video,
+    draw_poses,
+    draw_rows,
+    limit_compared,
+)
+from conventions.names import REFERENCE_NAME, pluralise, printable
 from model.diagnostics import Diagnostics
+from model.metrics.protocols.table import PROTOCOL_CAPTION
+from model.motion.motion import Motion, load_motion
 from model.speech.transcript import Transcript
 from model.storage.files import file_sha256
-from renderer.figures.figure6 import choose_snapshot_frames
+from renderer.figures.figure6.contents import choose_snapshot_frames
+from renderer.figures.figure6.layout import draw_figure6
 from renderer.figures.jitter import sheet_caption
+from renderer.figures.style import save_figure
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
 _LARGE_BYTES = 1 << 20
@@ -245,8 +268,9 @@ def _draw_figures(
     on_share = run.progress_callback("figure")
     on_share(_POSES)
     drawn, tip, clip = motions.figure_motions, motions.tracked_point, motions.clip
-    contents = figure6_of(drawn, snapshots, tip, request, clip, run.raise_if_cancelled)
-    forms = request.figures.figure_forms
+    post_filter = request.sampling.post_filter if isinstance(request, GenerateRequest) else None
+    figures, forms = request.figures, request.figures.figure_forms
+    contents = figure6_of(drawn, snapshots, tip, figures, clip, run.raise_if_cancelled, post_filter)
     run.write_figure("figure6", contents, contents.caption, forms)
     on_share((_POSES + 1) / 2)
     systems = [name for name in drawn if name != REFERENCE_NAME]
@@ -262,13 +286,54 @@ def _draw_poses(
 ) -> Snapshots:
     """Render the poses of Figure 6; without poses, only the frames are chosen."""
     figures = request.figures
-    shortest = min(motion.num_frames for motion in motions.figure_motions.values())
-    frames = figures.figure_frames or choose_snapshot_frames(shortest, figures.start_frame)
+    frames = snapshot_frames(motions.figure_motions, figures)
     if not request.output.has_poses or "b" not in figures.figure_panels:
         return Snapshots(frames)
     placed = {name: motions.place(motion) for name, motion in motions.figure_motions.items()}
     on_share = run.progress_callback("figure", _POSES)
     return draw_poses(placed, video, motions.body, on_share, frames)
+
+
+def snapshot_frames(motions: Mapping[str, Motion], figures: FigureOptions) -> tuple[int, ...]:
+    """Return the frames of the snapshots of Figure 6: the requested ones, or every 50."""
+    shortest = min(motion.num_frames for motion in motions.values())
+    return figures.figure_frames or choose_snapshot_frames(shortest, figures.start_frame)
+
+
+def redraw_figure6(
+    request: FigureRequest, callbacks: RunCallbacks = NO_CALLBACKS
+) -> tuple[Path, ...]:
+    """Draw Figure 6 of a finished run from the motions in its folder; return the files.
+
+    Raises:
+        Cancelled: if the caller has cancelled.
+        RunError, MotionError, BodyError, GLError, FigureError: each with one sentence.
+    """
+    record, figures = read_run(request.run), request.figures
+    files = row_files(request.run, "motion")
+    names = limit_compared([row.name for row in record.rows if row.name in files and not row.take])
+    motions = {name: load_motion(files[name]) for name in names[0]}
+    if not motions:
+        raise RunError(f"The run in {printable(request.run.name)} has no motion to draw.")
+    check_figure(figures, min(each.num_frames for each in motions.values()), len(motions))
+    snapshots = Snapshots(snapshot_frames(motions, figures))
+    if "b" in figures.figure_panels and not rendering_unavailable_reason():
+        placed, video = picture_motions(motions)[0], _small(VideoOptions(body=request.body))
+        on_share = callbacks.progress_callback("figure", _POSES)
+        snapshots = draw_poses(placed, video, get_body(request.body), on_share, snapshots.frames)
+    is_generated, is_raw = record.kind == "generated", record.settings.get("filter") == NONE
+    contents = figure6_of(
+        motions,
+        snapshots,
+        make_tracked_point(request.body, record.point),
+        figures,
+        record.settings.get(SPEECH, "") if is_generated else "",
+        callbacks.raise_if_cancelled,
+        ("none" if is_raw else "savgol") if is_generated else None,
+    )
+    caption = f"{contents.caption} {PROTOCOL_CAPTION}"
+    draw = partial(draw_figure6, contents)
+    return save_figure(draw, request.out, caption, figures.figure_forms)
 
 
 def _wait_for_words(motions: RunMotions, words: WordSearch, run: RunWriter) -> Transcript:

@@ -32,6 +32,7 @@ class Task:
 
 DIAGNOSE = Task("app.run.pipeline", "diagnose")
 DRAW_VIDEOS = Task("app.run.videos.videos", "draw_videos_in_background")
+REDRAW_FIGURE = Task("app.run.pipeline", "redraw_figure6")
 DRAW_FIGURE = Task("app.run.run_writer", "draw_figure")
 DRAW_VIEWER_VIDEO = Task("app.run.videos.viewer_recording", "draw_viewer_video")
 GENERATE = Task("app.run.pipeline", "generate")

@@ -218,13 +218,10 @@ def make_timeline(
     """
     tracks = {name: tip.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
     accents = heard_accents(speech, weights) if speech and weights else ()
-    curves = {}
-    for name, motion in motions.items():
-        version: FilterVersion = "raw" if name == REFERENCE_NAME else shown
-        versions: dict[FilterVersion, Motion] = {version: motion}
-        if version == "raw":
-            versions["savgol"] = smooth_motion(motion)
-        curves[name] = {kind: point_curves(tip.track(each)) for kind, each in versions.items()}
+    curves = {
+        name: motion_curves(motion, "raw" if name == REFERENCE_NAME else shown, tip)
+        for name, motion in motions.items()
+    }
     return {
         "duration_s": round(max(longest_s(motions), speech.duration_s if speech else 0.0), 4),
         "fps": FPS,
@@ -235,6 +232,16 @@ def make_timeline(
         "curves": curves,
         "worst": worst_seconds(tracks),
     }
+
+
+def motion_curves(
+    motion: Motion, shown: FilterVersion, tip: TrackedPoint
+) -> dict[FilterVersion, dict[str, Curve]]:
+    """Return the curves of one motion for ``raw`` and ``savgol``, see `make_timeline`."""
+    versions: dict[FilterVersion, Motion] = {shown: motion}
+    if shown == "raw":
+        versions["savgol"] = smooth_motion(motion)
+    return {kind: point_curves(tip.track(each)) for kind, each in versions.items()}
 
 
 def transcript_tiers(said: Transcript) -> dict[str, Any]:

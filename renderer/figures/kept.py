@@ -19,7 +19,8 @@ from renderer.figures.curves import (
     draw_speech_effect,
     draw_step_curve,
 )
-from renderer.figures.figure6 import Figure6, JointMarks, draw_figure6
+from renderer.figures.figure6.contents import Figure6, JointMarks
+from renderer.figures.figure6.layout import draw_figure6
 from renderer.figures.jitter import Jitter, JitterSheet, draw_sheet
 from renderer.figures.style import FigureError, Places, save_figure
 

@@ -139,6 +139,18 @@ def series_styles(names: Iterable[str], reference: str | None) -> dict[str, Seri
     }
 
 
+def shades(color: str) -> list[str]:
+    """Return a colour in three lightnesses, dark, middle and light, alike for all colours."""
+    from matplotlib.colors import to_hex, to_rgb
+
+    rgb = np.array(to_rgb(color))
+    luma = float(rgb @ [0.299, 0.587, 0.114])
+    return [
+        to_hex(rgb * target / luma if luma > target else 1 - (1 - rgb) * (1 - target) / (1 - luma))
+        for target in (0.12, 0.42, 0.68)
+    ]
+
+
 def new_figure(width_mm: float, height_mm: float) -> "Figure":
     """Make a white figure with automatic layout; call it under the settings of `save_figure`."""
     from matplotlib.figure import Figure

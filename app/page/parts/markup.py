@@ -168,14 +168,24 @@ def claim_of(judgement: str) -> tuple[str, str]:
     return claim + stop.rstrip(), others
 
 
-def bars(title: str, values: Mapping[str, tuple[str, float, str]]) -> str:
-    """Format small bars, by label: the value as text, its share of the greatest, and a colour."""
+def bars(
+    title: str, values: Mapping[str, tuple[str, str, Sequence[float]]], is_over_clips: bool = False
+) -> str:
+    """Format small bars, or dots with intervals over clips.
+
+    Args:
+        values: by label, the value as text, a colour, and the value with its interval's ends as
+            shares of the scale.
+    """
     items = "".join(
-        f'<li style="--series:{color};--share:{share:.3f}"><span>{escape(label)}</span>'
-        f"<i></i><b>{escape(value)}</b></li>"
-        for label, (value, share, color) in values.items()
+        f'<li style="--series:{color};--share:{share:.3f};--low:{low:.3f};--high:{high:.3f}">'
+        f"<span>{escape(label)}</span><i></i><b>{escape(value)}</b></li>"
+        for label, (value, color, (share, low, high)) in values.items()
     )
-    return f'<figure class="bars"><figcaption>{escape(title)}</figcaption><ul>{items}</ul></figure>'
+    kind = "bars dots" if is_over_clips else "bars"
+    return (
+        f'<figure class="{kind}"><figcaption>{escape(title)}</figcaption><ul>{items}</ul></figure>'
+    )
 
 
 def notes_folded(notes: Sequence[str]) -> str:

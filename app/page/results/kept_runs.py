@@ -86,6 +86,7 @@ class KeptRun:
         return {
             **told_so_far(showing, parts),
             parts.clips: shown(clips_html({clip: run.record for clip, run in self.clips.items()})),
+            **({parts.verdict: shown("")} if self.clips else {}),  # that over all clips is above
             parts.clip: gr.update(choices=choices, value=self.token, visible=bool(choices)),
             parts.status: markup.sentence_status(line),
             parts.message: shown(failed + markup.notes_folded(list(notes))),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import gradio as gr
 
@@ -13,6 +13,7 @@ from app import text
 from app.page.parts import markup
 from app.page.parts.markup import explained, hidden_html, player_part
 from app.page.routes.media import Address
+from app.run.requests.parts import FIGURE_PANELS, FigureWidth
 from renderer.figures.style import CONTENTS_ENDING, FORMS
 
 
@@ -61,16 +62,18 @@ def figures_html(
         if path.name.endswith(CONTENTS_ENDING):
             stem, ending = path.name.removesuffix(CONTENTS_ENDING), CONTENTS_ENDING
         figures.setdefault(stem, {})[ending] = path
-    return "".join(
+    shown = "".join(
         _figure(
             stem,
             _addresses(paths, address),
             sentences,
             paths["txt"].read_text("utf-8") if "txt" in paths else "",
+            address(paths[CONTENTS_ENDING]) if CONTENTS_ENDING in paths else "",
         )
         for stem, paths in figures.items()
         if "png" in paths
     )
+    return f'<div class="figures">{shown}</div>' if shown else ""
 
 
 def _addresses(paths: Mapping[str, Path], address: Address) -> dict[str, str]:
@@ -82,7 +85,13 @@ def _addresses(paths: Mapping[str, Path], address: Address) -> dict[str, str]:
     return urls
 
 
-def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], caption: str) -> str:
+def _figure(
+    stem: str,
+    urls: Mapping[str, str],
+    sentences: Mapping[str, str],
+    caption: str,
+    contents: str,
+) -> str:
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
     links = "".join(saved_link(url, f"{stem}.{end}", end.upper()) for end, url in urls.items())
     said = "".join(
@@ -93,12 +102,32 @@ def _figure(stem: str, urls: Mapping[str, str], sentences: Mapping[str, str], ca
         if caption
         else ""
     )
+    redraw = _redraw_form(contents) if stem == "figure6" and contents else ""
     return (
-        f"{markup.heading(about.title, about.help)}"
-        f'<figure class="plot"><a class="zoom" href="{escape(urls["png"])}" target="_blank" '
+        f"<section>{markup.heading(about.title, about.help)}"
+        f'<figure class="plot of-{escape(stem)}">'
+        f'<a class="zoom" href="{escape(urls["png"])}" target="_blank" '
         f'aria-label="{text.ENLARGE_FIGURE.format(title=escape(about.title))}">'
         f'<img src="{escape(urls["png"])}" alt="{escape(about.title)}"></a>'
-        f'<figcaption>{said}{beside}<p class="links">{links}</p></figcaption></figure>'
+        f'<figcaption>{said}{beside}<p class="links">{links}</p>'
+        f"{redraw}</figcaption></figure></section>"
+    )
+
+
+def _redraw_form(contents: str) -> str:
+    """Format a form that downloads Figure 6 with other panels, frames or width."""
+    panels = "".join(
+        f'<label><input type="checkbox" name="panels" value="{letter}" checked>{letter} {what}'
+        "</label>"
+        for letter, what in FIGURE_PANELS.items()
+    )
+    widths = "".join(f"<option>{width}</option>" for width in reversed(get_args(FigureWidth)))
+    buttons = "".join(f'<button name="as" value="{form}">{form.upper()}</button>' for form in FORMS)
+    return (
+        f"<details><summary>{text.REDRAW}</summary>"
+        f'<form method="get" target="_blank" action="{escape(contents.partition("?")[0])}">'
+        f'{panels}<label>Frames <input name="frames" placeholder="every 50" size="16"></label>'
+        f'<label>Width <select name="width">{widths}</select></label>{buttons}</form></details>'
     )
 
 

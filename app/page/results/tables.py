@@ -99,13 +99,14 @@ def measures_table(run: RunRecord) -> str:
         for name, numbers in run.numbers.items()
     ]
     judgement = run.verdict.judgement if run.verdict and jerk_bars(run) else ""
-    said = filter(
-        None, (markup.claim_of(judgement)[1], run.says.get("step"), run.says.get("beats"))
-    )
-    told = "".join(f'<p class="says">{escape(sentence)}</p>' for sentence in said)
-    above = _findings(run) + told
+    said = _says(markup.claim_of(judgement)[1], run.says.get("step"), run.says.get("beats"))
+    above = _findings(run) + said
     legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
     return table_of(columns, point_title(run.point), legend, above)
+
+
+def _says(*sentences: str | None) -> str:
+    return "".join(f'<p class="says">{escape(each)}</p>' for each in sentences if each)
 
 
 def table_of(columns: Sequence[Column], point: str, legend: str, above: str = "") -> str:
@@ -233,18 +234,22 @@ def _findings(run: RunRecord) -> str:
     return _listed("", items, 0, f"More findings ({len(items)})")
 
 
-def jerk_bars(run: RunRecord) -> str:
-    """Format the mean jerk of each motion of a run as bars; empty for a single motion."""
-    jerk = {name: of["raw"][JERK] for name, of in run.numbers.items() if JERK in of.get("raw", {})}
-    most = max(jerk.values(), default=0.0)
-    if len(jerk) < 2 or not most > 0.0:
+def jerk_bars(*runs: RunRecord) -> str:
+    """Format the jerk of each motion as bars, over clips as dots; empty for a single motion."""
+    raw = [{name: of["raw"] for name, of in run.numbers.items()} for run in runs]
+    jerk = {name: {1: of[JERK]} for name, of in raw[0].items() if JERK in of}
+    jerk = jerk if len(runs) == 1 else by_measure(raw).get(JERK, {})
+    found = {name: interval([*of.values()]) for name, of in jerk.items()}
+    most = max((high for _, _, high in found.values()), default=0.0)
+    if len(found) < 2 or not most > 0.0:
         return ""
-    colors = {row.name: row.color for row in run.rows}
+    colors = {row.name: row.color for row in runs[0].rows}
+    title = f"{point_title(runs[0].point)} jerk (m/s³)"
     values = {
-        run.label(name): (plain(value), value / most, _bar_color(name, colors))
-        for name, value in jerk.items()
+        runs[0].label(name): (plain(ends[0]), _bar_color(name, colors), [v / most for v in ends])
+        for name, ends in found.items()
     }
-    return markup.bars(f"{point_title(run.point)} jerk (m/s³)", values)
+    return markup.bars(title + text.OVER_CLIPS if len(runs) > 1 else title, values, len(runs) > 1)
 
 
 def _bar_color(name: str, colors: Mapping[str, str]) -> str:
@@ -268,7 +273,7 @@ def title_of(records: Sequence[RunRecord]) -> str:
 
 
 def clips_html(runs: Mapping[str, RunRecord]) -> str:
-    """Format each system's headline metric by clip; empty for a single run."""
+    """Format each system's jerk with its interval over clips, and by clip; empty for one run."""
     if len(runs) < 2:
         return ""
     point = next(iter(runs.values())).point
@@ -276,7 +281,10 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     verdict = verdict_of(point, measured)
     raw = by_measure({name: of["raw"] for name, of in clip.items()} for clip in measured)
     jerk = raw.get(JERK, {})
-    above = "" if verdict is None else markup.verdict(verdict.numbers, verdict.judgement)
+    above = ""
+    if verdict is not None:
+        above = markup.verdict(verdict.numbers, verdict.judgement, jerk_bars(*runs.values()))
+        above += _says(markup.claim_of(verdict.judgement)[1])
     names = short_names(jerk)
     rows = [
         _clip_row(clip, [plain(of[number]) if number in of else "…" for of in jerk.values()], run)
@@ -287,9 +295,11 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     head = markup.heads({name: names[name] for name in jerk})
     title = f"{point_title(point)} jerk in m/s³, as generated, clip by clip"
     foot = f"<tfoot>{markup.row(text.CLIPS_MEAN, cells)}</tfoot>"
+    is_done = all(run.state == "done" for run in runs.values())
     return (
-        f'<div class="measures all clips">{above}<p>{escape(title)}</p>'
-        f"{markup.table(title, text.CLIP, head, ''.join(rows), foot)}"
+        f'<div class="measures all clips">{above}<details{"" if is_done else " open"}>'
+        f"<summary>{escape(title)}</summary>"
+        f"{markup.table(title, text.CLIP, head, ''.join(rows), foot)}</details>"
         f"{_rules([(JERK, WORKBENCH)])}</div>"
     )
 

@@ -18,7 +18,7 @@ import tempfile
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 from urllib.parse import quote, unquote
 
 import anyio
@@ -28,6 +28,7 @@ from fastapi.responses import FileResponse, PlainTextResponse, StreamingResponse
 from fastapi.routing import APIRoute
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import QueryParams
 from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
@@ -38,10 +39,11 @@ from app.page.visitors.characters import FILE, Characters
 from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import Kept, cookie_of
 from app.run.frame_packets import body_glb, body_shapes_bytes, encode_camera_bound_poses, face_names
-from app.run.requests.parts import VideoOptions
-from app.run.requests.requests import MARKERS_SUFFIX, RenderRequest
-from app.run.tasks import DRAW_FIGURE, RENDER, WRITE_PLAN, WRITE_STAGE_BODY
-from renderer.figures.style import CONTENTS_ENDING
+from app.run.requests.convert import parse_field, request_from
+from app.run.requests.parts import FigureWidth, VideoOptions, check_choice
+from app.run.requests.requests import MARKERS_SUFFIX, FigureRequest, RenderRequest
+from app.run.tasks import DRAW_FIGURE, REDRAW_FIGURE, RENDER, WRITE_PLAN, WRITE_STAGE_BODY
+from renderer.figures.style import CONTENTS_ENDING, FORMS
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
@@ -167,6 +169,12 @@ PLAN_ENDINGS = {
 PLAN_SUFFIX = ".plan.json"
 FIGURE_ENDINGS = {"svg": ".svg", "pdf": ".pdf"}
 """Suffixes of figure exports by value of the URL's parameter."""
+REDRAWN: Mapping[str, str] = {
+    "panels": "figure_panels",
+    "frames": "figure_frames",
+    "width": "figure_width",
+}
+"""Fields of `FigureRequest` by URL parameter; with one of them, Figure 6 is drawn again."""
 
 
 class _Modules(StaticFiles):
@@ -178,10 +186,32 @@ class _Modules(StaticFiles):
         return response
 
 
+def redraw_request(
+    run: Path, query: QueryParams, form: str, out: Path, body: Path | None
+) -> FigureRequest:
+    """Return the request of a URL that draws a run's Figure 6 again; raises RunError."""
+    values = {
+        name: parse_field(FigureRequest, name, ",".join(query.getlist(key)))
+        for key, name in REDRAWN.items()
+        if any(query.getlist(key))
+    }
+    check_choice(values.get("figure_width", "174mm"), get_args(FigureWidth), "width")
+    own = {"run": run, "out": out.with_suffix(""), "body": body, "figure_forms": (form,)}
+    return request_from(FigureRequest, values | own)
+
+
 def media_routes(
-    media: Media, made: MadeFiles, characters: Characters, quota: Quota
+    media: Media,
+    made: MadeFiles,
+    characters: Characters,
+    quota: Quota,
+    body: Path | None = None,
 ) -> list[BaseRoute]:
-    """Return the routes of the player's files, exports, the page's modules, and body data."""
+    """Return the routes of the player's files, exports, the page's modules, and body data.
+
+    Args:
+        body: body of figures; None for the open one.
+    """
 
     async def file(token: str, name: str, request: Request) -> Response:
         found = await run_in_threadpool(media.file, token, name, cookie_of(request))
@@ -192,7 +222,7 @@ def media_routes(
         if kind == "character":
             return await moving_character(path, cookie_of(request))
         if kind is not None:
-            return await made_of(path, kind)
+            return await made_of(path, kind, request.query_params)
         return FileResponse(
             path,
             media_type=media_type or "application/octet-stream",
@@ -208,9 +238,15 @@ def media_routes(
         request = partial(RenderRequest, motion=path, video=video)
         return await made.answer(RENDER, lambda out: request(out=out), name)
 
-    async def made_of(path: Path, kind: str) -> Response:
+    async def made_of(path: Path, kind: str, query: QueryParams) -> Response:
         def asked(out: Path) -> RenderRequest:
             return RenderRequest(motion=path, out=out)
+
+        is_redrawn = kind in FORMS and REDRAWN.keys() & query.keys()
+        if is_redrawn and path.name == f"figure6{CONTENTS_ENDING}":
+            run = path.parents[1]
+            redrawn = partial(redraw_request, run, query, kind, body=body)
+            return await made.answer(REDRAW_FIGURE, redrawn, f"figure6.{kind}")
 
         for suffix, endings, task, request in (
             (PLAN_SUFFIX, PLAN_ENDINGS, WRITE_PLAN, asked),

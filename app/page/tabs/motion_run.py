@@ -154,6 +154,8 @@ class RunRunner(TabRunner):
                 updates |= told_so_far(moving[0], parts) if moving else {}
                 records = {clip: each.record for clip, each in begun.items()}
                 updates[parts.clips] = shown(clips_html(records))
+                if len(records) > 1:
+                    updates[parts.verdict] = shown("")
                 if [*records] == [""] and records[""].numbers:  # figures do not need the form
                     updates[self.form.start] = gr.update(interactive=True)
             new = {part: each for part, each in updates.items() if so_far.get(part) != each}

@@ -102,6 +102,7 @@ class TakesRunner(TabRunner):
                 weights=self.services.config.weights,
                 start=asked.start,
                 edits=parse_edits(asked.edits),
+                body=self.services.config.body,
             )
             take = yield from self.done(job, REGENERATE_EDITED, wanted, coming)
         except Exception as error:
@@ -288,6 +289,7 @@ class VideosBehind:
             updates: Updates = {}
             if any(isinstance(event, FolderUpdated) for event in events):
                 updates[self.parts.player] = run.showing.value()
+                updates[self.parts.downloads] = shown(run.downloads(run.showing))
             share = last_share(events)
             if share is not None:
                 when = remaining.sentence(share, time.monotonic())

@@ -8,16 +8,20 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import ValidationError
 from typing_extensions import TypedDict
 
 from app import text
 from app.errors import RunError
+from app.run.bodies import make_tracked_point
 from app.run.callbacks import FolderUpdated, RunCallbacks
 from app.run.generated_motions import generation_options
 from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.run_folder import (
+    MAX_RUN_BYTES,
+    TIMELINE,
     EditInfo,
     Row,
     RunRecord,
@@ -30,8 +34,8 @@ from app.run.output.run_folder import (
 from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, suggest_edits
 from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
-from app.run.timeline import TimeSpan, read_transcript_of_run
-from conventions.names import SampleName, file_stem
+from app.run.timeline import TimeSpan, motion_curves, read_transcript_of_run
+from conventions.names import FilterVersion, PostFilter, SampleName, file_stem
 from conventions.rates import FPS
 from model.generation.base import System
 from model.generation.regenerate import (
@@ -60,7 +64,7 @@ from model.plan.plan import GesturePlan, PlanError, Side
 from model.plan.style import style_of
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import Word
-from model.storage.json_validation import adapter
+from model.storage.json_validation import adapter, read_json
 
 MAX_TAKES = 60
 """Maximum number of takes of a run."""
@@ -172,8 +176,36 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
         run.write_motion(name, shown, f"{file_stem(name)}.npz")
         _tell(request.run, row, written, words)
         run.add_files(request.run / row.files["told"])
+        jerk = _add_curves(request, record, run, row, shown, sampling.post_filter)
         run.finish("")
-    return EditResult(number, done.notes)
+    return EditResult(number, (*jerk, *done.notes))
+
+
+def _add_curves(
+    request: PlanEditRequest,
+    record: RunRecord,
+    run: RunWriter,
+    row: Row,
+    motion: Motion,
+    post_filter: PostFilter,
+) -> tuple[str, ...]:
+    """Add the curves of a take to the run's timeline; return a sentence on its jerk."""
+    path = file_of(request.run, record.timeline)
+    if path is None or row.take is None:
+        return ()
+    timeline = read_json(path, dict[str, Any], MAX_RUN_BYTES)
+    version: FilterVersion = "savgol" if post_filter == "savgol" else "raw"
+    tip = make_tracked_point(request.body, record.point)
+    curves = timeline["curves"] | {row.name: motion_curves(motion, version, tip)}
+    new = run.folder.path(TIMELINE)
+    new.write_text(json.dumps(timeline | {"curves": curves}, separators=(",", ":")))
+    run.add_files(new)
+    jerk = [
+        f"{np.mean(of[version]['jerk_m_s3']['values']):.0f}"
+        for name in (row.name, row.take.start)
+        if (of := curves.get(name))
+    ]
+    return (text.TAKE_JERK.format(" m/s³, before the edit ".join(jerk)),)
 
 
 def _ready(

@@ -87,6 +87,8 @@ class PlanEditRequest:
     """Edits in order; without any, the row is only prepared for editing."""
     max_speech_s: float = 600.0
     """Maximum length of the speech (s)."""
+    body: Path | None = None
+    """Body of the tracked point; None for the open one."""
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ MAX_STEPS = 1000
 MAX_GUIDANCE = 10
 MAX_COMPARED = 6
 """Maximum number of motions in a comparison video or figure."""
-FIGURE_PANELS = {"a": "coordinates", "b": "snapshots", "c": "path in space", "d": "tremble"}
+FIGURE_PANELS = {"a": "coordinates", "b": "snapshots", "c": "path in space", "d": "tremor"}
 MAX_SNAPSHOTS = 7
 
 SYSTEM_OPTIONS: Mapping[str, str] = {

@@ -242,6 +242,19 @@ class RenderRequest:
             raise RunError(f"There is no speech file at {self.speech}.")
 
 
+@dataclass(frozen=True, kw_only=True)
+class FigureRequest:
+    """Request to draw Figure 6 of a finished run again, with other panels, frames or width."""
+
+    run: Annotated[Positional[Path], arg(metavar="RUN", help="Folder of a run.")]
+    out: Path
+    """Output files without their suffix, such as paper/figure6."""
+    figures: FigureOptions = field(default_factory=FigureOptions)
+    body: File = field(default_factory=default_body)
+    """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
+    open body."""
+
+
 MAX_SPEECHES, MAX_SEEDS = 8, 8
 TwoSpeakers = Annotated[
     tuple[str, str] | None, text_type(two_speakers, "CALM,LIVELY", "none", ",".join)

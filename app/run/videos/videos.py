@@ -31,7 +31,7 @@ from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import Motion, load_motion
 from model.motion.transforms import exaggerate
 from renderer.body.body import Body, BodyMotion
-from renderer.figures.figure6 import JointMarks
+from renderer.figures.figure6.contents import JointMarks
 from renderer.scene.camera_setup import CameraSetup, Panel, layout_panels, select_frames
 from renderer.video.compose import compose_videos
 from renderer.video.overlays import HeatMap, Overlays, Trail

@@ -19,10 +19,10 @@ from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from app.run.frame_packets import HEADER, frames_message
 from app.run.models import get_system, warm_up_steps
 from app.run.output.run_folder import RunRecord, read_run
-from app.run.pipeline import run
+from app.run.pipeline import redraw_figure6, run
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import FIGURE_PANELS, LiveRecording
-from app.run.requests.requests import AnyRun
+from app.run.requests.requests import AnyRun, FigureRequest
 from app.run.tasks import RunResult
 from model.motion.motion import load_motion, save_motion
 from model.plan.files import read_plan_file, write_plan_file
@@ -157,6 +157,24 @@ def test_a_whole_run_records_what_made_it_and_follows_the_point_that_was_asked_f
         assert picture.info["Description"].startswith(f"Left elbow, frames 5 to {SHORT - 1}")
     with Image.open(result.out / "jitter.png") as picture:
         assert "Left elbow jerk in m/s³: global " in picture.info["Description"]
+
+
+@pytest.mark.gl
+def test_figure_6_of_a_finished_run_is_drawn_again_from_its_folder(
+    whole: Whole, tmp_path: Path
+) -> None:
+    run_folder = whole[0].out
+    same = FigureRequest(run=run_folder, out=tmp_path / "figure6", body=None)
+    same = replace_fields(same, start_frame=5, figure_forms=("png",))
+    picture, caption = redraw_figure6(same)
+    assert caption.read_text() == (run_folder / "figure6.txt").read_text()
+    narrow = replace_fields(same, figure_panels=("a",), figure_width="85mm")
+    picture, caption = redraw_figure6(narrow)
+    with Image.open(picture) as drawn:
+        assert drawn.width == 1003, "85 mm at 300 dpi"
+    assert "jerk of each joint" not in caption.read_text()
+    with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
+        redraw_figure6(replace_fields(same, figure_frames=(SHORT,)))
 
 
 @pytest.fixture

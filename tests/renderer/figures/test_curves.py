@@ -129,12 +129,12 @@ def test_nothing_overlaps(monkeypatch, scale):
 def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
     program = (
         "import sys; from pathlib import Path\n"
-        "import renderer.figures.figure6, renderer.figures.jitter\n"
+        "import renderer.figures.figure6.layout, renderer.figures.jitter\n"
         "from renderer.figures.curves import draw_error_growth\n"
-        "from renderer.figures.style import written\n"
+        "from renderer.figures.style import save_figure\n"
         "assert 'matplotlib' not in sys.modules\n"
         "from tests.renderer.figures.test_curves import growth\n"
-        "written(lambda: draw_error_growth(growth()), Path(sys.argv[1]), 'So.')\n"
+        "save_figure(lambda: draw_error_growth(growth()), Path(sys.argv[1]), 'So.')\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "import matplotlib; assert matplotlib.rcParams['pdf.fonttype'] == 3\n"
     )

@@ -9,20 +9,18 @@ import pytest
 from PIL import Image
 
 from renderer.body.body import BodyMotion, load_body
-from renderer.figures.figure6 import (
-    MARK_RGB,
+from renderer.figures.figure6.contents import (
     MIN_FRAMES,
     ONE_SEED_CAVEAT,
     PANELS,
-    PROJECTION,
-    Cells,
     Figure6,
     JointMarks,
     choose_snapshot_frames,
-    draw_figure6,
-    fits_column,
     high_pass_mm,
 )
+from renderer.figures.figure6.layout import draw_figure6, fits_column
+from renderer.figures.figure6.panels import PROJECTION
+from renderer.figures.figure6.snapshots import MARK_RGB, Strips
 from renderer.figures.style import (
     COLUMN_MM,
     MAX_HEIGHT_MM,
@@ -133,18 +131,17 @@ def test_two_systems_share_their_plots_and_all_is_the_input() -> None:
     np.testing.assert_allclose(PROJECTION.T @ PROJECTION, np.eye(2), atol=1e-12)
     assert (PROJECTION[:, 0] > 0).tolist() == [True, False, True] and PROJECTION[1, 1] > 0.9
 
-    cells = Cells.of(contents)
+    strips = Strips.of(contents)
     for name in contents.names:
         (axes,) = axes_of(figure, f"snapshots of {name}")
         (image,) = axes.get_images()
         strip = np.asarray(image.get_array())
-        for k, picture in enumerate(cells.rows[name]):
-            width = picture.shape[1]
-            left = k * (width + cells.gap)
-            np.testing.assert_array_equal(strip[:, left : left + width], picture)
-            joint = axes.collections[0].get_offsets()[k]
-            assert (picture != 230).any(axis=-1)[int(joint[1]), int(joint[0]) - left]
-        assert len(axes.collections[0].get_offsets()) == 3, "nothing is known of the second joint"
+        np.testing.assert_array_equal(strip, strips.pictures[name])
+        joints = axes.collections[0].get_offsets()
+        for x, y in joints:
+            assert (strip[int(y), int(x)] != 230).any(), "a joint is on its bar"
+        assert [int(x // strips.step) for x, _ in joints] == [0, 1, 2]
+        assert len(joints) == 3, "nothing is known of the second joint"
     labels = [
         label.get_text() for label in axes_of(figure, "snapshots of reference")[0].get_xticklabels()
     ]
@@ -176,10 +173,6 @@ def test_no_peak_is_cut_and_each_axis_has_a_scale(shift, spread):
         low, high = axes.get_ylim()
         assert low < positions[:, coordinate].min() <= positions[:, coordinate].max() < high
         assert len([tick for tick in axes.get_yticks() if low <= tick <= high]) >= 2
-    (strip,) = axes_of(figure, f"tremble of {NAMES[0]}")
-    low, high = strip.get_ylim()
-    for line in strip.get_lines():
-        assert low < np.min(line.get_ydata()) <= np.max(line.get_ydata()) < high
     (path,) = axes_of(figure, "path")
     assert [text.get_text() for text in path.texts] == ["x", "y", "z"]
     titles = [part.get_suptitle() for part in figure.findobj(lambda a: hasattr(a, "get_suptitle"))]
@@ -227,7 +220,7 @@ def test_panels_and_width_can_be_chosen_and_count_from_a() -> None:
     titles = [part.get_suptitle() for part in figure.findobj(lambda a: hasattr(a, "get_suptitle"))]
     assert [title[0] for title in titles if title] == ["a", "b"]
     assert {axes.get_label() for axes in figure.axes} == {
-        *"xyz", *(f"tremble of {name}" for name in NAMES[:2])
+        *"xyz", *(f"tremor of {name}" for name in NAMES[:2])
     }  # fmt: skip
     assert [line.get_markevery()[:2] for line in lines_of(axes_of(figure, "x")[0]).values()] == [
         [0, 50]
@@ -237,11 +230,11 @@ def test_panels_and_width_can_be_chosen_and_count_from_a() -> None:
 
 
 def test_a_column_that_fits_is_no_taller_than_a_page() -> None:
-    for count in (3, 4):
+    for count in (4, 5):
         inputs = make_inputs(count, False, 3)
         figure = drawn(check(**inputs, requested_panels=("a", "b"), width_mm=COLUMN_MM))
         is_low = figure.get_figheight() * 25.4 <= MAX_HEIGHT_MM
-        assert is_low == fits_column(count, ("a", "b")) == (count == 3)
+        assert is_low == fits_column(count, ("a", "b")) == (count == 4)
 
 
 def test_snapshot_frames_are_every_50_of_the_window() -> None:
@@ -341,22 +334,23 @@ def test_cuts_follow_the_body_and_lose_nothing_of_it(view: str) -> None:
     marks = JointMarks({"a": pixels}, {"a": np.ones(pixels.shape[:2])}, 1.0)
     shown = np.repeat(pictures[..., 3:], 3, axis=-1)
     tracks = {"a": make_trajectory(0, 61)}
-    cells = Cells.of(Figure6(tracks, {"a": shown}, frames, FPS, marks=marks))
-    cut = cells.rows["a"]
-    assert cut.shape[2] < 110 and [(each > 0).sum() for each in cut] == [
-        (each > 0).sum() for each in shown
-    ]
-    x, y = np.floor(cells.pixels["a"][:, 16]).astype(int).T  # a shoulder
-    assert (cut[np.arange(3), y, x] == 255).all()
+    strips = Strips.of(Figure6(tracks, {"a": shown}, frames, FPS, marks=marks))
+    strip = strips.pictures["a"]
+    assert strips.width < 110 and ((0 < strip) & (strip < 255)).any()
+    cut = [strip[:, k * strips.step :][:, : strips.width] for k in range(3)]
+    assert [(each > 0).sum() for each in cut] == [(each > 0).sum() for each in shown]
+    x, y = np.floor(strips.joints["a"][:, 16]).astype(int).T  # a shoulder
+    assert (strip[y, x] == 255).all()
 
 
 def test_joints_that_nobody_knows_leave_pictures_whole() -> None:
     inputs = make_inputs(1, False, 2)
     pixels = {NAMES[0]: np.full((2, 2, 2), np.nan)}
     inputs["marks"] = JointMarks(pixels, inputs["marks"].values, 500.0)
-    np.testing.assert_array_equal(
-        Cells.of(check(**inputs)).rows[NAMES[0]], inputs["snapshots"][NAMES[0]]
-    )
+    strips = Strips.of(check(**inputs))
+    for k, picture in enumerate(inputs["snapshots"][NAMES[0]]):
+        cut = strips.pictures[NAMES[0]][:, k * strips.step :][:, : strips.width]
+        np.testing.assert_array_equal(cut, picture)
 
 
 def wave(hertz: float, metres: float, num_frames: int = 300) -> np.ndarray:
@@ -378,16 +372,81 @@ def test_each_motion_has_a_strip_on_one_scale_with_its_rms_and_sees_what_lies_be
         name: slow + wave(9.0, size, 600) for name, size in (("calm", 0.001), ("wild", 0.004))
     }
     figure = drawn(Figure6(tracks, {}, (), FPS, start_frame=300))
-    strips = [axes_of(figure, f"tremble of {name}")[0] for name in tracks]
+    strips = [axes_of(figure, f"tremor of {name}")[0] for name in tracks]
     assert len({axes.get_ylim() for axes in strips}) == 1
     for axes, track in zip(strips, tracks.values(), strict=True):
         off = high_pass_mm(track, FPS)[300:]
         lifts = axes.get_yticks()
         assert lifts[0] > lifts[1] == 0.0 > lifts[2], "x, y and z stand apart"
+        limit = np.percentile(
+            np.abs([high_pass_mm(each, FPS)[300:] for each in tracks.values()]), 99
+        )
         for k, line in enumerate(axes.get_lines()[:3]):
-            np.testing.assert_allclose(line.get_ydata(), off[:, k] + lifts[k])
+            np.testing.assert_allclose(
+                line.get_ydata(), np.clip(off[:, k], -limit, limit) + lifts[k]
+            )
             np.testing.assert_allclose(line.get_xdata(), np.arange(300, 600) / FPS)
         rms = np.sqrt(np.square(off).sum(1).mean())
         assert f"{rms:.1f} mm rms" in axes.get_ylabel()
     short = {"a": wave(1.0, 0.1, MIN_FRAMES - 1)}
     assert "d" not in Figure6(short, {}, (), FPS).panels
+
+
+def test_a_spike_of_tremor_is_cut_marked_and_told_and_flattens_nothing() -> None:
+    calm = wave(0.5, 0.3) + wave(9.0, 0.002)
+    spiked = calm.copy()
+    spiked[[7, 8], 1] += 0.5  # as a jump at the start of a window
+    contents = Figure6({"calm": calm, "b": calm, "c": calm, "spiked": spiked}, {}, (), FPS)
+    figure = drawn(contents)
+    (strip,), *_, (other,) = (axes_of(figure, f"tremor of {name}") for name in contents.names)
+    assert other.get_ylim() == strip.get_ylim() and strip.get_ylim()[1] < 20.0, "mm, of 500"
+    peaks = [dots.get_offsets() for dots in other.collections]
+    assert [len(each) > 0 for each in peaks][2:4] == [True, True], "of y, upwards and downwards"
+    assert any(abs(x - 7.5 / FPS) < 1 / FPS for x, _ in peaks[2])
+    low, high = other.get_ylim()
+    assert all(low < y < high for each in peaks for _, y in each)
+    assert "triangles mark peaks cut there, the highest" in contents.caption
+    assert "(spiked)" in contents.caption
+    inks = [line.get_color() for line in strip.get_lines()[:3]]
+    luma = [sum(int(ink[k : k + 2], 16) for k in (1, 3, 5)) / 765 for ink in inks]
+    assert luma[1] - luma[0] > 0.15 < luma[2] - luma[1], "x, y and z differ in grey, too"
+
+
+def test_hands_of_five_systems_are_seen_in_print() -> None:
+    """At 174 mm and 300 dpi; the joints are those of the open body with its arms lowered."""
+    from conventions.joints import FACE, HANDS, JOINT_INDEX, UPPER_BODY
+
+    pose = BodyMotion.zero_pose(1)
+    for side, turn in (("left", -1.1), ("right", 1.1)):
+        start = 3 * JOINT_INDEX[f"{side}_shoulder"]
+        pose.poses[:, start : start + 3] = [0.0, 0.0, turn]
+    joints = load_body().joint_positions(pose)[0]
+    size = 512
+    pixels = 20 + (joints[:, :2] - joints[:, :2].min(axis=0)) * 440 / np.ptp(joints[:, 1])
+    pixels[:, 1] = size - pixels[:, 1]
+    names = (*NAMES[:5], "reference")
+    stack = np.full((6, size, size, 3), 200, np.uint8)
+    marks = JointMarks(
+        {name: np.tile(pixels, (6, 1, 1)) for name in names},
+        {name: np.zeros((6, len(joints))) for name in names},
+        500.0,
+        cropped_to=(*UPPER_BODY, *HANDS, *FACE),
+    )
+    contents = Figure6(
+        {name: make_trajectory(i) for i, name in enumerate(names)},
+        dict.fromkeys(names, stack),
+        tuple(range(0, 300, 50)),
+        marks=marks,
+        reference="reference",
+    )
+    strips = Strips.of(contents)
+    with matplotlib_settings():
+        figure = draw_figure6(contents)
+        figure.set_dpi(300)
+        figure.get_layout_engine().execute(figure)
+    wrist, tip = JOINT_INDEX["left_wrist"], JOINT_INDEX["left_middle3"]
+    for name in names:
+        (axes,) = axes_of(figure, f"snapshots of {name}")
+        ends = axes.transData.transform(strips.joints[name][0, [wrist, tip]])
+        assert np.linalg.norm(ends[1] - ends[0]) >= 25
+    assert np.isnan(strips.joints["reference"][0, JOINT_INDEX["left_ankle"]]).all(), "is cut off"

@@ -150,7 +150,9 @@ class Player {
   /** The bodies that are to be seen. */
   #showStage() {
     const { rows = [], running = false } = this.#value;
-    this.#stage?.show(this.editing.seen(rows), running);
+    const seen = this.editing.seen(rows);
+    this.#stage?.show(seen, running);
+    this.timeline.showTakes(seen.map(({ name }) => name));
     this.controls?.update();
   }
 

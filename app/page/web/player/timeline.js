@@ -122,9 +122,11 @@ export class Timeline {
 
   /** Show what the server has worked out; `rows` say how each motion looks. */
   show(data, rows) {
+    const isSame = this.#data?.duration_s === data.duration_s; // with another take's curves
     this.#data = data;
-    this.#view = [0, matchMedia(NARROW).matches ? Math.min(data.duration_s, NARROW_S) : data.duration_s];
-    this.#rows = rows.filter(({ name }) => data.curves[name]);
+    if (!isSame) this.#view = [0, matchMedia(NARROW).matches ? Math.min(data.duration_s, NARROW_S) : data.duration_s];
+    const known = rows.filter(({ name }) => data.curves[name]);
+    this.#rows = known.filter(({ take }) => !take).flatMap((row) => [row, ...known.filter(({ take, of }) => take && of === row.name)]);
     this.#lanes.clear();
     this.wave = make("canvas", {});
     this.position = make("div", { class: "plot", role: "slider", tabindex: "0", "aria-label": "Position", "aria-valuemin": "0", "aria-valuemax": data.duration_s.toFixed(2) }, this.wave);
@@ -146,6 +148,7 @@ export class Timeline {
       lane.firstElementChild.addEventListener("click", () => this.showBody(row.name));
       lane.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
       this.#lanes.set(row.name, { canvas, value });
+      lane.dataset.take = String(!!row.take);
       parts.push(lane);
     }
     this.lanes.replaceChildren(...parts, this.range, this.cursor);
@@ -154,8 +157,18 @@ export class Timeline {
     this.tiers.show(this.tiers.plan, this.#said, this.tiers.chosen);
     this.#observer.disconnect();
     this.#observer.observe(this.lanes);
+    this.showTakes(this.#takes);
     this.#draw();
     this.#showLoop();
+    this.onplanned(); // what an editor has between the lanes
+  }
+
+  #takes = [];
+
+  /** Of edited motions only the lanes of those that are seen. */
+  showTakes(seen) {
+    this.#takes = seen;
+    for (const lane of this.lanes.querySelectorAll("[data-take=true]")) lane.hidden = !seen.includes(lane.dataset.name);
   }
 
   // ------------------------------------------------------------------ what the bodies do

@@ -85,7 +85,7 @@ def test_the_same_motion_gives_the_same_file_and_a_folder_is_shown_as_it_is(tmp_
     html = show(folder).html
     assert html == player_alone(folder)
     head = html.split("<header>")[1].split("</header>")[0]
-    assert "<h1>made elsewhere</h1>" in head and " in m/s³: a 9.0, b 99." in head
+    assert "<h1>made elsewhere</h1>" in head and "<i></i><b>9.0</b>" in head and "<b>99</b>" in head
     assert "an example" in head and "Weights: the authors&#x27; own &amp; new." in head
 
 
@@ -98,7 +98,9 @@ def test_a_folder_of_several_clips_is_one_page_with_a_row_for_each(tmp_path: Pat
         and "<h1>2 clips: " in html
         and "Mean [95 % confidence interval over clips]" in html
     )
-    assert "mean over 2 clips: x 11, y 20." in html and '<th scope="row">b</th><td>12' in html
+    assert "mean over clips with 95 % confidence interval" in html
+    dots = '--share:0.550;--low:0.500;--high:0.600"><span>x</span><i></i><b>11</b>'
+    assert dots in html and '<th scope="row">b</th><td>12' in html
     told = json.loads(html.split('id="kept">')[1].split("</script>")[0])
     assert [run["audio"] for run in told["runs"]] == ["a/speech.wav", "b/speech.wav"]
     assert {row["frames"] for run in told["runs"] for row in run["rows"]} <= told["files"].keys()

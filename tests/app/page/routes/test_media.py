@@ -11,6 +11,7 @@ import anyio
 import numpy as np
 import pytest
 from fastapi import FastAPI
+from starlette.datastructures import QueryParams
 from starlette.testclient import TestClient
 
 from app.page.routes.media import (
@@ -21,11 +22,13 @@ from app.page.routes.media import (
     MadeFiles,
     Media,
     media_routes,
+    redraw_request,
     researcher_route,
 )
 from app.page.visitors.characters import Characters
 from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import COOKIE, Kept, visitor_route
+from app.run.requests.parts import FigureOptions
 from model.motion.motion import load_motion, save_motion
 from renderer.body.body import load_body
 from renderer.figures.kept import save_contents
@@ -310,3 +313,26 @@ def test_the_cookie_is_kept_from_scripts_and_other_sites(browser):
     assert "set-cookie" not in browser(cookie.value).post("/visitor").headers
     reply = TestClient(browser("").app, base_url="https://lab.example").post("/visitor")
     assert SimpleCookie(reply.headers["set-cookie"])[COOKIE]["secure"]
+
+
+def test_figure_6_is_drawn_again_as_a_url_says_within_the_limits_of_the_form(media, browser, job):
+    (job / "shown").mkdir()
+    (job / "shown" / "figure6.figure.npz").touch()
+    address = media.share(job, "mine")(job / "shown" / "figure6.figure.npz")
+    base = f"/{address.partition('?')[0]}?as=pdf"
+    refused = {
+        "&width=9000mm": "no width '9000mm'",
+        "&panels=e": "no panel 'e'",
+        "&frames=1,2,3,4,5,6,7,8": "1 to 7 frames",
+        "&panels=a&panels=d": "run.json is missing",  # all else is right
+    }
+    for query, sentence in refused.items():
+        answer = browser("mine").get(base + query)
+        assert answer.status_code == 400 and sentence in answer.text, query
+    assert browser("mine").get(base.replace("pdf", "exe") + "&panels=a").status_code == 404
+    query = QueryParams("panels=a&panels=d&frames=&width=85mm")
+    request = redraw_request(job, query, "svg", job / "figure6.svg", None)
+    assert request.figures == FigureOptions(
+        figure_panels=("a", "d"), figure_width="85mm", figure_forms=("svg",)
+    )
+    assert request.out == job / "figure6" and request.run == job

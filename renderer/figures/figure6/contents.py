@@ -1,0 +1,240 @@
+"""Contents of Figure 6 for any motions: fingertip path, snapshots and tremor."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import butter, sosfiltfilt
+
+from conventions.names import PostFilter
+from renderer.figures.style import MAX_SYSTEMS, PAGE_MM, FigureError, SeriesStyle, series_styles
+
+CUT_OFF_HZ, ORDER = 5.0, 4
+MIN_FRAMES = 32
+"""Shortest window (frames) for tremor: about a second, so that the 5 Hz filter can separate it."""
+WINDOW_FRAMES = 300
+SNAPSHOT_EVERY = 50
+PANELS = ("a", "b", "c", "d")
+"""Panels: coordinates (a), snapshots (b), path in space (c), tremor (d)."""
+MOST_IN_ONE_PLOT = 2
+"""Largest number of systems in one plot, as in the paper; with more, each has its own row."""
+ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
+MIN_MARK_STRENGTH = 0.12
+"""Share of the full scale below which no mark is drawn, as every joint of a moving body has some.
+"""
+TREMOR_PERCENTILE = 99.0
+"""Percentile of the tremor of all motions at which the scale of panel d ends, so that one spike
+does not flatten the rest."""
+MIN_TREMOR_MM = 0.1
+_FILTERED: dict[PostFilter, str] = {
+    "none": "Raw motion, no filter.",
+    "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, on every curve alike).",
+}
+
+
+def high_pass_mm(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[np.ndarray, "T 3"]:
+    """Return positions (m) high-passed at 5 Hz in millimetres (zero-phase Butterworth, order 4)."""
+    low = butter(ORDER, CUT_OFF_HZ, fs=fps, output="sos")
+    exact = np.asarray(positions, np.float64)
+    return 1000.0 * (exact - sosfiltfilt(low, exact, axis=0))
+
+
+@dataclass(frozen=True)
+class JointMarks:
+    """Pixel positions and values of the joints in each snapshot."""
+
+    pixels: Mapping[str, np.ndarray]
+    """Pixels (N, J, 2) from the upper left corner, by motion; NaN draws nothing."""
+    values: Mapping[str, np.ndarray]
+    """Jerk (N, J) in m/s³, by motion; NaN draws nothing."""
+    full_scale: float
+    """Value of the strongest mark (m/s³); larger values look the same."""
+    cropped_to: Sequence[int] | None = None
+    """Joints that the cropped snapshots hold, such as those of the upper body; None for all."""
+
+    @property
+    def caption(self) -> str:
+        return (
+            "Marks: jerk of each joint around the frame, largest and darkest at"
+            f" {self.full_scale:g} m/s³ and above, none below"
+            f" {MIN_MARK_STRENGTH * self.full_scale:g} m/s³."
+        )
+
+
+def choose_snapshot_frames(num_frames: int, start_frame: int = 0) -> tuple[int, ...]:
+    """Return the snapshot frames: every 50 frames from the start of the window."""
+    end = min(num_frames, start_frame + WINDOW_FRAMES)
+    return tuple(range(start_frame, end, SNAPSHOT_EVERY))
+
+
+@dataclass(frozen=True)
+class Figure6:
+    """Contents of one Figure 6; positions and pictures are inputs, nothing here computes them.
+
+    Raises:
+        FigureError: with one sentence that names the limit and the value.
+    """
+
+    trajectories: Mapping[str, np.ndarray]
+    """Positions (T, 3) of the tracked point in metres, y up, from the clip's first frame, by
+    motion: one to six systems and the reference. Longer ones are cut to the shortest."""
+    snapshots: Mapping[str, np.ndarray]
+    """Pictures (N, H, W, 3) uint8 of one camera, for at least the same names; may be empty."""
+    snapshot_frames: Sequence[int]
+    """Frames at which the snapshots were taken, see :func:`choose_snapshot_frames`."""
+    fps: float = 30.0
+    marks: JointMarks | None = None
+    """Joints by which snapshots are cropped and marked; required with snapshots."""
+    reference: str | None = None
+    """Name of the recorded motion, drawn first and in black; None without one."""
+    start_frame: int = 0
+    point: str = "Right middle fingertip"
+    tip_source: str = ""
+    """Location of the point on the body, such as ``rigid`` or ``vertex 7794``, for the caption."""
+    post_filter: PostFilter = "none"
+    """Filter that was applied to all trajectories, for the caption; not applied here."""
+    clip: str = ""
+    caveat: str = ONE_SEED_CAVEAT
+    requested_panels: Sequence[str] = PANELS
+    """Requested panels; those without data are left out."""
+    width_mm: float = PAGE_MM
+
+    def __post_init__(self) -> None:
+        if self.reference is not None and self.reference not in self.trajectories:
+            raise FigureError(
+                f"The reference {self.reference!r} has no trajectory; there are"
+                f" {', '.join(map(repr, self.trajectories))}."
+            )
+        count = len(self.trajectories) - (self.reference is not None)
+        if not 1 <= count <= MAX_SYSTEMS:
+            raise FigureError(
+                f"Figure 6 holds 1 to {MAX_SYSTEMS} systems beside the reference; got {count}."
+            )
+        for name, positions in self.trajectories.items():
+            if len(positions) <= self.start_frame:
+                raise FigureError(
+                    f"The window starts at frame {self.start_frame}, but {name!r} has only"
+                    f" {len(positions)} frames; choose an earlier start."
+                )
+            if not np.isfinite(self.paths[name]).all():
+                bad = int(np.flatnonzero(~np.isfinite(self.paths[name]).all(axis=1))[0])
+                raise FigureError(
+                    f"The trajectory of {name!r} is not a number at frame {self.start_frame + bad}."
+                )
+        if self.snapshots and (self.marks is None or set(self.names) - set(self.snapshots)):
+            raise FigureError(
+                f"Snapshots, their marks and trajectories must be of the same systems; got"
+                f" snapshots of {', '.join(map(repr, self.snapshots))} and trajectories of"
+                f" {', '.join(map(repr, self.names))}."
+            )
+        if not self.panels:
+            raise FigureError(
+                f"Of the panels {', '.join(self.requested_panels)} none has anything to show:"
+                f" snapshots (b) need pictures, and tremor (d) needs {MIN_FRAMES} frames."
+            )
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the motions, the reference first."""
+        return tuple(sorted(self.trajectories, key=lambda name: name != self.reference))
+
+    @cached_property
+    def num_frames(self) -> int:
+        return min(self._lengths)
+
+    @cached_property
+    def _lengths(self) -> list[int]:
+        """Frames inside the window."""
+        lengths = (len(each) - self.start_frame for each in self.trajectories.values())
+        return [min(length, WINDOW_FRAMES) for length in lengths]
+
+    @cached_property
+    def _window(self) -> slice:
+        return slice(self.start_frame, self.start_frame + self.num_frames)
+
+    @cached_property
+    def paths(self) -> dict[str, np.ndarray]:
+        """Positions (T, 3) in metres inside the window, by motion."""
+        return {name: np.asarray(self.trajectories[name])[self._window] for name in self.names}
+
+    @cached_property
+    def tremor(self) -> dict[str, np.ndarray]:
+        """Positions (T, 3) above 5 Hz in millimetres, by motion."""
+        filtered = {name: high_pass_mm(self.trajectories[name], self.fps) for name in self.names}
+        return {name: positions[self._window] for name, positions in filtered.items()}
+
+    @cached_property
+    def tremor_scale_mm(self) -> float:
+        """End of the scale of tremor (mm); values beyond it are cut."""
+        sizes = np.abs(np.concatenate(list(self.tremor.values())))
+        return max(float(np.percentile(sizes, TREMOR_PERCENTILE)), MIN_TREMOR_MM)
+
+    @cached_property
+    def panels(self) -> tuple[str, ...]:
+        """Requested panels that have data, in the order of `PANELS`."""
+        has = {"b": bool(self.snapshots), "d": self.num_frames >= MIN_FRAMES}
+        return tuple(
+            letter for letter in PANELS if letter in self.requested_panels and has.get(letter, True)
+        )
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the window's frames (s)."""
+        return (self.start_frame + np.arange(self.num_frames)) / self.fps
+
+    @cached_property
+    def styles(self) -> dict[str, SeriesStyle]:
+        return series_styles(self.names, self.reference)
+
+    @property
+    def is_in_one_plot(self) -> bool:
+        """True if all curves share plots; otherwise each motion has small plots."""
+        return len(self.names) - (self.reference is not None) <= MOST_IN_ONE_PLOT
+
+    @property
+    def shown_frames(self) -> tuple[int, ...]:
+        """Frames of the snapshots inside the window, counted from its start."""
+        if "b" not in self.panels:
+            return ()
+        inside = (frame - self.start_frame for frame in self.snapshot_frames)
+        return tuple(frame for frame in inside if 0 <= frame < self.num_frames)
+
+    @property
+    def marker_frames(self) -> list[int]:
+        """Frames of the curves' markers: those of the snapshots, or else six evenly spaced."""
+        evenly = np.linspace(0, self.num_frames, 6, endpoint=False).astype(int)
+        return list(self.shown_frames) or sorted({int(frame) for frame in evenly})
+
+    @property
+    def caption(self) -> str:
+        clip = f" of {self.clip}" if self.clip else ""
+        told = {
+            f"{self.point}, frames {self.start_frame} to {self._window.stop - 1}{clip}"
+            f" at {self.fps:g} fps; metres, y up, one scale for x, y and z.": True,
+            f"One row per motion; faint in each row: {self.names[0]}.": not self.is_in_one_plot,
+            "All motions are cut to the length of the shortest.":
+                max(self._lengths) > min(self._lengths),
+            "Grey lines and markers: the frames of the snapshots.": self.shown_frames,
+            self.marks.caption if self.marks else "": "b" in self.panels,
+            self._tremor_caption if "d" in self.panels else "": True,
+            f"Fingertip position: {self.tip_source}.": self.tip_source,
+            _FILTERED[self.post_filter]: True,
+            self.caveat: self.caveat,
+        }  # fmt: skip
+        return " ".join(sentence for sentence, is_true in told.items() if sentence and is_true)
+
+    @property
+    def _tremor_caption(self) -> str:
+        peaks = {name: np.abs(values).max() for name, values in self.tremor.items()}
+        highest = max(peaks, key=lambda name: peaks[name])
+        cut = (
+            f", which ends at the {TREMOR_PERCENTILE:g}th percentile; triangles mark peaks cut"
+            f" there, the highest {peaks[highest]:.1f} mm ({highest})"
+        )
+        is_cut = peaks[highest] > self.tremor_scale_mm
+        return (
+            f"Position above {CUT_OFF_HZ:g} Hz (high-pass filtered), x darkest and z lightest, on"
+            f" one scale{cut if is_cut else ''}."
+        )
