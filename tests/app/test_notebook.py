@@ -114,6 +114,13 @@ def words(text: str) -> str:
     return "".join(NUMBER.sub("#", text).split())
 
 
+def test_all_that_it_imports_is_there():
+    code = "\n".join("".join(cell["source"]) for cell in CELLS if cell["cell_type"] == "code")
+    imports = [node for node in ast.parse(code).body if isinstance(node, ast.ImportFrom)]
+    assert len(imports) > 3
+    exec(compile(ast.Module(imports, []), "imports", "exec"), {})
+
+
 @pytest.mark.slow
 def test_it_runs_from_top_to_bottom(monkeypatch):
     monkeypatch.chdir(ROOT)
