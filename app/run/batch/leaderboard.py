@@ -26,7 +26,6 @@ from app.findings.measure_rows import (
     FGD_GENEA,
     MEASURES,
     TITLES,
-    by_key,
     definition_of,
     with_partners,
     written,
@@ -71,7 +70,7 @@ class Entry:
     """Time of the measurement in ISO 8601."""
     project: str
     """Version of this program that measured."""
-    measures: Annotated[dict[str, MetricValue], AfterValidator(by_key)]
+    measures: dict[str, MetricValue]
     findings: dict[str, int]
     """Number of clips by kind of finding."""
     note: str = ""
@@ -95,8 +94,7 @@ class Entry:
 class Leaderboard(BaseModel):
     """Content of a leaderboard file, which may be from another lab."""
 
-    format: Literal[1, 2] = FORMAT
-    """Format 1, in which titles were the keys of metrics, is still read."""
+    format: Literal[2] = FORMAT
     entries: list[Entry]
 
 

@@ -271,8 +271,8 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     """
     told: Cells = {}
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for row in rows:  # files of before protocols were recorded hold the workbench's own numbers
-        groups.setdefault((row["measure"], row.get("protocol", WORKBENCH)), []).append(row)
+    for row in rows:
+        groups.setdefault((row["measure"], row["protocol"]), []).append(row)
     for (key, protocol), own in groups.items():
         cells = [_cell(own, name, systems[-1]) for name in systems]
         title = _with_unit(TITLES.get(str(key), str(key)), own[0]["unit"])

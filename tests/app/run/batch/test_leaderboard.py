@@ -1,7 +1,7 @@
 """Entries of a leaderboard: taken in, put together, refused."""
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -89,12 +89,6 @@ def test_the_latest_measurement_wins_and_a_note_stays() -> None:
 def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path) -> None:
     write_leaderboard([entry()], tmp_path / "board.json")
     assert read_leaderboard(tmp_path / "board.json") == [entry()]
-    of_format_1: dict[str, Any] = {"format": 1, "entries": [asdict(entry())]}
-    of_format_1["entries"][0]["measures"] = {
-        "All joints: Mean jerk": asdict(entry().measures["joint_jerk_m_s3"])
-    }
-    (tmp_path / "old.json").write_text(json.dumps(of_format_1))
-    assert read_leaderboard(tmp_path / "old.json") == [entry()]
     told = json.loads((tmp_path / "board.json").read_text())
     (one,) = told["entries"]
     measure = {"joint_jerk_m_s3": {**one["measures"]["joint_jerk_m_s3"], "mean": "1"}}
