@@ -367,8 +367,9 @@ def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips
 
     star = f"<p>{escape(star_legend(systems, clips))}</p>" if len(systems) > 1 else ""
     first = table([row for row in rows if row["measure"] in firsts])
+    metrics = [(row["measure"], row.get("protocol", WORKBENCH)) for row in rows]
     return (
         f'<div class="measures all">{first}{star}'
         f"<details><summary>All metrics</summary>{table(list(rows))}</details>"
-        f"{_rules(dict.fromkeys((row['measure'], row['protocol']) for row in rows))}</div>"
+        f"{_rules(dict.fromkeys(metrics))}</div>"
     )
