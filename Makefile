@@ -86,4 +86,4 @@ sbom: .venv/.run-ready .venv/.test-ready
 	$(BIN)/cyclonedx-py requirements locks/run.txt --output-reproducible -o sbom.json
 
 clean:
-	rm -rf .venv tests/javascript/node_modules .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf .venv tests/javascript/node_modules tests/javascript/three/node_modules .pytest_cache .ruff_cache .hypothesis .import_linter_cache

@@ -26,7 +26,8 @@ async function loaded(path, plugins = []) {
 }
 
 const [times, path, animation] = process.argv.slice(2);
-let [clip, update, file] = [null, () => {}, null];
+let update = () => {};
+let clip, file;
 if (animation) {
   const { VRMLoaderPlugin } = await import("@pixiv/three-vrm");
   const { VRMAnimationLoaderPlugin, createVRMAnimationClip } = await import("@pixiv/three-vrm-animation");
