@@ -459,13 +459,13 @@ def _aligned(first: np.ndarray, other: np.ndarray) -> Rotation:
 
 def _twist(first: np.ndarray, other: np.ndarray, axis: np.ndarray) -> float:
     """Return the angle (rad) about an axis from one direction to another."""
-    axis = axis / np.linalg.norm(axis)
+    axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
     flat = first @ other - (first @ axis) * (other @ axis)
     return float(np.arctan2(np.cross(first, other) @ axis, flat))
 
 
 def _about(axis: np.ndarray, angle: float) -> Rotation:
-    return Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    return Rotation.from_rotvec(angle * axis / max(float(np.linalg.norm(axis)), 1e-12))
 
 
 def zero_pose_turns(

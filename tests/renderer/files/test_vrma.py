@@ -1,6 +1,7 @@
 """A .vrma file is read as its specification says, without the program's readers."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,6 +115,17 @@ def test_every_bone_moves_as_the_body(read, body, motion):
     translated = {node for node, path in read.moved if path == "translation"}
     faces = {each["node"] for each in read.extension["expressions"]["preset"].values()}
     assert translated == faces | {read.node("hips")}
+
+
+def test_body_without_a_knee(body, motion):
+    rest = body.rest_joints.copy()
+    rest[JOINT_INDEX["left_knee"]] = rest[JOINT_INDEX["left_ankle"]]
+    lame = replace(body, rest_joints=rest)
+    bones = Read(vrma_bytes(lame, motion)).bones(is_moving=True)
+    expected = lame.joint_positions(motion)
+    for joint in ("left_knee", "left_ankle", "left_foot"):
+        apart = bones[joint][0] - expected[:, JOINT_INDEX[joint]]
+        assert np.linalg.norm(apart, axis=1).max() < 0.001, joint
 
 
 def test_face_moves_by_presets_and_eyes_by_the_gaze(read, body, motion):
