@@ -116,9 +116,9 @@ def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
         return
     alone = [(name,) for name in names]
     if is_wide:
-        strips = min(count * 12.0, 60.0) if "d" in contents.panels else -_TITLE_MM - _TIME_MM
+        strips = min(count * 12.0, 50.0) if "d" in contents.panels else -_TITLE_MM - _TIME_MM
         room = MAX_HEIGHT_MM - 2 * (_TITLE_MM + _TIME_MM) - _FRAME_MM - strips
-        height = min(36.0, room / count, max(0.58 * width / aspect + AROUND_MM, 25.0))
+        height = min(36.0, room / count, max(0.58 * width / aspect + AROUND_MM, 28.0))
         pictures = min((height - AROUND_MM) * aspect + 1.0, 0.58 * width)
         beside = max(pictures, _SNAPSHOTS_MM)
         path = min(0.45 * (width - beside), 1.3 * height)

@@ -336,7 +336,7 @@ def test_cuts_follow_the_body_and_lose_nothing_of_it(view: str) -> None:
     tracks = {"a": make_trajectory(0, 61)}
     strips = Strips.of(Figure6(tracks, {"a": shown}, frames, FPS, marks=marks))
     strip = strips.pictures["a"]
-    assert strips.width < 110 and ((0 < strip) & (strip < 255)).any()
+    assert strips.width < 140 and ((0 < strip) & (strip < 255)).any()
     cut = [strip[:, k * strips.step :][:, : strips.width] for k in range(3)]
     assert [(each > 0).sum() for each in cut] == [(each > 0).sum() for each in shown]
     x, y = np.floor(strips.joints["a"][:, 16]).astype(int).T  # a shoulder
