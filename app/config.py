@@ -17,7 +17,7 @@ from typing import Annotated
 from tyro.conf import Suppress, UseAppendAction, arg
 
 from app.errors import RunError
-from app.flags import File, Minutes, text_type
+from app.flags import File, MinutesFlag, text_type
 
 PROJECT = Path(__file__).resolve().parents[1]
 BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
@@ -151,7 +151,7 @@ class AppConfig:
     root_path: Annotated[str, arg(metavar="PATH")] = field(default_factory=default_root_path)
     """Path below which a proxy serves the page, such as /lab, whether or not the proxy removes it;
     by default $GRADIO_ROOT_PATH."""
-    embedders: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
+    frame_ancestors: Annotated[Several, arg(name="embed-in", metavar="ORIGIN")] = ()
     """Site that may show the page in a frame, such as https://lab.example; may be repeated. By
     default only the page itself may, and in a hosted space also the host's site."""
     accounts: Annotated[
@@ -160,16 +160,16 @@ class AppConfig:
     """File with lines of NAME:PASSWORD; visitors must log in with one of them."""
     opened: Annotated[File, arg(name="open", metavar="FOLDER")] = None
     """Run folder of `generate` or `diagnose`, or its zip, to show when the page opens."""
-    max_speech_s: Minutes = 600.0
+    max_speech_s: MinutesFlag = 600.0
     """Maximum length of a speech."""
     min_speech_s: Suppress[float] = 0.5
     max_upload: Suppress[str] = "250mb"
     """Upload limit of Gradio. Ten minutes of 48 kHz stereo are 115 MB."""
-    max_waiting: Suppress[int] = 32
+    max_queue_size: Suppress[int] = 32
     """Maximum length of the queue, including background videos and excluding checks of uploads."""
-    keep_results_s: Suppress[float] = 3600.0
+    result_lifetime_s: Suppress[float] = 3600.0
     """Age (s) at which results and uploads are deleted."""
-    max_kept_bytes: Suppress[int] = 4 * 10**9
+    max_stored_bytes: Suppress[int] = 4 * 10**9
     """Most bytes of uploads and runs that one address may have on the disk."""
     max_run_s: Suppress[float] = 2 * 3600.0
     max_run_bytes: Suppress[int] = 4 * 10**9
@@ -193,7 +193,7 @@ class AppConfig:
                 f"--root-path takes a path as /lab or https://lab.example/lab; got "
                 f"{self.root_path!r}."
             )
-        for origin in self.embedders:
+        for origin in self.frame_ancestors:
             if not _ORIGIN.fullmatch(origin):
                 raise RunError(f"--embed-in takes a site as https://lab.example; got {origin}.")
         if self.body is not None and not self.body.is_file():

@@ -24,7 +24,7 @@ class DiskFullError(RunError):
     """Error of a run that needs more disk space than there is."""
 
 
-class FaultElsewhere(Exception):
+class WorkerError(Exception):
     """Program fault in another process; its message is a traceback and is never shown to users."""
 
 
@@ -37,14 +37,14 @@ _OPTIONS = re.compile(r" \([^()]*--[a-z][^()]*\)")
 """Bracketed mention of a command-line option in a sentence."""
 
 
-def sentence_of(error: BaseException) -> str | None:
+def message_for_user(error: BaseException) -> str | None:
     """Return the sentence to show for an error, or None for a fault of the program.
 
     Errors that this project raises carry their sentence. Among the system's errors only a full
     disk, missing permissions and missing memory get one, because a user can do something about
     them.
     """
-    if isinstance(error, FaultElsewhere):
+    if isinstance(error, WorkerError):
         return None
     is_ours = type(error).__module__.split(".")[0] in _OUR_PACKAGES
     if is_ours and str(error):
@@ -56,19 +56,19 @@ def sentence_of(error: BaseException) -> str | None:
     return None
 
 
-def visitor_sentence(error: BaseException) -> str:
+def visitor_message(error: BaseException) -> str:
     """Return the sentence that a visitor sees for an error, without folders of this machine.
 
     A fault of the program is logged and shown as a number.
     """
     if is_disk_full(error):
         return text.DISK_FULL
-    sentence = sentence_of(error)
+    sentence = message_for_user(error)
     if sentence is not None:
-        return page_sentence(without_folders(sentence))
+        return page_message(without_folders(sentence))
     fault_id = secrets.token_hex(4)
     log.error("fault %s", fault_id, exc_info=error)
-    return text.FAULT.format(fault_id=fault_id)
+    return text.INTERNAL_ERROR.format(fault_id=fault_id)
 
 
 def without_folders(sentence: str) -> str:
@@ -76,7 +76,7 @@ def without_folders(sentence: str) -> str:
     return _FOLDERS.sub("", sentence)
 
 
-def page_sentence(sentence: str) -> str:
+def page_message(sentence: str) -> str:
     """Remove bracketed command-line options and backticks from a sentence for the page."""
     return _OPTIONS.sub("", sentence).replace("`", "")
 

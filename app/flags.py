@@ -55,13 +55,13 @@ class Switch:
     off: str
 
 
-def parse_names(told: str) -> tuple[str, ...]:
+def parse_names(flag: str) -> tuple[str, ...]:
     """Parse ``A,B`` into a tuple of names; ``all`` gives the empty tuple.
 
     Raises:
         RunError: if there is no name.
     """
-    names = tuple(name.strip() for name in told.split(",") if name.strip())
+    names = tuple(name.strip() for name in flag.split(",") if name.strip())
     if not names:
         raise RunError("name at least one")
     return () if names == ("all",) else names
@@ -70,11 +70,11 @@ def parse_names(told: str) -> tuple[str, ...]:
 def choice_type(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
     """Make the annotation of a type that accepts only the listed values."""
 
-    def read(told: str) -> Any:
+    def read(flag: str) -> Any:
         for choice in choices:
-            if told == str(choice):
+            if flag == str(choice):
                 return choice
-        raise RunError(f"{told!r} is none of {', '.join(map(str, choices))}")
+        raise RunError(f"{flag!r} is none of {', '.join(map(str, choices))}")
 
     return text_type(read, "|".join(map(str, choices)))
 
@@ -89,8 +89,8 @@ def subset_type(
         none: word for the empty tuple; without it at least one name is required.
     """
 
-    def read(told: str) -> tuple[str, ...]:
-        names = () if told and told == none else parse_names(told)
+    def read(flag: str) -> tuple[str, ...]:
+        names = () if flag and flag == none else parse_names(flag)
         for name in names:
             if name not in choices:
                 raise RunError(refusal.format(name=name, names=", ".join(choices)))
@@ -104,22 +104,22 @@ def negative_flag(name: str, about: str) -> Any:
     return arg(name=name, help=about, help_behavior_hint="")
 
 
-def parse_count(told: str) -> int:
+def parse_count(flag: str) -> int:
     """Parse a whole number of at least 1.
 
     Raises:
         RunError: if it is none.
     """
-    if not told.isdecimal() or int(told) < 1:
-        raise RunError(f"{told!r} is no number from 1 on")
-    return int(told)
+    if not flag.isdecimal() or int(flag) < 1:
+        raise RunError(f"{flag!r} is not a number from 1 on")
+    return int(flag)
 
 
 File = Annotated[Path | None, text_type(Path, "FILE", "none")]
 Text = Annotated[str | None, text_type(str, "NAME", "the first speaker")]
 Names = Annotated[tuple[str, ...], text_type(parse_names, "A,B,...", "all", ",".join)]
 Count = Annotated[int | None, text_type(parse_count, "N", "none")]
-Minutes = Annotated[
+MinutesFlag = Annotated[
     float,
     text_type(lambda told: 60 * float(told), "N", show=lambda seconds: f"{seconds / 60:g}"),
     arg(name="max-minutes"),
@@ -138,7 +138,7 @@ def family_files() -> Any:
     return arg(constructor=make_dataclass("FamilyFiles", named, frozen=True))
 
 
-def use_family_files(named: Mapping[str, Any]) -> None:
+def set_family_files(named: Mapping[str, Any]) -> None:
     """Export the paths of family files to this process and its children, and check the files.
 
     Raises:
@@ -162,12 +162,12 @@ _SHAPE = (
     tyro.conf.HelptextFromCommentsOff,
 )
 _NO_NUMBER = (
-    (re.compile(r"invalid literal for int\(\) with base 10: (.*)"), r"\1 is no whole number"),
-    (re.compile(r"could not convert string to float: (.*)"), r"\1 is no number"),
+    (re.compile(r"invalid literal for int\(\) with base 10: (.*)"), r"\1 is not a whole number"),
+    (re.compile(r"could not convert string to float: (.*)"), r"\1 is not a number"),
 )
 
 
-def read_flags(does: Callable[..., Any], program: str, argv: Sequence[str]) -> Callable[[], Any]:
+def parse_command(does: Callable[..., Any], program: str, argv: Sequence[str]) -> Callable[[], Any]:
     """Return a function bound to the arguments of a command line.
 
     Raises:

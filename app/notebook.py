@@ -6,6 +6,7 @@ Errors are ValueErrors with one sentence.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,11 +17,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from jaxtyping import Shaped
 from pandas import DataFrame
 
 from app.config import BUNDLED_WEIGHTS, drop_missing_backend, without_proxies
 from app.errors import RunError
-from app.findings.measure_rows import MEASURES, definition_of, nearest, numbers_of, written
+from app.findings.measure_rows import METRICS, definition_of, format_value, nearest, numbers_of
 from app.run.batch.table import title_with_unit
 from app.run.bodies import TrackedPoint
 from app.run.callbacks import RunCallbacks
@@ -40,7 +42,7 @@ from model.formats.read import read_any_motion
 from model.formats.reading import parse_import_overrides
 from model.metrics.lag import speech_bands_by_frame
 from model.metrics.protocols.table import protocol_of
-from model.metrics.reference_error import degrees_by_part
+from model.metrics.reference_error import rotation_difference_by_part
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, load_motion, save_motion
 from model.plan.detection import plan_from_motion
@@ -57,11 +59,11 @@ with without_proxies():  # it imports Gradio
 
 __all__ = [
     "Comparison",
-    "Performance",
+    "GenerationResult",
     "Player",
     "compare",
+    "detect_plan",
     "diagnose",
-    "find_plan",
     "generate",
     "plan",
     "read_motion",
@@ -75,8 +77,21 @@ SpeechLike = str | Path | Speech | tuple[np.ndarray, int]
 MotionLike = str | Path | Motion
 PlanLike = str | Path | GesturePlan
 HEIGHT_PX = 880
+_FORMER_NAMES = {"Performance": "GenerationResult", "find_plan": "detect_plan"}
 RUN = "run"
 """Folder of the run, next to the input files."""
+
+
+def _warn_of_name(former: str, name: str) -> None:
+    message = f"{former} is now {name}; the former name will be removed."
+    warnings.warn(message, FutureWarning, stacklevel=3)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _FORMER_NAMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    _warn_of_name(name, _FORMER_NAMES[name])
+    return globals()[_FORMER_NAMES[name]]
 
 
 def systems() -> dict[str, str]:
@@ -93,7 +108,7 @@ def read_speech(speech: SpeechLike) -> Speech:
     if isinstance(speech, Speech):
         return speech
     with TemporaryDirectory() as folder:
-        return load_speech(in_file(Path(folder), speech) or "")
+        return load_speech(as_file(Path(folder), speech) or "")
 
 
 def read_motion(motion: MotionLike, assume: str = "") -> Motion:
@@ -114,7 +129,7 @@ def read_motion(motion: MotionLike, assume: str = "") -> Motion:
     return read_any_motion(motion, parse_import_overrides(assume)).motion
 
 
-def named_motions(
+def motions_by_name(
     motions: MotionLike | Mapping[str, MotionLike], reference: MotionLike | None = None
 ) -> dict[str, Motion]:
     """Read motions by name: a single file under its stem, a single motion as "motion".
@@ -136,25 +151,25 @@ def named_motions(
     return {name: read_motion(motion) for name, motion in {**motions, **recorded}.items()}
 
 
-def in_file(folder: Path, given: SpeechLike | MotionLike | PlanLike | None) -> Path | None:
-    """Return the path of an input; an input that is no file is written into the folder first."""
-    match given:
+def as_file(folder: Path, value: SpeechLike | MotionLike | PlanLike | None) -> Path | None:
+    """Return the path of an input; an input that is not a file is written into the folder first."""
+    match value:
         case None:
             return None
         case str() | Path():
-            return Path(given)
+            return Path(value)
         case Speech():
-            write_wav(path := folder / "speech.wav", given.waveform)
+            write_wav(path := folder / "speech.wav", value.waveform)
         case Motion():
-            save_motion(given, path := folder / "motion.npz")
+            save_motion(value, path := folder / "motion.npz")
         case GesturePlan():
-            write_plan_file(given, path := folder / "plan.json")
+            write_plan_file(value, path := folder / "plan.json")
         case (samples, rate):
             _write_samples(path := folder / "speech.wav", np.asarray(samples), int(rate))
     return path
 
 
-def _write_samples(path: Path, samples: np.ndarray, rate: int) -> None:
+def _write_samples(path: Path, samples: Shaped[np.ndarray, " N *channels"], rate: int) -> None:
     from scipy.io import wavfile
 
     if samples.ndim not in (1, 2) or not np.issubdtype(samples.dtype, np.number):
@@ -207,7 +222,7 @@ def show(
     """
     if isinstance(motions, str | Path) and Path(motions).is_dir():
         return Player(player_alone(Path(motions)), height)
-    named = named_motions(motions, reference)
+    named = motions_by_name(motions, reference)
     heard = None if speech is None else read_speech(speech)
     tip = TrackedPoint(joint)
     record = RunRecord(kind="given", title="Co-speech motion", point=joint)
@@ -236,11 +251,19 @@ def diagnose(
 
     Returns:
         ``systems`` and ``findings`` by name; ``as_json()`` is the content of ``diagnostics.json``.
+
+    Example:
+        >>> motion = read_motion("examples/procedural_speaker/a_procedural_speaker.npz")
+        >>> diagnostics = diagnose({"speaker": motion.part(slice(60))}, progress=False)
+        >>> diagnostics.findings["speaker"]
+        []
+        >>> f"{diagnostics.systems['speaker'].raw.point.tip_jerk_m_s3:.0f} m/s³"
+        '81 m/s³'
     """
-    named = named_motions(motions, reference)
+    named = motions_by_name(motions, reference)
     tip = TrackedPoint(joint)
     sound = None if speech is None else read_speech(speech)
-    with ProgressBars(is_shown=progress, stays=False) as bars:
+    with ProgressBars(is_visible=progress, stays=False) as bars:
         return measure_motions(
             named,
             tip,
@@ -250,7 +273,7 @@ def diagnose(
         )
 
 
-def find_plan(motion: MotionLike) -> GesturePlan:
+def detect_plan(motion: MotionLike) -> GesturePlan:
     """Detect the gesture plan of a motion: phases of both hands, nods, gaze and steps."""
     return plan_from_motion(read_motion(motion), open_body_skeleton())
 
@@ -264,17 +287,23 @@ class Comparison:
     for each motion; None if a metric does not apply."""
     nearest: Mapping[str, Sequence[str]]
     """Names of the motions nearest to the reference, by metric."""
-    apart_deg: Mapping[tuple[str, str], Mapping[str, float]]
+    rotation_difference_deg: Mapping[tuple[str, str], Mapping[str, float]]
     """Mean angle (degrees) between the joint rotations of two motions, by pair and body part, the
     largest first."""
     protocols: Mapping[str, str]
     """Ids of the protocols by metric; values of different protocols cannot be compared."""
 
+    @property
+    def apart_deg(self) -> Mapping[tuple[str, str], Mapping[str, float]]:
+        """Former name of ``rotation_difference_deg``."""
+        _warn_of_name("apart_deg", "rotation_difference_deg")
+        return self.rotation_difference_deg
+
     def __repr__(self) -> str:
-        return self.table.map(written).to_string()
+        return self.table.map(format_value).to_string()
 
     def _repr_html_(self) -> str:
-        told = self.table.map(written)
+        told = self.table.map(format_value)
         for key, names in self.nearest.items():
             for name in names:
                 told.loc[key, name] = f"<b>{told.loc[key, name]}</b>"
@@ -284,7 +313,7 @@ class Comparison:
 
     def _explained(self, key: str) -> str:
         """Format the title of a metric as HTML with its rule and protocol as a tooltip."""
-        measure = next(measure for measure in MEASURES if measure.key == key)
+        measure = next(measure for measure in METRICS if measure.key == key)
         about = f"{definition_of(key, self.protocols[key])} Protocol {self.protocols[key]}."
         return f'<span title="{escape(about)}">{escape(title_with_unit(measure))}</span>'
 
@@ -304,28 +333,30 @@ def compare(
         diagnostics: existing results of `diagnose` for these motions.
         kind: as generated ("raw") or after the Savitzky-Golay filter ("savgol").
     """
-    named = named_motions(motions, reference)
+    named = motions_by_name(motions, reference)
     if diagnostics is None:
         diagnostics = diagnose(named, speech=speech, progress=False)
     of_all = diagnostics.all_motions
     numbers = {name: numbers_of(versions.of(kind)) for name, versions in of_all.items()}
     rows: dict[str, dict[str, float | None]] = {}
     best: dict[str, Sequence[str]] = {}
-    for measure in MEASURES:
+    for measure in METRICS:
         values = {name: of.get(measure.key) for name, of in numbers.items()}
         if any(value is not None for value in values.values()):
             rows[measure.key] = values
-            target = values.get(REFERENCE_NAME) if measure.has_target else None
+            target = values.get(REFERENCE_NAME) if measure.has_reference_value else None
             others = {name: values[name] for name in diagnostics.systems}
             best[measure.key] = nearest(others, target)
-    apart = {(a, b): degrees_by_part(named[a], named[b]) for a, b in combinations(named, 2)}
+    apart = {
+        (a, b): rotation_difference_by_part(named[a], named[b]) for a, b in combinations(named, 2)
+    }
     table = DataFrame(list(rows.values()), list(rows), list(of_all), dtype=object)
     protocols = {key: protocol_of(key, diagnostics.beat_speeds) for key in rows}
     return Comparison(table, best, apart, protocols)
 
 
 @dataclass(frozen=True, eq=False)
-class Performance:
+class GenerationResult:
     """Motions of several systems for one speech, generated with the same noise."""
 
     speech: Speech
@@ -334,8 +365,8 @@ class Performance:
     recorded one."""
     plans: dict[str, GesturePlan]
     """Gesture plans, by name, of the systems that use one."""
-    said: Transcript
-    """Transcript with word times, if it was provided or recognised."""
+    transcript: Transcript
+    """Words with their times, if they were provided or recognised."""
     diagnostics: Diagnostics
     notes: tuple[str, ...]
     """Notes for the user, such as how the speech was changed."""
@@ -344,6 +375,12 @@ class Performance:
 
     def __getitem__(self, name: str) -> Motion:
         return self.motions[name]
+
+    @property
+    def said(self) -> Transcript:
+        """Former name of ``transcript``."""
+        _warn_of_name("said", "transcript")
+        return self.transcript
 
     def show(self, height: int = HEIGHT_PX) -> Player:
         """Play all motions in sync with the sound, in a cell or as a file."""
@@ -360,8 +397,8 @@ def generate(
     plan: PlanLike | None = None,
     reference: MotionLike | None = None,
     progress: bool = True,
-    **asked: Any,
-) -> Performance:
+    **options: Any,
+) -> GenerationResult:
     """Generate the motion of one or more systems, with the same noise.
 
     Args:
@@ -369,8 +406,9 @@ def generate(
             which uses a plan.
         plan: gesture plan for the systems that use one; None samples a plan from the speech.
         reference: recorded motion of the same speech, to be measured and shown with the others.
-        asked: further fields of `app.run.requests.requests.GenerateRequest` and its parts, such as
-            ``seed``, ``speaker``, ``samples``, ``steps``, ``transcript`` or ``words="recognise"``.
+        options: further fields of `app.run.requests.requests.GenerateRequest` and its parts, such
+            as ``seed``, ``speaker``, ``samples``, ``steps``, ``transcript`` or
+            ``words="recognise"``.
     """
     systems = default_planner() if systems is None else systems
     named = () if systems == "all" else (systems,) if isinstance(systems, str) else tuple(systems)
@@ -379,49 +417,49 @@ def generate(
     request = request_from(
         GenerateRequest,
         {
-            "speech": in_file(folder, speech),
+            "speech": as_file(folder, speech),
             "out": folder / RUN,
             "systems": named,
-            "plan": in_file(folder, plan),
-            "reference": in_file(folder, reference),
+            "plan": as_file(folder, plan),
+            "reference": as_file(folder, reference),
             "has_video": False,
             "has_figures": False,
-            **_paths(asked),
+            **_paths(options),
         },
     )
-    with ProgressBars(is_shown=progress, stays=False) as bars:
+    with ProgressBars(is_visible=progress, stays=False) as bars:
         result = _generate(request, RunCallbacks(bars.on_event))
     motions, plans = (row_files(request.output.out, kind) for kind in ("motion", "performed"))
-    return Performance(
+    return GenerationResult(
         speech=read_speech(request.speech.path),
         motions={name: load_motion(path) for name, path in motions.items()},
         plans={name: read_plan_file(path).plan for name, path in plans.items()},
-        said=result.transcript,
+        transcript=result.transcript,
         diagnostics=result.diagnostics,
         notes=result.notes,
         _folder=held,
     )
 
 
-def plan(speech: SpeechLike, **asked: Any) -> GesturePlan:
+def plan(speech: SpeechLike, **options: Any) -> GesturePlan:
     """Sample the gesture plan that a system would follow for a speech; see `model.plan.plan`.
 
     Args:
-        asked: further fields, as in `generate`.
+        options: further fields, as in `generate`.
     """
     with TemporaryDirectory() as held:
-        sound, out = in_file(Path(held), speech), Path(held, "drawn.json")
-        values = {"speech": sound, "out": out, **_paths(asked)}
+        sound, out = as_file(Path(held), speech), Path(held, "drawn.json")
+        values = {"speech": sound, "out": out, **_paths(options)}
         return make_plan(request_from(PlanRequest, values)).plan
 
 
-def _paths(asked: Mapping[str, Any]) -> dict[str, Any]:
-    if "recognise_words" in asked:
+def _paths(options: Mapping[str, Any]) -> dict[str, Any]:
+    if "recognise_words" in options:
         raise RunError('recognise_words=True is words="recognise" now.')
     files = ("weights", "transcript", "style", "body")
     return {
         name: Path(value) if name in files and isinstance(value, str) else value
-        for name, value in asked.items()
+        for name, value in options.items()
     }
 
 
@@ -431,22 +469,22 @@ def render(
     *,
     speech: SpeechLike | None = None,
     progress: bool = True,
-    **asked: Any,
+    **options: Any,
 ) -> tuple[Path, ...]:
     """Render a motion, or export it, in the format of the suffix of ``out``.
 
     Args:
         out: file with the suffix .mp4, .png, .glb, .bvh or .blender.npz.
         speech: sound of the video.
-        asked: further fields of `app.run.requests.requests.RenderRequest`, such as ``size``,
+        options: further fields of `app.run.requests.requests.RenderRequest`, such as ``size``,
             ``views``, ``close_ups``, ``framing``, ``num_stills`` or ``sheet_every``.
 
     Returns:
         The files that were written.
     """
     out = Path(out)
-    with TemporaryDirectory() as held, ProgressBars(is_shown=progress, stays=False) as bars:
-        moved, sound = (in_file(Path(held), given) for given in (motion, speech))
-        values = {"motion": moved, "out": out, "speech": sound, **_paths(asked)}
+    with TemporaryDirectory() as held, ProgressBars(is_visible=progress, stays=False) as bars:
+        moved, sound = (as_file(Path(held), given) for given in (motion, speech))
+        values = {"motion": moved, "out": out, "speech": sound, **_paths(options)}
         files, _ = render_motion(request_from(RenderRequest, values), RunCallbacks(bars.on_event))
     return files

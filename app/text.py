@@ -71,7 +71,7 @@ class FigureText:
     title: str
     help: str
     says: tuple[str, ...]
-    """Keys of `app.findings.sentences.sentences_of`, in the order of the plots."""
+    """Keys of `app.findings.sentences.figure_sentences`, in the order of the plots."""
 
 
 FIGURES = {
@@ -231,7 +231,7 @@ TOO_MANY_VIDEOS = (
     "This page shows at most {limit}; choose fewer."
 )
 DISK_FULL = "The server is out of disk space at the moment. Please try again later."
-FAULT = (
+INTERNAL_ERROR = (
     "Something went wrong inside the program, not with your input. Please report it with this "
     "number: {fault_id}."
 )

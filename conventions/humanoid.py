@@ -144,16 +144,16 @@ class JointTree:
         others = [each for each in self._children[chest] if each not in arms]
         head = max(others, key=lambda each: self._sizes[each], default=None)
         spine = self.path_between(trunk, chest)
-        found: JointMap = {"pelvis": [pelvis], "spine1": spine[:1], "spine2": spine[1:2]}
-        found |= {"spine3": spine[2:]} | ({} if head is None else self._neck(self._down(head)))
+        joint_map: JointMap = {"pelvis": [pelvis], "spine1": spine[:1], "spine2": spine[1:2]}
+        joint_map |= {"spine3": spine[2:]} | ({} if head is None else self._neck(self._down(head)))
         for side, arm in zip(("left", "right"), self._sided(arms, left), strict=True):
-            found |= self._limb(arm, side, ("collar", "shoulder", "elbow", "wrist", ""), ARM)
-            found |= self._fingers(found[f"{side}_wrist"][-1], side, ahead)
+            joint_map |= self._limb(arm, side, ("collar", "shoulder", "elbow", "wrist", ""), ARM)
+            joint_map |= self._fingers(joint_map[f"{side}_wrist"][-1], side, ahead)
         for side, leg in zip(
             ("left", "right"), self._sided(legs, left) if legs else (), strict=False
         ):
-            found |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"), LEG)
-        return found
+            joint_map |= self._limb(leg, side, ("", "hip", "knee", "ankle", "foot"), LEG)
+        return joint_map
 
     def _unknown(self, why: str) -> NoHumanoidError:
         names = ", ".join(name[:24] for name in self._joint_names[:12])
@@ -209,7 +209,7 @@ class JointTree:
             path.append(self._parents[path[-1]])
         return path[::-1]
 
-    def _sided(self, two: tuple[int, int], left: np.ndarray) -> tuple[int, int]:
+    def _sided(self, two: tuple[int, int], left: Float[np.ndarray, " 3"]) -> tuple[int, int]:
         """Order two branches left and right, by name, or else by the direction of the feet."""
         swapped = (two[1], two[0])
         for order in (two, swapped):
@@ -218,7 +218,7 @@ class JointTree:
                 return order
         return two if (self.rest[two[0]] - self.rest[two[1]]) @ left > 0 else swapped
 
-    def _limb(self, start: int, side: str, names: tuple[str, ...], known: LimbNames) -> JointMap:
+    def _limb(self, start: int, side: str, names: tuple[str, ...], assigned: LimbNames) -> JointMap:
         """Find a limb's joints by name, or else by length: the two longest consecutive bones."""
         path = [at for at in self._down(start) if not re.search("twist|roll", self._labels[at])]
         places = self.rest[path]
@@ -226,11 +226,11 @@ class JointTree:
         if len(lengths) < 2:
             raise self._unknown(f"a limb of {len(path)} joints")
         before, *three, after = names
-        first, middle, end = self._named_limb(path, known) or self._longest(lengths, three[1])
+        first, middle, end = self._named_limb(path, assigned) or self._longest(lengths, three[1])
         starts = {three[0]: path[first:middle], three[1]: path[middle:end], three[2]: [path[end]]}
-        found: JointMap = {f"{side}_{name}": joints for name, joints in starts.items()}
+        limb: JointMap = {f"{side}_{name}": joints for name, joints in starts.items()}
         if first and before:
-            found[f"{side}_{before}"] = path[:first]
+            limb[f"{side}_{before}"] = path[:first]
         beyond = path[end + 1 :]
         if after and beyond:
             toes = [at for at in beyond if re.search("toe|ball", self._labels[at])]
@@ -238,8 +238,8 @@ class JointTree:
             steps = self.rest[beyond] - places[end]
             far = np.linalg.norm(steps, axis=1) * np.linalg.norm(shin)
             ball = int(np.argmax(steps @ shin < 0.8 * far))  # not a heel below the ankle; else 0
-            found[f"{side}_{after}"] = [toes[0] if toes else beyond[ball]]
-        return found
+            limb[f"{side}_{after}"] = [toes[0] if toes else beyond[ball]]
+        return limb
 
     def _named_limb(self, path: list[int], names: LimbNames) -> tuple[int, int, int] | None:
         """Find where a limb's upper part, lower part and end start on a path, by name."""
@@ -260,7 +260,7 @@ class JointTree:
         uppers = of(names.upper, lower) or of(names.either, lower) or of(names.before, lower)[-1:]
         return (uppers[0], lower, end) if uppers else None
 
-    def _longest(self, lengths: np.ndarray, middle: str) -> tuple[int, int, int]:
+    def _longest(self, lengths: Float[np.ndarray, " bones"], middle: str) -> tuple[int, int, int]:
         """Return the start, middle and end of the two consecutive bones with the longest sum."""
         sums = lengths[:-1] + lengths[1:]
         first = int(np.argmax(sums))
@@ -274,20 +274,20 @@ class JointTree:
         found: JointMap = {"head": [heads[end]]}
         return found | ({"neck": heads[:end]} if end else {})
 
-    def _fingers(self, wrist: int, side: str, ahead: np.ndarray) -> JointMap:
+    def _fingers(self, wrist: int, side: str, ahead: Float[np.ndarray, " 3"]) -> JointMap:
         """Find finger joints by names with numbers, or else by chains.
 
         Chains are named, or ordered: the thumb starts nearest to the wrist, the others lie in a
         row.
         """
-        found: JointMap = {}
+        fingers: JointMap = {}
         for finger, spelling in _FINGER_NAMES.items():
             for at in range(wrist + 1, wrist + self._sizes[wrist]):
                 number = re.search(rf"(?:{spelling})[a-z]*0?([123])(?!\d)", self._labels[at])
                 if number:
-                    found.setdefault(f"{side}_{finger}{number[1]}", [at])
-        if found:
-            return found
+                    fingers.setdefault(f"{side}_{finger}{number[1]}", [at])
+        if fingers:
+            return fingers
         starts = self._children[wrist]
         if len(starts) == 1 and len(self._children[starts[0]]) >= 4:  # a palm
             starts = self._children[starts[0]]
@@ -310,20 +310,20 @@ class JointTree:
             is_palm = finger != "thumb" and len(chain) >= 4 and int(lengths.argmax()) == 0
             is_palm |= "carpal" in self._labels[chain[0]]
             for segment, joint in enumerate(chain[is_palm:][:3], start=1):
-                found[f"{side}_{finger}{segment}"] = [joint]
-        return found
+                fingers[f"{side}_{finger}{segment}"] = [joint]
+        return fingers
 
     def _thumb_number(self, wrist: int) -> int:
         """Return the number of the thumb among numbered fingers: 0 (3ds Max) or 1 (MakeHuman)."""
         labels = self._labels[wrist : wrist + self._sizes[wrist]]
         return 0 if any("finger0" in label for label in labels) else 1
 
-    def upright(self, found: JointMap) -> tuple[np.ndarray, np.ndarray, float]:
+    def upright(self, joint_map: JointMap) -> tuple[np.ndarray, np.ndarray, float]:
         """Return up along the trunk, left across it, and the cosine between legs and down.
 
         Without legs the last value tells how far the arms are below the shoulders.
         """
-        at = {name: self.rest[theirs[0]] for name, theirs in found.items() if theirs}
+        at = {name: self.rest[theirs[0]] for name, theirs in joint_map.items() if theirs}
         parts = ("hip", "shoulder") if "left_hip" in at else ("shoulder",)
         across = sum((at[f"left_{e}"] - at[f"right_{e}"] for e in parts), np.zeros(3))
 
@@ -341,12 +341,12 @@ class JointTree:
         hang = float(up @ below) / max(float(np.linalg.norm(below)), 1e-9)
         return up, across, hang if np.linalg.norm(across) > 1e-6 else 0.0
 
-    def is_standing(self, found: JointMap) -> bool:
+    def is_standing(self, joint_map: JointMap) -> bool:
         """Check whether the rest pose is that of a standing person."""
-        return self.upright(found)[2] >= 0.5
+        return self.upright(joint_map)[2] >= 0.5
 
 
-def nearest_axis(vector: np.ndarray) -> np.ndarray:
+def nearest_axis(vector: Float[np.ndarray, " 3"]) -> np.ndarray:
     """Return the unit vector along the axis that is nearest to a vector."""
     largest = int(np.abs(vector).argmax())
     return np.eye(3)[largest] * np.sign(vector[largest])

@@ -9,13 +9,13 @@ CLOSE_UPS: tuple[CloseUp, ...] = get_args(CloseUp)
 """Close-ups that may be rendered next to the body."""
 Framing = Literal["whole", "knees"]
 FRAMINGS: tuple[Framing, ...] = get_args(Framing)
-"""Part of the body in views that are no close-ups: all of it, or from the knees up."""
+"""Part of the body in views that are not close-ups: all of it, or from the knees up."""
 
-Build = Literal["average", "slender", "broad"]
-BUILDS: tuple[Build, ...] = get_args(Build)
+BuildName = Literal["average", "slender", "broad"]
+BUILDS: tuple[BuildName, ...] = get_args(BuildName)
 """Builds of the open body; the first is the one of its mesh file."""
-Tone = Literal["light", "medium", "dark", "clay"]
-TONES: tuple[Tone, ...] = get_args(Tone)
+SkinTone = Literal["light", "medium", "dark", "clay"]
+TONES: tuple[SkinTone, ...] = get_args(SkinTone)
 BODY_LOOKS = tuple(f"{build}-{tone}" for build in BUILDS for tone in TONES)
 """Looks of the open body; the first is the default."""
 

@@ -18,14 +18,15 @@ from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion
 from conventions.rates import FPS
 from model.faults.analysis import Evidence, Finding
 from model.faults.table import find_faults
+from model.formats.reading import current_assumption
 from model.generation.base import Windowing
 from model.metrics.beats import (
     BEAT_JOINTS,
     audio_to_motion,
-    beats_of,
-    counted,
+    joint_beats,
     joint_speeds,
-    with_chance,
+    onsets_within_margins,
+    score_and_chance,
 )
 from model.metrics.joints import (
     fingertip_measures,
@@ -39,7 +40,7 @@ from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.protocols.formulas import protocol_sums, protocol_values
 from model.metrics.protocols.table import protocol_of, without_parts
 from model.metrics.reference_error import diversity, error_to_reference
-from model.metrics.results import BeatMeasures, BeatSpeeds, Measures, PublishedMeasures
+from model.metrics.results import BeatMeasures, BeatSpeeds, MotionMetrics, PublishedMeasures
 from model.metrics.seams import find_period, seam_measures
 from model.metrics.tracked_point import point_measures
 from model.motion.kinematics import RestSkeleton
@@ -47,21 +48,46 @@ from model.motion.motion import Motion, first_frames
 from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, moving_chain, track_points
 from model.motion.transforms import smooth_motion
 
-OWN_WINDOWS = Windowing(frames=60, overlap=8)
+GLOBALDIFF_WINDOWS = Windowing(frames=60, overlap=8)
 """Windows of GlobalDiff's systems: 60 frames, of which two windows share 8."""
 TIP = "right_middle"
 """Fingertip of the paper's Figure 6."""
 JERK_FRAMES = 4
+DIAGNOSTICS_FORMAT = 2
+_FORMER_KEYS = {
+    "tip": "fingertip",
+    "joint": "tracked_point",
+    "tip_source": "tracked_point_source",
+    "assumed": "assumptions",
+    "lacks": "missing_parts",
+}
+_FORMER_METRIC_KEYS = {
+    "folded_on_frames": "fold_period_frames",
+    "beat_speeds_of": "beat_speed_reference",
+    "lag_rate": "lag_corrected_fps",
+    "lag_ground": "lag_source",
+    "lag_stands_out": "lag_z_score",
+    "peak_over_usual": "peak_over_median",
+    "peak_over_least": "peak_over_minimum",
+    "chance": "p_value",
+}
+_FORMER_FINDING_KEYS = {
+    **_FORMER_METRIC_KEYS,
+    "gravity": "severity",
+    "excess": "limit_ratio",
+    "worst_s": "worst_time_s",
+}
+"""Keys of format 1 of ``diagnostics.json``, which had no ``format``."""
 
 
 @dataclass(frozen=True)
 class RawAndFiltered:
     """Metrics of one motion, unfiltered and filtered."""
 
-    raw: Measures
-    savgol: Measures
+    raw: MotionMetrics
+    savgol: MotionMetrics
 
-    def of(self, kind: FilterVersion) -> Measures:
+    def of(self, kind: FilterVersion) -> MotionMetrics:
         return self.raw if kind == "raw" else self.savgol
 
     def without(self, lacks: Collection[str]) -> "RawAndFiltered":
@@ -89,9 +115,9 @@ class Diagnostics:
     findings: dict[str, list[Finding]]
     reference: RawAndFiltered | None
     systems: dict[str, RawAndFiltered]
-    assumed: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    assumptions: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     """Assumptions in reading motions from files, by name (`formats.read`)."""
-    lacks: dict[str, list[str]] = field(default_factory=dict)
+    missing_parts: dict[str, list[str]] = field(default_factory=dict)
     """Parts that a file does not contain, by name; they have no findings."""
 
     @property
@@ -112,15 +138,16 @@ class Diagnostics:
     def beat_speeds(self) -> BeatSpeeds:
         """Source of the mean speeds of BeatAlign."""
         beats = next((each.raw.beats for each in self.all_motions.values()), None)
-        return beats.beat_speeds_of if beats else "own"
+        return beats.beat_speed_reference if beats else "own"
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of ``diagnostics.json``."""
         return {
+            "format": DIAGNOSTICS_FORMAT,
             "fps": FPS,
-            "tip": self.point if self.point in FINGERTIP_NAMES else None,
-            "joint": self.point,
-            "tip_source": self.tip_source,
+            "fingertip": self.point if self.point in FINGERTIP_NAMES else None,
+            "tracked_point": self.point,
+            "tracked_point_source": self.tip_source,
             "window_advance_frames": self.windows and self.windows.advance,
             "window_overlap_frames": self.windows and self.windows.overlap,
             "joint_names": list(JOINT_NAMES),
@@ -128,8 +155,8 @@ class Diagnostics:
             "fingertip_names": list(FINGERTIP_NAMES),
             "num_frames": self.num_frames,
             "notes": self.notes,
-            "assumed": self.assumed,
-            "lacks": self.lacks,
+            "assumptions": self.assumptions,
+            "missing_parts": self.missing_parts,
             "findings": {
                 name: [finding.as_json() for finding in found]
                 for name, found in self.findings.items()
@@ -179,9 +206,9 @@ def diagnose(
             f"{point} is neither a fingertip nor a joint; choose one of {', '.join(POINT_NAMES)}."
         )
     inputs = inputs or ProtocolInputs()
-    ways = _Ways(skeleton, point, tip_track, onsets_s, speech_bands, inputs, True)
+    ways = _MeasureOptions(skeleton, point, tip_track, onsets_s, speech_bands, inputs, True)
     windows = windows or {}
-    motions, reference, notes = _cut_alike(motions, reference)
+    motions, reference, notes = _cut_to_shortest(motions, reference)
     notes += [
         f"{name} has {motion.num_frames} {'frame' if motion.num_frames == 1 else 'frames'}; speed "
         "needs 2, acceleration 3 and jerk 4."
@@ -211,14 +238,14 @@ def diagnose(
     )
 
 
-def raw_evidence(
+def analyse_raw(
     motion: Motion,
     skeleton: RestSkeleton,
     reference: Evidence | None = None,
     windows: Windowing | None = None,
     point: str = TIP,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
-    heard: Float[np.ndarray, "frames bands"] | None = None,
+    speech_bands: Float[np.ndarray, "frames bands"] | None = None,
     inputs: ProtocolInputs | None = None,
 ) -> Evidence:
     """Measure one motion without the filter, as the input of fault detectors.
@@ -226,15 +253,15 @@ def raw_evidence(
     A reference must be as long.
 
     Args:
-        onsets_s, heard, inputs: see `diagnose`; published protocols are not measured.
+        onsets_s, speech_bands, inputs: see `diagnose`; published protocols are not measured.
     """
     inputs = inputs or ProtocolInputs()
-    ways = _Ways(skeleton, point, None, onsets_s, heard, inputs, False)
+    ways = _MeasureOptions(skeleton, point, None, onsets_s, speech_bands, inputs, False)
     return next(_versions(motion, ways, windows, () if reference is None else (reference,)))
 
 
 @dataclass(frozen=True)
-class _Ways:
+class _MeasureOptions:
     """Options of the measurement, the same for all motions; see `diagnose`."""
 
     skeleton: RestSkeleton
@@ -248,7 +275,10 @@ class _Ways:
 
 
 def _versions(
-    motion: Motion, ways: _Ways, windows: Windowing | None, recorded: Sequence[Evidence] = ()
+    motion: Motion,
+    ways: _MeasureOptions,
+    windows: Windowing | None,
+    recorded: Sequence[Evidence] = (),
 ) -> Iterator[Evidence]:
     """Yield the unfiltered motion, then the filtered one, each with the reference's same version.
 
@@ -269,7 +299,7 @@ def _versions(
         else:
             point = np.asarray(ways.tip_track(motion, tracks), dtype=np.float64)
         onsets_s = ways.onsets_s
-        numbers = Measures(
+        numbers = MotionMetrics(
             point_measures(point, tracks, moving_chain(ways.point)),
             fingertip_measures(tracks),
             position_measures(tracks),
@@ -312,13 +342,13 @@ def _measure_beats(
     onsets_s: Float[np.ndarray, " onsets"],
 ) -> BeatMeasures:
     duration_s = len(tracks.joints) / FPS
-    num_onsets = len(counted(onsets_s, duration_s))
+    num_onsets = len(onsets_within_margins(onsets_s, duration_s))
     score = mean = highest = rate = math.nan
     if len(tracks.joints) > 1:
-        beats = beats_of(_rooted(tracks), usual_speed)
+        beats = joint_beats(_pelvis_centred(tracks), usual_speed)
         rate = sum(map(len, beats)) / len(beats) / duration_s
         if num_onsets:
-            score, chance = with_chance(audio_to_motion, onsets_s, beats, duration_s)
+            score, chance = score_and_chance(audio_to_motion, onsets_s, beats, duration_s)
             mean, highest = float(chance.mean()), float(chance.max())
     return BeatMeasures(score, mean, highest, rate, num_onsets, speeds_of)
 
@@ -329,16 +359,16 @@ def _usual_speed(
     """Return mean speeds (m/s) of the joints with beats, published ones first, and their source."""
     if published is not None:
         return published, "emage"
-    joints = _rooted(own if recorded is None else recorded)[:, BEAT_JOINTS]
+    joints = _pelvis_centred(own if recorded is None else recorded)[:, BEAT_JOINTS]
     speeds = joint_speeds(joints).mean(axis=0) if len(joints) > 1 else np.zeros(len(BEAT_JOINTS))
     return speeds, "own" if recorded is None else "reference"
 
 
-def _rooted(tracks: Tracks) -> Float[np.ndarray, "T 55 3"]:
+def _pelvis_centred(tracks: Tracks) -> Float[np.ndarray, "T 55 3"]:
     return tracks.joints - tracks.joints[:, :1]
 
 
-def _cut_alike(
+def _cut_to_shortest(
     motions: Mapping[str, Motion], reference: Motion | None
 ) -> tuple[dict[str, Motion], Motion | None, list[str]]:
     if reference is None or not motions:
@@ -356,3 +386,41 @@ def _cut_alike(
         first_frames(reference, shortest),
         notes,
     )
+
+
+def parse_diagnostics(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the content of a ``diagnostics.json`` with the keys of this version's format.
+
+    Raises:
+        ValueError: if a later version wrote it.
+        LookupError, TypeError, AttributeError: if it is not the content of such a file.
+    """
+    number = content.get("format", 1)
+    if number == DIAGNOSTICS_FORMAT:
+        return dict(content)
+    if number != 1:
+        raise ValueError(f"It has format {number}; this version reads up to {DIAGNOSTICS_FORMAT}.")
+
+    def metrics(versions: Mapping[str, Any] | None) -> dict[str, Any] | None:
+        return versions and {
+            version: {
+                key: _renamed(value, _FORMER_METRIC_KEYS) if isinstance(value, dict) else value
+                for key, value in _renamed(values, _FORMER_METRIC_KEYS).items()
+            }
+            for version, values in versions.items()
+        }
+
+    found = {"format": DIAGNOSTICS_FORMAT} | _renamed(content, _FORMER_KEYS)
+    for key, convert in (
+        ("findings", lambda each: _renamed(each, _FORMER_FINDING_KEYS)),
+        ("assumptions", current_assumption),
+    ):
+        of_all = found.get(key, {}).items()
+        found[key] = {name: [convert(each) for each in rows] for name, rows in of_all}
+    found["protocol_of"] = _renamed(found.get("protocol_of", {}), _FORMER_METRIC_KEYS)
+    found["reference"] = metrics(found.get("reference"))
+    return found | {"systems": {name: metrics(of) for name, of in found["systems"].items()}}
+
+
+def _renamed(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    return {names.get(key, key): value for key, value in values.items()}

@@ -25,15 +25,15 @@ import torch
 from tqdm import tqdm
 
 from conventions.names import printable
-from model.data.recordings import DataError, fingerprint, read_split, speaker_of
+from model.data.recordings import DataError, fingerprint, parse_speaker, read_split
 from model.evaluation import frechet, tables
 from model.evaluation.adherence import adherence
 from model.evaluation.classifiers import (
-    NO_HEARING_JUDGE,
-    NO_SPEAKER_JUDGE,
-    UNKNOWN_SPEAKERS,
+    NO_MATCHING_CLASSIFIER,
+    NO_SPEAKER_CLASSIFIER,
+    SPEAKERS_NOT_COMPARED,
     SpeakerComparisonClips,
-    judge_of,
+    fit_speaker_classifier,
 )
 from model.evaluation.clips import (
     ROWS_FORMAT,
@@ -41,29 +41,29 @@ from model.evaluation.clips import (
     EvaluationModels,
     as_table,
     load_rows,
+    pelvis_centred_positions,
     read_recording,
-    rooted_positions,
 )
-from model.evaluation.plan_detection import finding
+from model.evaluation.plan_detection import evaluate_detection
 from model.generation.base import System
 from model.metrics import beats
 from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
-from model.sampling.samplers import USUAL, Sampling, UnknownNameError
+from model.sampling.samplers import DEFAULT_SAMPLING, Sampling, UnknownNameError
 from model.speech.audio import SpeechError
-from model.storage.cards import BUNDLED_WEIGHTS, CALM_AND_LIVELY, CheckpointError, two_speakers
+from model.storage.cards import BUNDLED_WEIGHTS, DEFAULT_SPEAKER_PAIR, CheckpointError, two_speakers
 from model.storage.files import FileVersions, file_versions, write_atomically
 from model.storage.npz import MotionError
 from model.systems.helpers.config import MATCHING_NETWORK
-from model.systems.helpers.matching import load_judge
+from model.systems.helpers.matching import load_matcher
 from model.systems.registry import list_systems, load_system
 from processes.job import Job, JobsError
 from processes.pool import JobPool
 
 log = logging.getLogger(__name__)
 
-ALONE = JobPool(1)
+SINGLE_PROCESS = JobPool(1)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -86,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     motion.add_argument(
         "--speakers",
-        default=",".join(CALM_AND_LIVELY),
+        default=",".join(DEFAULT_SPEAKER_PAIR),
         metavar="CALM,LIVELY",
         help="two speakers whose manner is compared on a few clips (default: %(default)s)",
     )
@@ -110,16 +110,16 @@ def _motion(args: argparse.Namespace) -> None:
     calm_and_lively, weights = two_speakers(args.speakers), args.weights.absolute()
     names = list_systems(weights) if args.systems == "all" else args.systems.split(",")
     versions = file_versions(weights.glob("[!.]*"))
-    cast = partial(load_cast, tuple(names), weights, versions)
+    cast = partial(load_evaluation_models, tuple(names), weights, versions)
     table = evaluate(
         cast,
         args.data.absolute(),
         test_clips(args.data, cast().systems)[: args.clips],
         args.seeds,
-        asked=Sampling(guidance=args.guidance),
+        sampling=Sampling(guidance=args.guidance),
         speakers=calm_and_lively,
         pool=JobPool(args.processes, args.scheduler),
-        kept=args.out / "clips",
+        continued=args.out / "clips",
     )
     write(table, args.out)
     sys.stdout.write(tables.as_markdown(table))
@@ -129,7 +129,7 @@ def _plans(args: argparse.Namespace) -> None:
     if args.protocol == "adherence":
         answers = adherence(args.data, args.weights, args.clips or 20, args.edits, args.seed)
     else:
-        answers = finding(args.data, args.clips, args.fit)
+        answers = evaluate_detection(args.data, args.clips, args.fit)
     told = {}
     for told in tqdm(answers, desc="clips", unit="clip"):
         content = {"protocol": WORKBENCH, **told}  # what there is so far
@@ -163,7 +163,7 @@ def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
     """
     known = set.intersection(*(set(system.speakers) for system in systems))
     names = [name for name, kind in sorted(read_split(folder).items()) if kind == "test"]
-    names = [name for name in names if speaker_of(name)[1] in known]
+    names = [name for name in names if parse_speaker(name)[1] in known]
     if not names:
         raise DataError(f"{folder} has no test clip of a speaker that the systems know.")
     return names
@@ -175,10 +175,10 @@ def evaluate(
     clips: Sequence[str],
     seeds: int,
     *,
-    asked: Sampling = USUAL,
-    speakers: tuple[str, str] = CALM_AND_LIVELY,
-    pool: JobPool = ALONE,
-    kept: Path,
+    sampling: Sampling = DEFAULT_SAMPLING,
+    speakers: tuple[str, str] = DEFAULT_SPEAKER_PAIR,
+    pool: JobPool = SINGLE_PROCESS,
+    continued: Path,
 ) -> dict:
     """Compute the table, with the row ``recorded`` for the clips' recorded motion.
 
@@ -189,7 +189,7 @@ def evaluate(
         cast: the systems and classifiers; called again in other processes.
         speakers: a calm one and a lively one, who are compared on a few clips.
         pool: runs the jobs, one for each clip.
-        kept: folder with the numbers of each clip; those of the same recordings, weights and
+        continued: folder with the numbers of each clip; those of the same recordings, weights and
             options are read from it.
 
     Raises:
@@ -200,42 +200,44 @@ def evaluate(
     motions = _usable(folder, clips, there)
     names = list(motions)
     speeds = [
-        beats.joint_speeds(rooted_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
+        beats.joint_speeds(pelvis_centred_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
         for motion in motions.values()
     ]
     few = SpeakerComparisonClips.choose(folder, names, there.systems, speakers)
-    whose = [speaker_of(name)[1] for name in names]
-    judge = judge_of(folder, whose)
-    one = ClipEvaluator(folder, cast, seeds, asked, few, judge, np.mean(speeds, axis=0))
+    whose = [parse_speaker(name)[1] for name in names]
+    judge = fit_speaker_classifier(folder, whose)
+    one = ClipEvaluator(folder, cast, seeds, sampling, few, judge, np.mean(speeds, axis=0))
     stamp = _stamp(one, names, there)
-    kept.mkdir(parents=True, exist_ok=True)
-    files = {name: (kept / f"{name}-{stamp}.npz").absolute() for name in names}
+    continued.mkdir(parents=True, exist_ok=True)
+    files = {name: (continued / f"{name}-{stamp}.npz").absolute() for name in names}
     jobs = [
         Job(name, files[name].is_file, partial(one.measure, name, other, files[name]))
         for name, other in zip(names, [*names[1:], names[0]], strict=True)
     ]
     todo = sum(not job.is_done() for job in jobs)
     with tqdm(total=todo, desc="clips", unit="clip") as bar:
-        for error in pool.do_all(jobs, lambda _: bar.update()).values():
+        for error in pool.run_all(jobs, lambda _: bar.update()).values():
             raise error
     rows = [load_rows(files[name]) for name in names]
     return {
         "clips": names,
         "noise_seeds": seeds,
-        "guidance": _strengths(there.systems, asked),
+        "guidance": _guidance_by_system(there.systems, sampling),
         "protocols": {measure: protocol_of(measure) for measure in tables.COLUMNS},
         **as_table(rows, whose),
         "left_out": [
-            *frechet.left_out(there.judges, motions.values()),
-            *([] if there.matching_classifier else [NO_HEARING_JUDGE]),
-            *([] if few.speakers else [UNKNOWN_SPEAKERS]),
-            *([] if judge else [NO_SPEAKER_JUDGE]),
+            *frechet.unavailable_encoders(there.encoders, motions.values()),
+            *([] if there.matching_classifier else [NO_MATCHING_CLASSIFIER]),
+            *([] if few.speakers else [SPEAKERS_NOT_COMPARED]),
+            *([] if judge else [NO_SPEAKER_CLASSIFIER]),
         ],
     }
 
 
 @cache
-def load_cast(names: tuple[str, ...], weights: Path, versions: FileVersions) -> EvaluationModels:
+def load_evaluation_models(
+    names: tuple[str, ...], weights: Path, versions: FileVersions
+) -> EvaluationModels:
     """Load systems and evaluation networks, once per process and version of their files."""
     judges = {
         measure: load_encoder(weights, encoder)
@@ -246,30 +248,30 @@ def load_cast(names: tuple[str, ...], weights: Path, versions: FileVersions) -> 
     return EvaluationModels(
         tuple(load_system(name, weights) for name in names),
         judges,
-        load_judge(weights, MATCHING_NETWORK) if has_judge else None,
+        load_matcher(weights, MATCHING_NETWORK) if has_judge else None,
     )
 
 
-def _strengths(systems: Sequence[System], asked: Sampling) -> dict[str, float | None]:
+def _guidance_by_system(systems: Sequence[System], sampling: Sampling) -> dict[str, float | None]:
     """Return each system's guidance scale; systems without guidance have None."""
     return {
-        each.name: each.resolve_sampling(each.supported_sampling(asked)).guidance
+        each.name: each.resolve_sampling(each.supported_sampling(sampling)).guidance
         for each in systems
     }
 
 
 def _stamp(one: ClipEvaluator, names: Sequence[str], cast: EvaluationModels) -> str:
     """Compute a digest of recordings, weights and options, which identifies stored numbers."""
-    judge = one.speaker_judge
+    judge = one.speaker_classifier
     told = {
         "format": ROWS_FORMAT,
         "recordings": fingerprint(one.folder, names),
         "clips": list(names),
         "systems": {system.name: dict(system.sha256s) for system in cast.systems},
-        "judges": {measure: judge.sha256 for measure, judge in cast.judges.items()},
+        "judges": {measure: judge.sha256 for measure, judge in cast.encoders.items()},
         "matching": cast.matching_classifier and cast.matching_classifier.sha256,
         "seeds": one.seeds,
-        "guidance": _strengths(cast.systems, one.sampling),
+        "guidance": _guidance_by_system(cast.systems, one.sampling),
         "few": asdict(one.few),
         "speaker_judge": judge and np.round(judge.weights, 6).tolist(),
     }

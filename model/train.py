@@ -12,7 +12,7 @@ import torch
 
 from conventions.names import printable
 from model.data.recordings import DataError
-from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, with_setting
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, override_setting
 from model.systems.registry import families, family_of, representatives, unavailable_families
 from model.training.loop import TrainingError, train
 from model.training.parallel import joined_processes
@@ -58,7 +58,7 @@ def main(arguments: list[str] | None = None) -> int:
         family = family_of(args.system)
         config = family.config(args.config, args.system)
         for setting in args.settings:
-            config = with_setting(config, setting)
+            config = override_setting(config, setting)
         with joined_processes() as shard:
             train(
                 config,

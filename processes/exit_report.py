@@ -19,19 +19,19 @@ from conventions.names import printable
 NUM_LINES = 8
 _MAX_LINE = 300
 _CGROUPS = Path("/sys/fs/cgroup")
-_SAYS_MEMORY = re.compile(
+_OUT_OF_MEMORY = re.compile(
     r"MemoryError|bad_alloc|[Cc]annot allocate memory|can't allocate memory|not enough memory"
 )
 _CRASH = "Fatal Python error"
 _THREAD = "Current thread"
 """Start of a thread's traceback in the report of Python's faulthandler."""
-_OF_NO_USE = ("Extension modules:", "<no Python frame>")
+_SKIPPED_LINES = ("Extension modules:", "<no Python frame>")
 CRASHES = {
     *(signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGFPE),
     *(signal.SIGABRT, signal.SIGSYS, signal.SIGTRAP),
 }
 """Signals that a process gets for a fault in its code."""
-_OWN_FAULT = "This is a bug in the program or a library, not a problem with your input."
+_PROGRAM_FAULT_NOTE = "This is a bug in the program or a library, not a problem with your input."
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class ExitReport:
         if self.signal == signal.SIGKILL:
             return self.was_killed_for_memory
         is_by_itself = self.status is None or self.status > 0 or self.signal == signal.SIGABRT
-        return is_by_itself and any(_SAYS_MEMORY.search(line) for line in self.log_lines)
+        return is_by_itself and any(_OUT_OF_MEMORY.search(line) for line in self.log_lines)
 
     @property
     def exit_text(self) -> str:
@@ -73,12 +73,12 @@ class ExitReport:
         return f"by signal {-self.status} ({name})"
 
     def user_message(
-        self, what: str, for_memory: str, again: str, suspect: str = _OWN_FAULT
+        self, noun: str, for_memory: str, again: str, suspect: str = _PROGRAM_FAULT_NOTE
     ) -> str:
         """Format what happened and what to do, with the last lines of the log.
 
         Args:
-            what: the process, as the beginning of a sentence.
+            noun: the process, as the beginning of a sentence.
             for_memory: what to do if it lacked memory.
             again: what to do if it may succeed another time.
             suspect: a sentence on the most likely cause of a crash.
@@ -86,18 +86,18 @@ class ExitReport:
         if self.was_out_of_memory:
             source = "the system" if self.signal == signal.SIGKILL else "its log"
             why = f"because it ran out of memory (according to {source})"
-            return f"{what} ended {self.exit_text} {why}; {for_memory}.{self._lines()}"
+            return f"{noun} ended {self.exit_text} {why}; {for_memory}.{self._lines()}"
         if self.signal == signal.SIGKILL:
             why = "It was killed from outside; the system reports no lack of memory."
-            return f"{what} ended {self.exit_text}. {why} {_capital(again)}.{self._lines()}"
+            return f"{noun} ended {self.exit_text}. {why} {_capital(again)}.{self._lines()}"
         if self.signal is not None and self.signal not in CRASHES:
-            return f"{what} ended {self.exit_text}, which was sent to it; {again}.{self._lines()}"
-        why = suspect if self.signal is not None else _OWN_FAULT
+            return f"{noun} ended {self.exit_text}, which was sent to it; {again}.{self._lines()}"
+        why = suspect if self.signal is not None else _PROGRAM_FAULT_NOTE
         report = (
             "report it with these lines" if self.log_lines else "report it; its log has no lines"
         )
         again = f"{_capital(again)}; if it happens again, {report}."
-        return f"{what} ended {self.exit_text}. {why} {again}{self._lines()}"
+        return f"{noun} ended {self.exit_text}. {why} {again}{self._lines()}"
 
     def _lines(self) -> str:
         return f" Its last lines: {' | '.join(self.log_lines)}" if self.log_lines else ""
@@ -113,7 +113,7 @@ def last_lines(log: str) -> tuple[str, ...]:
     For a crash these are the lines before it and its traceback.
     """
     lines = [printable(line.rstrip())[:_MAX_LINE] for line in log.splitlines()]
-    lines = [line for line in lines if line and not line.strip().startswith(_OF_NO_USE)]
+    lines = [line for line in lines if line and not line.strip().startswith(_SKIPPED_LINES)]
     crashes = [number for number, line in enumerate(lines) if line.startswith(_CRASH)]
     if not crashes:
         return tuple(lines[-NUM_LINES:])
@@ -122,7 +122,9 @@ def last_lines(log: str) -> tuple[str, ...]:
     frames = lines[(threads[-1] if threads and threads[-1] > crash else crash) + 1 :]
     before = lines[: crash + 1][-3:]
     # If several processes write at once, another's lines may separate the cause from the crash.
-    why = [line for line in lines[:crash] if _SAYS_MEMORY.search(line) and line not in before][-1:]
+    why = [line for line in lines[:crash] if _OUT_OF_MEMORY.search(line) and line not in before][
+        -1:
+    ]
     return tuple((why + before + frames)[:NUM_LINES])
 
 

@@ -43,7 +43,7 @@ class JobPool:
     """Address or scheduler file of a Dask scheduler with workers that see the same files;
     replaces the processes."""
 
-    def do_all(
+    def run_all(
         self,
         jobs: Sequence[Job],
         on_done: Callable[[str], object] = lambda name: None,
@@ -70,20 +70,20 @@ class JobPool:
         if not waiting:
             return {}
         if self.scheduler is not None:
-            return do_by_cluster(waiting, self.scheduler, on_done)
+            return run_on_cluster(waiting, self.scheduler, on_done)
         workers = min(self.processes or os.cpu_count() or 1, len(waiting))
         if workers > 1:
-            return do_by_processes(waiting, workers, on_done, on_news, should_cancel)
-        return do_here(waiting, on_done, on_news, should_cancel)
+            return run_in_processes(waiting, workers, on_done, on_news, should_cancel)
+        return run_sequentially(waiting, on_done, on_news, should_cancel)
 
 
-def do_here(
+def run_sequentially(
     jobs: Sequence[Job],
     on_done: Callable[[str], object],
     on_news: Callable[[str, Any], object],
     should_cancel: Callable[[], bool],
 ) -> dict[str, Exception]:
-    """Do jobs in this process, as `JobPool.do_all`."""
+    """Do jobs in this process, as `JobPool.run_all`."""
     failed: dict[str, Exception] = {}
     for job in jobs:
         if should_cancel():
@@ -99,14 +99,14 @@ def do_here(
     return failed
 
 
-def do_by_processes(
+def run_in_processes(
     jobs: Sequence[Job],
     workers: int,
     on_done: Callable[[str], object],
     on_news: Callable[[str, Any], object],
     should_cancel: Callable[[], bool],
 ) -> dict[str, Exception]:
-    """Do jobs by worker processes, as `JobPool.do_all`; a crashed worker's job comes last again."""
+    """Do jobs in worker processes, as `JobPool.run_all`; a crashed one's job comes last again."""
     waiting, failed, breaks = [*jobs], dict[str, Exception](), 0
     busy: dict[Child, Job] = {}
     idle = [_worker() for _ in range(workers)]
@@ -163,9 +163,9 @@ def main() -> None:
     os.chdir(folder)
     jobs, lock = receive_queue(channel), threading.Lock()
 
-    def tell(told: object, has_ended: bool = False) -> None:
+    def tell(message: object, has_ended: bool = False) -> None:
         with lock:
-            channel.send((has_ended, told))
+            channel.send((has_ended, message))
 
     while True:
         work, _ = jobs.get()
@@ -189,27 +189,27 @@ def _raised(work: bytes, on_news: Callable[[Any], object]) -> Exception | None:
 
 
 CONNECT_S = 30
-SEEN_WITHIN_S = 30.0
+RESULT_TIMEOUT_S = 30.0
 """Longest wait until a worker's result is visible on a shared disk (s)."""
-_TELL_OF_LOSS = [f"distributed.{part}" for part in ("batched", "client", "core", "utils")]
-_GIVEN_UP = "Failed to reconnect to scheduler"
+_CONNECTION_LOGGERS = [f"distributed.{part}" for part in ("batched", "client", "core", "utils")]
+_RECONNECT_FAILED = "Failed to reconnect to scheduler"
 """Loggers of Dask that print tracebacks when a scheduler is lost, and the message that they
 print."""
 _ONE_AT_A_TIME = threading.Lock()
 """Lock for a Dask worker with several threads: jobs are made for processes."""
 
 
-def do_by_cluster(
+def run_on_cluster(
     jobs: Sequence[Job], scheduler: str, on_done: Callable[[str], object]
 ) -> dict[str, Exception]:
-    """Do jobs by a Dask cluster, as `JobPool.do_all`."""
+    """Do jobs by a Dask cluster, as `JobPool.run_all`."""
     try:
         from distributed import Client, as_completed
     except ImportError as error:
         raise JobsError(
             "A scheduler needs Dask: pip install --no-deps -r locks/cluster.txt."
         ) from error
-    for name in _TELL_OF_LOSS:
+    for name in _CONNECTION_LOGGERS:
         logging.getLogger(name).addFilter(_is_no_lost_connection)
     is_file = Path(scheduler).is_file()
     try:
@@ -263,7 +263,7 @@ def _is_no_lost_connection(record: logging.LogRecord) -> bool:
 
     lost = (CommClosedError, OSError, TimeoutError, CancelledError, asyncio.CancelledError)
     error = record.exc_info[1] if record.exc_info else None
-    return not (isinstance(error, lost) or str(record.msg).startswith(_GIVEN_UP))
+    return not (isinstance(error, lost) or str(record.msg).startswith(_RECONNECT_FAILED))
 
 
 def _do(job: Job) -> None:
@@ -276,7 +276,7 @@ def _do(job: Job) -> None:
 
 
 def _is_seen(job: Job) -> bool:
-    until = time.monotonic() + SEEN_WITHIN_S
+    until = time.monotonic() + RESULT_TIMEOUT_S
     while not job.is_done():
         if time.monotonic() > until:
             return False

@@ -32,7 +32,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure() -> None:
-    """What is imported is no garbage, and need not be gone through for it again and again: a fifth
+    """What is imported is not garbage, and need not be gone through for it again and again: a fifth
     of the time that it takes."""
     gc.disable()
 
@@ -120,7 +120,7 @@ def annotated_folder(made_once: MadeOnce) -> Path:
 
 @pytest.fixture(scope="session")
 def speech(made_once: MadeOnce) -> Path:
-    """A second and a bit of something that is no silence: 37 frames."""
+    """A second and a bit of something that is not silence: 37 frames."""
     folder = made_once(
         "speech",
         lambda folder: write_wav(folder / "speech.wav", made_waveform(round(16_000 * 37 / 30))),

@@ -72,7 +72,7 @@ def test_git_hides_no_source_file_and_ignores_what_runs_leave():
     command = ["git", "check-ignore", "--no-index", *sources, *left]
     hidden = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if hidden.returncode == 128:
-        pytest.skip("this is no checkout of git")
+        pytest.skip("this is not a checkout of git")
     assert hidden.stdout.split() == left
 
 
@@ -84,4 +84,4 @@ def test_what_checks_the_javascript_is_locked_too():
     assert {name: locked[f"node_modules/{name}"]["version"] for name in asked} == asked
     for name, told in locked.items():
         assert told["integrity"].startswith("sha512-"), name
-        assert told.get("dev"), f"{name} is no part of the program"
+        assert told.get("dev"), f"{name} is not a part of the program"

@@ -23,11 +23,11 @@ from app.run.output.provenance import versions
 CLIP_S = 10.0
 
 
-Row = Literal["figures", "speech-effect", "steps", "training", "memory"]
+BenchRow = Literal["figures", "speech-effect", "steps", "training", "memory"]
 
 
 def measure(
-    short: bool = False, only: tuple[Row, ...] = (), out: Path = Path("bench.json")
+    short: bool = False, only: tuple[BenchRow, ...] = (), out: Path = Path("bench.json")
 ) -> None:
     """Measure the cost of each step on this machine; print a table and write a file.
 
@@ -49,11 +49,11 @@ def measure(
     out.write_text(json.dumps(record, indent=1) + "\n")
 
 
-def _selected(short: bool, only: tuple[Row, ...], folder: Path) -> Iterator[runs.Figure]:
+def _selected(short: bool, only: tuple[BenchRow, ...], folder: Path) -> Iterator[runs.Figure]:
     if not only:
         yield from _figures(short, folder)
     clip = runs.speech_of(CLIP_S, folder)
-    rows: dict[Row, Callable[[], Iterable[runs.Figure]]] = {
+    rows: dict[BenchRow, Callable[[], Iterable[runs.Figure]]] = {
         "figures": lambda: runs.time_figures(clip, folder),
         "speech-effect": lambda: [runs.time_speech_effect(folder)],
         "steps": lambda: [runs.time_steps(clip, folder)],
@@ -75,9 +75,9 @@ def _figures(short: bool, folder: Path) -> Iterator[runs.Figure]:
     yield from runs.time_page_run(clip, folder)
     motion = load_motion(min((folder / "page").glob("*.npz")))
     yield runs.time_measures(motion)
-    yield from drawing.video_rates(body_motion(motion), folder)
+    yield from drawing.measure_video_rates(body_motion(motion), folder)
     if not short:
-        yield from drawing.stages(body_motion(motion), folder)
+        yield from drawing.measure_stages(body_motion(motion), folder)
 
 
 if __name__ == "__main__":

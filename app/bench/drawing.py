@@ -15,7 +15,7 @@ from renderer.scene.studio import FramePreparer, Subject
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
 from renderer.video.naive import draw_baseline
-from renderer.video.render import RenderSettings, camera_setup_for, mesh_of
+from renderer.video.render import RenderSettings, camera_setup_for, select_panel_mesh
 from renderer.video.workers import RenderJob, draw_jobs
 
 SIZE_PX = 512
@@ -23,7 +23,7 @@ NAIVE_FRAMES = 30
 """Frames drawn by the usual loop, which is slow."""
 
 
-def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
+def measure_video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
     """Measure the frames per second of finished videos, including the start of worker processes.
 
     Several videos are also composed side by side. The CPU rate assumes that all cores were free.
@@ -54,7 +54,7 @@ def video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
     return figures
 
 
-def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
+def measure_stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     """Measure skinning, normals, ground shadow, drawing and encoding of a clip of some seconds.
 
     The vertices of all frames are in memory. The last figure compares normals, shadow and drawing
@@ -62,7 +62,7 @@ def stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     """
     whole, settings, figures = load_body(), RenderSettings(SIZE_PX, SIZE_PX), []
     stage = camera_setup_for(whole, [motion], settings)
-    body = mesh_of(whole, stage, stage.shots[0], settings.panels[0])
+    body = select_panel_mesh(whole, stage, stage.shots[0], settings.panels[0])
 
     def timed(name: str, work: Callable[[], Result]) -> Result:
         result, *seconds = timed_with_cpu(work)

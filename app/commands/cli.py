@@ -18,8 +18,8 @@ from app.commands.convert import convert
 from app.commands.doctor import doctor
 from app.commands.protocols import protocols
 from app.config import use_file_backend
-from app.errors import Cancelled, sentence_of
-from app.flags import read_flags
+from app.errors import Cancelled, message_for_user
+from app.flags import parse_command
 from app.run.output.console import SafeLogFormatter, print_message
 from model.systems.registry import unavailable_families
 
@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print_message("stopped; nothing was kept.")
         return 1
     except Exception as error:
-        sentence = sentence_of(error)
+        sentence = message_for_user(error)
         if sentence is None:
             raise
         print_message(sentence)
@@ -91,7 +91,7 @@ def parse(argv: Sequence[str]) -> Callable[[], None]:
     name = next((" ".join(argv[:n]) for n in (2, 1) if " ".join(argv[:n]) in COMMANDS), None)
     if name is None:
         _overview(argv)
-    return read_flags(COMMANDS[name], f"{PROGRAM} {name}", argv[len(name.split()) :])
+    return parse_command(COMMANDS[name], f"{PROGRAM} {name}", argv[len(name.split()) :])
 
 
 def _with_current_names(argv: Sequence[str]) -> list[str]:

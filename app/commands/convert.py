@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from app.config import default_body
-from app.errors import RunError, sentence_of
+from app.errors import RunError, message_for_user
 from app.flags import File
 from app.run.batch.pairing import has_suffix
 from app.run.models import get_body
@@ -143,15 +143,15 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
             raise RunError(f"{out} would be written over; give another --out.")
         reading = _written(path, str(name), out, request)
     except Exception as error:
-        sentence = sentence_of(error)
+        sentence = message_for_user(error)
         if sentence is None:
             raise
         return told | {"error": sentence}
     return told | {
         "out": str(out),
         "frames": reading.motion.num_frames,
-        "assumed": [each.as_json() for each in reading.assumptions],
-        "lacks": sorted(reading.missing_parts),
+        "assumptions": [each.as_json() for each in reading.assumptions],
+        "missing_parts": sorted(reading.missing_parts),
         "notes": list(reading.notes),
     }
 
@@ -172,8 +172,8 @@ def _written(path: Path, name: str, out: Path, request: ConvertRequest) -> Impor
         reading = replace(reading, motion=flame_to_arkit(reading.motion, matrix))
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix.lower() == ".npz":
-        assumed = json.dumps([each.as_json() for each in reading.assumptions])
-        save_motion(reading.motion, out, assumed=assumed)
+        assumptions = json.dumps([each.as_json() for each in reading.assumptions])
+        save_motion(reading.motion, out, assumptions=assumptions)
     else:
         body, motion = get_body(request.body), body_motion(reading.motion)
         with written_atomically(out) as part:

@@ -16,8 +16,8 @@ import numpy as np
 
 from app.commands.runs import Files
 from app.config import ASKED_BACKEND, BUNDLED_WEIGHTS, backend_fault, default_body
-from app.errors import RunError, sentence_of
-from app.flags import File, use_family_files
+from app.errors import RunError, message_for_user
+from app.flags import File, set_family_files
 
 MIN_MEMORY_GB = 2.0
 MIN_DISK_GB = 1.0
@@ -51,7 +51,7 @@ def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> 
             the open body.
         weights: Folder of trained systems.
     """
-    use_family_files(vars(files))
+    set_family_files(vars(files))
     findings = examine(weights, body or default_body())
     sys.stdout.write(report(findings))
     broken = [finding.name for finding in findings if finding.is_broken]
@@ -246,4 +246,4 @@ def _disk() -> CheckResult:
 
 
 def _told(error: Exception) -> str:
-    return sentence_of(error) or f"{type(error).__name__}: {error}"
+    return message_for_user(error) or f"{type(error).__name__}: {error}"

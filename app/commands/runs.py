@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from app.errors import RunError
-from app.flags import Count, Names, family_files, text_type, use_family_files
+from app.flags import Count, Names, family_files, set_family_files, text_type
 from app.run.batch.leaderboard import (
     entries_of,
     leaderboard_html,
@@ -91,7 +91,7 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
     """
     from app.run.batch.speech_batch import is_batch_input
 
-    use_family_files(vars(files))
+    set_family_files(vars(files))
     if is_batch_input(request.speech.path):
         _generate_many(request, pool.jobs())
     else:
@@ -211,7 +211,7 @@ def steps(request: Annotated[StepSweepRequest, Flat], files: Files) -> None:
     The same motion is generated with few and with many steps. Jerk, and the distance to the result
     with the most steps, are plotted over milliseconds per frame on this machine.
     """
-    use_family_files(vars(files))
+    set_family_files(vars(files))
     _run(MEASURE_STEPS, request, request.output.out)
 
 
@@ -222,7 +222,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
     neither are compared. Alternatively, compare a folder of motions from any source, with file
     names of the form SYSTEM__SPEECH__SEED.npz.
     """
-    use_family_files(vars(files))
+    set_family_files(vars(files))
     if request.is_of_motions:
         ignored = ("weights", "speaker", "systems", "guidance", "seeds")
         refuse_ignored(request, ignored, "The motions of a folder are compared as they are")

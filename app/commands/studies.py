@@ -128,9 +128,9 @@ def analyse(
     analysed(AnalysisRequest(list(answers), key, out, diagnostics))
 
 
-def _strengths(told: str) -> dict[str, float]:
+def _strengths(flag: str) -> dict[str, float]:
     strengths = {}
-    for part in told.split(","):
+    for part in flag.split(","):
         name, separator, number = part.rpartition("=")
         try:
             strengths[name.strip()] = float(number)

@@ -10,7 +10,7 @@ from math import floor, log, log10
 from conventions.joints import TIP_VERTICES
 from conventions.names import REFERENCE_NAME, SampleName, short_names
 
-ALIKE = 1 / 0.95
+SIMILAR_RATIO = 1 / 0.95
 """Largest ratio that counts as equal: two numbers are alike if one is at most 5 % less than the
 other."""
 
@@ -30,11 +30,11 @@ class Ratio:
     high: float | None = None
 
     @property
-    def is_alike(self) -> bool:
-        return abs(log(self.value)) < log(ALIKE)
+    def is_similar(self) -> bool:
+        return abs(log(self.value)) < log(SIMILAR_RATIO)
 
     @property
-    def is_open(self) -> bool:
+    def includes_one(self) -> bool:
         """True if the interval contains 1, so that the systems do not differ significantly."""
         return self.low is not None and self.high is not None and self.low <= 1.0 <= self.high
 
@@ -58,14 +58,14 @@ def by_measure(clips: Iterable[Mapping[str, Mapping[str, float]]]) -> Table:
         clips: values by motion, then by key of the measure, for each clip.
     """
     clips = list(clips)
-    found: dict[str, dict[str, Samples]] = {}
+    table: dict[str, dict[str, Samples]] = {}
     for number, clip in enumerate(clips, 1):
         for system, samples in samples_by_system(clip).items():
             for key in dict.fromkeys(key for name in samples.values() for key in clip[name]):
                 of = {n: clip[name][key] for n, name in samples.items() if key in clip[name]}
                 of_clip = of if len(clips) == 1 else {number: mean(of)}
-                found.setdefault(key, {}).setdefault(system, {}).update(of_clip)
-    return found
+                table.setdefault(key, {}).setdefault(system, {}).update(of_clip)
+    return table
 
 
 def mean(samples: Samples) -> float:
@@ -85,20 +85,20 @@ def ratio_of(above: Samples, below: Samples) -> Ratio | None:
     return Ratio(interval.mean, len(shared), interval.low, interval.high)
 
 
-def told_of(values: Mapping[str, Samples]) -> str:
+def format_means(values: Mapping[str, Samples]) -> str:
     """Format the mean of each system as one line, for example "a 1, b 2; reference 3"."""
-    means = {name: plain(mean(each)) for name, each in values.items()}
+    means = {name: format_number(mean(each)) for name, each in values.items()}
     reference = means.pop(REFERENCE_NAME, None)
     told = ", ".join(f"{label} {means[name]}" for name, label in short_names(means).items())
     return told if reference is None else f"{told}; {REFERENCE_NAME} {reference}"
 
 
-def kinds_told(kinds: Iterable[str]) -> str:
+def format_kinds(kinds: Iterable[str]) -> str:
     """Format kinds of findings as a list in words."""
     return ", ".join(kinds).replace("_", " ")
 
 
-def plain(value: float) -> str:
+def format_number(value: float) -> str:
     """Format a number with two significant digits, whole numbers from ten on, without exponent."""
     rounded = float(f"{value:.2g}")
     if abs(rounded) >= 10.0 or rounded == 0.0:

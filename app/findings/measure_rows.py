@@ -12,17 +12,18 @@ from model.metrics.protocols.table import PROTOCOLS, WORKBENCH
 
 if TYPE_CHECKING:
     import numpy as np
+    from jaxtyping import Float
 
-    from model.metrics.results import Measures
+    from model.metrics.results import MotionMetrics
 
 
-def mean(values: np.ndarray) -> float:
+def mean(values: Float[np.ndarray, " N"]) -> float:
     """Compute the mean over all joints; NaN if one has a gap."""
     return sum(values.tolist()) / len(values)
 
 
 @dataclass(frozen=True)
-class Measure:
+class Metric:
     """One row of the page's table of measures."""
 
     key: str
@@ -30,17 +31,17 @@ class Measure:
     group: str
     title: str
     unit: str
-    about: str
+    description: str
     """Explanation for a reader who does not know the measure."""
-    read: Callable[[Measures], float | None]
+    read: Callable[[MotionMetrics], float | None]
     """Function that reads the value; None or NaN where there is no such number."""
     scale: float = 1.0
     """Factor from the unit of the file to that of the table."""
-    has_target: bool = True
+    has_reference_value: bool = True
     """True if nearness to the reference is meaningful; false for chance levels and errors."""
-    is_first: bool = False
+    is_primary: bool = False
     """True if the row is among the few that the table shows before it is expanded."""
-    needs: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
     """Parts (`model.formats.reading.Part`) that the measure requires; it is left out for a motion
     that lacks one. ``detail`` is missing in frames that were interpolated.
     """
@@ -64,112 +65,112 @@ _POINT, _JOINTS, _FEET, _POSTURE = "Tracked point", "All joints", "Feet", "Postu
 _HANDS, _ERROR = "Hands", "Error against the reference"
 _BEATS, _STEP, _DIVERSITY = "Beat alignment", "Synchrony with the speech", "Diversity"
 _BEATS_KEY, _CHANCE_KEY = "beat_align", "beat_align_chance"
-MEASURES = (
-    Measure("tracked_point_speed_m_s", _POINT, "Speed", "m/s",
+METRICS = (
+    Metric("tracked_point_speed_m_s", _POINT, "Speed", "m/s",
             "Mean speed. Compare jerk at similar speed only: motion that hardly moves is always "
             "smooth.",
-            lambda m: m.point.tip_path_m_s, is_first=True),
-    Measure("tracked_point_acceleration_m_s2", _POINT, "Acceleration", "m/s²",
+            lambda m: m.point.tip_path_m_s, is_primary=True),
+    Metric("tracked_point_acceleration_m_s2", _POINT, "Acceleration", "m/s²",
             "Mean magnitude of the rate of change of velocity.",
-            lambda m: m.point.tip_acceleration_m_s2, needs=("detail",)),
-    Measure("tracked_point_jerk_m_s3", _POINT, "Jerk", "m/s³",
+            lambda m: m.point.tip_acceleration_m_s2, parts=("detail",)),
+    Metric("tracked_point_jerk_m_s3", _POINT, "Jerk", "m/s³",
             "Mean magnitude of the rate of change of acceleration.",
-            lambda m: m.point.tip_jerk_m_s3, is_first=True, needs=("detail",),
+            lambda m: m.point.tip_jerk_m_s3, is_primary=True, parts=("detail",),
             compared_with=("place",)),
-    Measure("tracked_point_power_above_5hz_percent", _POINT, "Power above 5 Hz", "%",
+    Metric("tracked_point_power_above_5hz_percent", _POINT, "Power above 5 Hz", "%",
             "Share of the velocity's power above 5 Hz, which is mostly jitter rather than gesture.",
-            lambda m: m.point.tip_velocity_power_above_5hz, 100, needs=("detail",)),
-    Measure("tracked_point_sparc", _POINT, "SPARC", "",
+            lambda m: m.point.tip_velocity_power_above_5hz, 100, parts=("detail",)),
+    Metric("tracked_point_sparc", _POINT, "SPARC", "",
             "Spectral arc length of the speed. Closer to 0 is smoother.",
-            lambda m: m.point.tip_sparc, needs=("detail",)),
-    Measure("tracked_point_log_dimensionless_jerk", _POINT, "Log dimensionless jerk", "",
+            lambda m: m.point.tip_sparc, parts=("detail",)),
+    Metric("tracked_point_log_dimensionless_jerk", _POINT, "Log dimensionless jerk", "",
             "Jerk normalised by peak speed and duration, as a logarithm. Closer to 0 is smoother.",
-            lambda m: m.point.tip_log_dimensionless_jerk, needs=("detail",),
+            lambda m: m.point.tip_log_dimensionless_jerk, parts=("detail",),
             compared_with=("place",)),
-    Measure("joint_jerk_m_s3", _JOINTS, "Mean jerk", "m/s³",
+    Metric("joint_jerk_m_s3", _JOINTS, "Mean jerk", "m/s³",
             "Mean jerk of the positions of all 55 joints.",
-            lambda m: mean(m.positions.joint_jerk_m_s3), is_first=True, needs=("detail",),
+            lambda m: mean(m.positions.joint_jerk_m_s3), is_primary=True, parts=("detail",),
             compared_with=("place",)),
-    Measure("joint_rotation_noise_deg", _JOINTS, "Rotation noise", "°",
+    Metric("joint_rotation_noise_deg", _JOINTS, "Rotation noise", "°",
             "Estimated white noise in the joint rotations. Recordings have less than 0.3.",
-            lambda m: mean(m.rotations.joint_rotation_noise_deg), needs=("detail",)),
-    Measure("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "times elsewhere",
+            lambda m: mean(m.rotations.joint_rotation_noise_deg), parts=("detail",)),
+    Metric("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "times elsewhere",
             "Peak jerk at window seams relative to the rest of the clip. 1 means that seams do not "
             "stand out.",
-            lambda m: m.seams.seam_jerk_ratio, is_first=True, needs=("detail",)),
-    Measure("foot_sliding_cm_s", _FEET, "Foot sliding", "cm/s",
+            lambda m: m.seams.seam_jerk_ratio, is_primary=True, parts=("detail",)),
+    Metric("foot_sliding_cm_s", _FEET, "Foot sliding", "cm/s",
             "Mean horizontal speed of a foot while it is on the ground.",
-            lambda m: m.posture.foot_slide_m_s, 100, is_first=True, needs=("place", "legs")),
-    Measure("left_foot_height_p95_cm", _FEET, "Height, left, 95th percentile", "cm",
+            lambda m: m.posture.foot_slide_m_s, 100, is_primary=True, parts=("place", "legs")),
+    Metric("left_foot_height_p95_cm", _FEET, "Height, left, 95th percentile", "cm",
             "95th percentile of the foot's height.",
-            lambda m: m.posture.foot_height_m.left.p95, 100, needs=("place", "legs")),
-    Measure("right_foot_height_p95_cm", _FEET, "Height, right, 95th percentile", "cm",
+            lambda m: m.posture.foot_height_m.left.p95, 100, parts=("place", "legs")),
+    Metric("right_foot_height_p95_cm", _FEET, "Height, right, 95th percentile", "cm",
             "95th percentile of the foot's height.",
-            lambda m: m.posture.foot_height_m.right.p95, 100, needs=("place", "legs")),
-    Measure("spine_tilt_mean_deg", _POSTURE, "Spine tilt, mean", "°",
+            lambda m: m.posture.foot_height_m.right.p95, 100, parts=("place", "legs")),
+    Metric("spine_tilt_mean_deg", _POSTURE, "Spine tilt, mean", "°",
             "Angle between the vertical and the line from pelvis to neck.",
             lambda m: m.posture.spine_tilt_deg.mean),
-    Measure("spine_tilt_p95_deg", _POSTURE, "Spine tilt, 95th percentile", "°",
+    Metric("spine_tilt_p95_deg", _POSTURE, "Spine tilt, 95th percentile", "°",
             "95th percentile of the spine's tilt.",
             lambda m: m.posture.spine_tilt_deg.p95),
-    Measure("pelvis_drift_cm", _POSTURE, "Pelvis drift", "cm",
+    Metric("pelvis_drift_cm", _POSTURE, "Pelvis drift", "cm",
             "Distance between its mean positions in the first and the last second.",
-            lambda m: m.posture.root_drift_m, 100, needs=("place",)),
-    Measure("hand_speed_correlation", _HANDS, "Correlation of hand speeds", "r",
+            lambda m: m.posture.root_drift_m, 100, parts=("place",)),
+    Metric("hand_speed_correlation", _HANDS, "Correlation of hand speeds", "r",
             "Correlation of the speeds of both wrists. 1 means that they always move together.",
             lambda m: m.posture.hand_speed_symmetry),
-    Measure("finger_limit_violations_percent", _HANDS, "Finger joint-limit violations", "%",
+    Metric("finger_limit_violations_percent", _HANDS, "Finger joint-limit violations", "%",
             "Share of frames and finger joints bent beyond the human range.",
-            lambda m: m.ranges.finger_angle_outside_share, 100, needs=("finger_angles", "hands")),
-    Measure("left_fingers_still_percent", _HANDS, "Left fingers still", "%",
+            lambda m: m.ranges.finger_angle_outside_share, 100, parts=("finger_angles", "hands")),
+    Metric("left_fingers_still_percent", _HANDS, "Left fingers still", "%",
             "Share of frames in which no joint of the hand rotates.",
-            lambda m: m.rotations.fingers_still_share.left, 100, needs=("hands",)),
-    Measure("right_fingers_still_percent", _HANDS, "Right fingers still", "%",
+            lambda m: m.rotations.fingers_still_share.left, 100, parts=("hands",)),
+    Metric("right_fingers_still_percent", _HANDS, "Right fingers still", "%",
             "Share of frames in which no joint of the hand rotates.",
-            lambda m: m.rotations.fingers_still_share.right, 100, needs=("hands",)),
-    Measure("pelvis_error_cm", _ERROR, "Pelvis position", "cm",
+            lambda m: m.rotations.fingers_still_share.right, 100, parts=("hands",)),
+    Metric("pelvis_error_cm", _ERROR, "Pelvis position", "cm",
             "Mean distance of the pelvis to the reference's.",
             lambda m: m.errors and m.errors.root_error_m, 100, False),
-    Measure("joint_position_error_cm", _ERROR, "Joint position, pelvis-aligned", "cm",
+    Metric("joint_position_error_cm", _ERROR, "Joint position, pelvis-aligned", "cm",
             "Mean distance of the joints to the reference's, with the pelvis aligned.",
             lambda m: m.errors and mean(m.errors.position_error_m), 100, False),
-    Measure("global_rotation_error_deg", _ERROR, "Global rotation", "°",
+    Metric("global_rotation_error_deg", _ERROR, "Global rotation", "°",
             "Mean angle between the rotations in world coordinates.",
             lambda m: m.errors and mean(m.errors.global_rotation_error_deg), 1, False),
-    Measure("local_rotation_error_deg", _ERROR, "Local rotation", "°",
+    Metric("local_rotation_error_deg", _ERROR, "Local rotation", "°",
             "Mean angle between the rotations relative to the parent joint.",
             lambda m: m.errors and mean(m.errors.local_rotation_error_deg), 1, False),
-    Measure(_BEATS_KEY, _BEATS, "BeatAlign", "0 to 1",
+    Metric(_BEATS_KEY, _BEATS, "BeatAlign", "0 to 1",
             "How close speech onsets are to the nearest motion beats. Only meaningful next to its "
             "chance level.",
-            lambda m: m.beats and m.beats.beat_align, is_first=True, partner=_CHANCE_KEY),
-    Measure(_CHANCE_KEY, _BEATS, "BeatAlign, chance level", "0 to 1",
+            lambda m: m.beats and m.beats.beat_align, is_primary=True, partner=_CHANCE_KEY),
+    Metric(_CHANCE_KEY, _BEATS, "BeatAlign, chance level", "0 to 1",
             "BeatAlign of the same motion with time-shifted onsets.",
-            lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_first=True,
+            lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_primary=True,
             partner=_BEATS_KEY),
-    Measure("beats_per_joint_s", _BEATS, "Beats per joint", "1/s",
+    Metric("beats_per_joint_s", _BEATS, "Beats per joint", "1/s",
             "Local minima of a joint's speed per second.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
-    Measure("lag_s", _STEP, "Lag", "s",
+    Metric("lag_s", _STEP, "Lag", "s",
             "Lag of the face, or else the body, behind the speech. Empty if neither follows this "
             "speech.",
-            lambda m: m.lag and m.lag.lag_s, 1, False, is_first=True),
-    Measure("lag_drift_s", _STEP, "Lag drift", "s",
+            lambda m: m.lag and m.lag.lag_s, 1, False, is_primary=True),
+    Metric("lag_drift_s", _STEP, "Lag drift", "s",
             "Change of the lag from the start to the end of the clip.",
             lambda m: m.lag and m.lag.lag_drift_s, 1, False),
-    Measure("l1_diversity_m", _DIVERSITY, "L1 diversity", "m",
+    Metric("l1_diversity_m", _DIVERSITY, "L1 diversity", "m",
             "L1 distance of the poses to the clip's mean pose, summed over all coordinates.",
             lambda m: m.diversity.l1_diversity_m),
 )  # fmt: skip
 
 
 JERK, SPEED = "tracked_point_jerk_m_s3", "tracked_point_speed_m_s"
-FAST_POWER, SEAMS = "tracked_point_power_above_5hz_percent", "seam_jerk_ratio"
+POWER_ABOVE_5_HZ, SEAMS = "tracked_point_power_above_5hz_percent", "seam_jerk_ratio"
 FGD, FGD_EMAGE = "fgd", "fgd_emage"
 """Keys of the distances of whole sets to the recorded one, by our encoder and by EMAGE's."""
 FGD_GENEA = {length: f"fgd_genea_{length}" for length in (30, 60, 90)}
 """Keys of those by GENEA's encoders, by the length of their pieces in frames."""
-TITLES = {row.key: row.full_title for row in MEASURES} | {
+TITLES = {row.key: row.full_title for row in METRICS} | {
     FGD: "Distribution: FGD to the recorded set, our encoder",
     FGD_EMAGE: "Distribution: FGD to the recorded set, EMAGE's encoder",
     **{
@@ -177,7 +178,7 @@ TITLES = {row.key: row.full_title for row in MEASURES} | {
         for length, key in FGD_GENEA.items()
     },
 }
-_ABOUT = {row.key: row.about for row in MEASURES}
+_ABOUT = {row.key: row.description for row in METRICS}
 
 
 def definition_of(key: str, protocol: str) -> str:
@@ -226,7 +227,7 @@ Numbers = Mapping[FilterVersion, Mapping[str, float]]
 """Values of one motion by version (filter) and by key of the measure, as in ``run.json``."""
 
 
-def parts_apart(lacks: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
+def incomparable_parts(lacks: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
     """Return by motion the parts that it lacks and another one has.
 
     Args:
@@ -237,18 +238,19 @@ def parts_apart(lacks: Mapping[str, Collection[str]]) -> dict[str, frozenset[str
 
 
 def numbers_of(
-    measures: Measures, lacks: Collection[str] = (), apart: Collection[str] = ()
+    measures: MotionMetrics, missing_parts: Collection[str] = (), incomparable: Collection[str] = ()
 ) -> dict[str, float]:
-    """Return values by the keys of `MEASURES`, in their units, where measured and comparable.
+    """Return values by the keys of `METRICS`, in their units, where measured and comparable.
 
     Args:
-        lacks: missing parts; a measure that needs one of them is left out.
-        apart: parts that this motion lacks and others have (`parts_apart`).
+        missing_parts: missing parts; a measure that needs one of them is left out.
+        incomparable: parts that this motion lacks and others have (`incomparable_parts`).
     """
     read = {
         each.key: (each.read(measures), each.scale)
-        for each in MEASURES
-        if not set(each.needs) & {*lacks, *apart} and not set(each.compared_with) & set(apart)
+        for each in METRICS
+        if not set(each.parts) & {*missing_parts, *incomparable}
+        and not set(each.compared_with) & set(incomparable)
     }
     return with_partners(
         {
@@ -259,7 +261,7 @@ def numbers_of(
     )
 
 
-PARTNERS = {row.key: row.partner for row in MEASURES if row.partner}
+PARTNERS = {row.key: row.partner for row in METRICS if row.partner}
 T = TypeVar("T")
 
 
@@ -276,16 +278,18 @@ def with_partners(values: Mapping[str, T]) -> dict[str, T]:
 def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:
     """Return the names with values nearest to ``target``; empty without target or difference."""
     known = {name: value for name, value in values.items() if value is not None}
-    if target is None or len({written(value) for value in known.values()}) < 2:
+    if target is None or len({format_value(value) for value in known.values()}) < 2:
         return ()
     distances = {name: abs(value - target) for name, value in known.items()}
     best = {name for name in distances if distances[name] == min(distances.values())}
-    shown = {written(known[name]) for name in best}
-    near = tuple(name for name, value in known.items() if written(value) in shown or name in best)
+    shown = {format_value(known[name]) for name in best}
+    near = tuple(
+        name for name, value in known.items() if format_value(value) in shown or name in best
+    )
     return near if len(near) < len(known) else ()
 
 
-def written(value: float | None) -> str:
+def format_value(value: float | None) -> str:
     """Format a number with three significant digits, with an exponent only if necessary."""
     if value is None:
         return "n/a"
@@ -295,14 +299,16 @@ def written(value: float | None) -> str:
     return f"{value:.1e}"
 
 
-def ranged(mean: float, low: float, high: float, write: Callable[[float], str] = written) -> str:
+def ranged(
+    mean: float, low: float, high: float, write: Callable[[float], str] = format_value
+) -> str:
     """Format a mean with its interval, or the mean alone where the interval is a point."""
     return write(mean) if low == high else f"{write(mean)} [{write(low)}, {write(high)}]"
 
 
-def signed(value: float | None) -> str:
+def format_difference(value: float | None) -> str:
     """Format a difference with its sign, and three significant digits."""
     if value is None:
         return "n/a"
     sign = "+" if value > 0 else "\N{MINUS SIGN}" if value < 0 else ""
-    return sign + written(abs(value))
+    return sign + format_value(abs(value))

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 from app.findings.comparison import (
     Table,
     by_measure,
-    plain,
+    format_means,
+    format_number,
     point_title,
     samples_by_system,
-    told_of,
 )
-from app.findings.measure_rows import FAST_POWER, JERK, SEAMS, numbers_of, parts_apart
+from app.findings.measure_rows import JERK, POWER_ABOVE_5_HZ, SEAMS, incomparable_parts, numbers_of
 from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, join_names, short_names
 
 if TYPE_CHECKING:
@@ -27,18 +27,21 @@ official code."""
 SMALL_SHARE = 0.05
 
 
-def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
+def figure_sentences(diagnostics: Diagnostics) -> dict[str, str]:
     """Return one text per plot on a run's numbers, or ""; samples of a system are averaged."""
     labels = short_names(diagnostics.systems)
     systems = {labels[name]: versions for name, versions in diagnostics.systems.items()}
     findings = {labels.get(name, name): each for name, each in diagnostics.findings.items()}
     diagnostics = replace(diagnostics, systems=systems, findings=findings)
     of_all = diagnostics.all_motions
-    apart = {labels.get(name, name): of for name, of in parts_apart(diagnostics.lacks).items()}
+    apart = {
+        labels.get(name, name): of
+        for name, of in incomparable_parts(diagnostics.missing_parts).items()
+    }
 
     def table(kind: FilterVersion) -> Table:
         numbers = {
-            name: numbers_of(each.of(kind), apart=apart.get(name, ()))
+            name: numbers_of(each.of(kind), incomparable=apart.get(name, ()))
             for name, each in of_all.items()
         }
         return by_measure([numbers])
@@ -48,21 +51,21 @@ def sentences_of(diagnostics: Diagnostics) -> dict[str, str]:
     comparable = {name: each for name, each in of_all.items() if name not in unlike}
     point, is_cut = point_title(diagnostics.point), diagnostics.windows is not None
     return {
-        "trajectory": _both(tables, JERK, f"{point} jerk in m/s³"),
+        "trajectory": _raw_and_filtered(tables, JERK, f"{point} jerk in m/s³"),
         "depth": _depth(comparable),
-        "spectrum": _both(tables, FAST_POWER, f"{point} power above 5 Hz in %"),
+        "spectrum": _raw_and_filtered(tables, POWER_ABOVE_5_HZ, f"{point} power above 5 Hz in %"),
         "attribution": _attribution(diagnostics),
         "seams": _seams(diagnostics, tables["raw"]) if is_cut else _periods(diagnostics),
         "beats": _beats(diagnostics),
-        "step": _step(diagnostics),
+        "step": _lag_sentence(diagnostics),
     }
 
 
-def _both(tables: Mapping[FilterVersion, Table], key: str, noun: str) -> str:
+def _raw_and_filtered(tables: Mapping[FilterVersion, Table], key: str, noun: str) -> str:
     """Format one measure of all systems as generated and smoothed; empty if none was measured."""
     told = {noun: tables["raw"].get(key, {}), SMOOTHED: tables["savgol"].get(key, {})}
     return " ".join(
-        f"{start}: {told_of(values)}."
+        f"{start}: {format_means(values)}."
         for start, values in told.items()
         if values.keys() - {REFERENCE_NAME}
     )
@@ -75,7 +78,7 @@ def _depth(of_all: Mapping[str, RawAndFiltered]) -> str:
         found = [of_all[name].raw.positions for name in samples.values()]
         root, tips = (sum(e.jerk_by_depth_m_s3[end] for e in found) / len(found) for end in (0, -1))
         if isfinite(root + tips):
-            told.append(f"{system} {plain(root)} to {plain(tips)}")
+            told.append(f"{system} {format_number(root)} to {format_number(tips)}")
     ends = "from the pelvis to the last finger joints"
     return f"Jerk of the joints in m/s³, {ends}: {', '.join(told)}." if told else ""
 
@@ -93,7 +96,7 @@ def _attribution(diagnostics: Diagnostics) -> str:
         means = {joint: sum(each) / len(each) for joint, each in shares.items()}
         joint = max(means, key=lambda name: means[name], default="")
         if joint and means[joint] >= SMALL_SHARE:
-            share = plain(100 * means[joint])
+            share = format_number(100 * means[joint])
             told.append(f"in {system} the {point_title(joint).lower()} (by {share} %)")
         elif joint:
             without.append(system)
@@ -119,7 +122,7 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     beyond = f"in {join_names(found)}" if found else "in none"
     return (
         f"Peak jerk at window seams, every {diagnostics.windows.advance} frames, as a multiple of "
-        f"that elsewhere: {told_of(values)}. Jerk that recurs significantly with the windows: "
+        f"that elsewhere: {format_means(values)}. Jerk that recurs significantly with the windows: "
         f"{beyond}."
     )
 
@@ -143,7 +146,7 @@ def _periods(diagnostics: Diagnostics) -> str:
     ]
     if told:
         return f"The jerk is periodic, as it is at window seams: {'; '.join(told)}."
-    if any("detail" in lacks for lacks in diagnostics.lacks.values()):
+    if any("detail" in lacks for lacks in diagnostics.missing_parts.values()):
         return ""
     return "The jerk has no period between 2 and 240 frames, so there is no sign of window seams."
 
@@ -165,12 +168,12 @@ def _beats(diagnostics: Diagnostics) -> str:
     return f"BeatAlign above chance: {', '.join(told)}{rest}." if told else ""
 
 
-def _step(diagnostics: Diagnostics) -> str:
+def _lag_sentence(diagnostics: Diagnostics) -> str:
     """Describe the lag of each motion behind the speech."""
     found = {name: versions.raw.lag for name, versions in diagnostics.all_motions.items()}
     told = [
         f"{name} {lag.lag_s:z.2f} s ({lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, by its"
-        f" {lag.lag_ground})"
+        f" {lag.lag_source})"
         for name, lag in found.items()
         if lag is not None and lag.is_known
     ]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from jaxtyping import Float32
 
 from app.errors import RunError
 from app.run.frame_packets import frames_message
@@ -24,27 +25,27 @@ from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions
 from model.motion.motion import Motion, concatenate, save_motion
 from model.plan.files import write_plan_file
-from model.plan.plan import SIDES, GesturePlan, Moment, PlanError, StreamedPlan
+from model.plan.plan import SIDES, GesturePlan, PlanError, Point, StreamedPlan
 from model.plan.style import LiveStyle
 from model.speech.audio import write_wav
 from model.speech.features import CausalMel
 
 SHORTEST_S = 0.5 / FPS
 """Shortest remainder (s) of an event that is cut."""
-LISTS = ("left", "right", "nods", "looks", "brows", "smiles", "blinks", "stands", "planted")
+PLAN_LISTS = ("left", "right", "nods", "looks", "brows", "smiles", "blinks", "stands", "planted")
 
 
-def performed(plans: Iterable[tuple[int, StreamedPlan]], first: int, count: int) -> GesturePlan:
+def merge_plans(plans: Iterable[tuple[int, StreamedPlan]], first: int, count: int) -> GesturePlan:
     """Return the plan performed in ``count`` frames of a session from ``first``, its second 0.
 
     Args:
         plans: planned events with the frame of the session from which they replace all earlier
             ones.
     """
-    events: dict[str, list[Any]] = {name: [] for name in LISTS}
+    events: dict[str, list[Any]] = {name: [] for name in PLAN_LISTS}
     for frame, ahead in plans:
         from_s, zero_s = frame / FPS, ahead.origin / FPS
-        for name in LISTS:
+        for name in PLAN_LISTS:
             planned = [_shifted(one, zero_s) for one in getattr(ahead.condition, name)]
             new = [one for one in planned if one.end_s > from_s or one.start_s >= from_s]
             until_s = min([from_s, *(one.start_s for one in new)])
@@ -58,7 +59,7 @@ def performed(plans: Iterable[tuple[int, StreamedPlan]], first: int, count: int)
 
 
 def _shifted(event: Any, by_s: float) -> Any:
-    if isinstance(event, Moment):
+    if isinstance(event, Point):
         return replace(event, time_s=event.time_s + by_s)
     return replace(event, start_s=event.start_s + by_s, end_s=event.end_s + by_s)
 
@@ -67,7 +68,7 @@ def _cut(events: list[Any], start_s: float, end_s: float) -> list[Any]:
     """Return events cut to the time between two seconds."""
     found = []
     for one in events:
-        if isinstance(one, Moment):
+        if isinstance(one, Point):
             if start_s <= one.time_s < end_s:
                 found.append(one)
             continue
@@ -77,7 +78,7 @@ def _cut(events: list[Any], start_s: float, end_s: float) -> list[Any]:
     return found
 
 
-KEPT_FRAMES = 60 * FPS
+MAX_RECORDED_FRAMES = 60 * FPS
 SHORTEST_FRAMES = 2 * FPS
 NOTHING_YET = "There is no live motion to save yet. Speak for at least {seconds} s, then try again."
 
@@ -111,7 +112,7 @@ class RecordingBuffer:
         """Return the number of samples and frames in the buffer."""
         return sum(map(len, self._sound)) + sum(each.num_frames for _, each, _ in self._motion)
 
-    def add_sound(self, samples: np.ndarray) -> None:
+    def add_sound(self, samples: Float32[np.ndarray, " N"]) -> None:
         self._sound.append(samples)
 
     def add_motion(self, motion: Motion, ahead: StreamedPlan | None = None) -> None:
@@ -125,7 +126,7 @@ class RecordingBuffer:
 
     @property
     def _first_frame(self) -> int:
-        return max(0, self.frames - KEPT_FRAMES)
+        return max(0, self.frames - MAX_RECORDED_FRAMES)
 
     def recording(self) -> SessionRecording:
         """Return the last minute, or all of a shorter session.
@@ -135,7 +136,7 @@ class RecordingBuffer:
         """
         if self.frames < SHORTEST_FRAMES:
             raise RunError(NOTHING_YET.format(seconds=SHORTEST_FRAMES // FPS))
-        first, count = self._first_frame, min(self.frames, KEPT_FRAMES)
+        first, count = self._first_frame, min(self.frames, MAX_RECORDED_FRAMES)
         motion = concatenate([each for _, each, _ in self._motion]).part(slice(-count, None))
         to_origin = motion.trans[:1] * np.array([1, 0, 1], np.float32)
         start = _sample_of(first) - self._forgotten
@@ -144,7 +145,7 @@ class RecordingBuffer:
             np.concatenate(self._sound)[start : start + _sample_of(count)],
             replace(motion, trans=motion.trans - to_origin),
             first,
-            performed(plans, first, count) if plans else None,
+            merge_plans(plans, first, count) if plans else None,
         )
 
 
@@ -152,7 +153,7 @@ def _sample_of(frame: int) -> int:
     return round(frame * SAMPLE_RATE / FPS)
 
 
-BEHIND_S = 8.0
+MAX_DELAY_S = 8.0
 """Delay (s) of motion behind speech after which the machine is too slow."""
 MAX_WINDOW_MS = 400.0
 """Most CPU time (ms) of a window: with more, a body alone on the machine lags by more than 1.5 s.
@@ -160,9 +161,9 @@ MAX_WINDOW_MS = 400.0
 TRIAL_WINDOWS = 3
 PLANNING_STEPS = 4
 """Sampling steps of systems that also plan: with six, half of them could not keep up."""
-Tell = Callable[[bytes | dict[str, Any]], None]
+MessageCallback = Callable[[bytes | dict[str, Any]], None]
 
-USUAL_S = 2.0
+NORMAL_BACKLOG_S = 2.0
 """Speech (s) without motion yet while a body keeps up."""
 
 EARLIER = "Only the last {kept:.0f} s are stored; the {first:.1f} s before them were discarded."
@@ -187,7 +188,7 @@ class LiveSession:
         self,
         system: System,
         sampling: SamplingOptions,
-        tell: Tell,
+        tell: MessageCallback,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Make a session and its generator.
@@ -225,21 +226,21 @@ class LiveSession:
         """Return the settings that a browser needs before it sends sound."""
         return {
             "hop": self.pace.hop,
-            "ahead": self.pace.heard_ahead,
+            "ahead": self.pace.look_ahead,
             "plans": self.plans,
         }
 
-    def add_audio(self, samples: np.ndarray) -> None:
+    def add_audio(self, samples: Float32[np.ndarray, " N"]) -> None:
         """Append the next samples to the input."""
         self._samples += len(samples)
         self._inbox.append(samples)
         self.minute.add_sound(samples)
 
-    def set_style(self, told: Any) -> None:
+    def set_style(self, message: Any) -> None:
         """Set the style sliders from the next window on.
 
         Args:
-            told: message of the browser.
+            message: message of the browser.
 
         Raises:
             RunError: if the message is invalid, or the system performs no plans.
@@ -248,10 +249,10 @@ class LiveSession:
             raise RunError(
                 f"{self.name} does not use gesture plans, so its sliders have no effect."
             )
-        self._manner = manner_of(told)
+        self._manner = parse_live_style(message)
 
     @property
-    def has_work(self) -> bool:
+    def is_due(self) -> bool:
         """True if there is new sound, or enough of it for a window."""
         return bool(self._inbox) or self._live.is_due
 
@@ -274,8 +275,8 @@ class LiveSession:
                 self._due_since = self._clock()
         if not self._live.is_due:
             return
-        behind_s = self._live.waiting / FPS
-        if behind_s > BEHIND_S:
+        behind_s = self._live.num_ready / FPS
+        if behind_s > MAX_DELAY_S:
             who = "one visitor" if visitors == 1 else f"{visitors} visitors at once"
             raise RunError(TOO_SLOW.format(visitors=who, behind=behind_s))
         manner, self._manner = self._manner, None
@@ -290,7 +291,9 @@ class LiveSession:
         self._costs.append(1000 * (time.thread_time() - used))
         self.minute.add_motion(motion, self._live.ahead)
         self._tell(
-            frames_message(first, motion, made_ms=made_ms, waited_ms=waited_ms, visitors=visitors)
+            frames_message(
+                first, motion, generation_ms=made_ms, waited_ms=waited_ms, visitors=visitors
+            )
         )
         if self._live.ahead is not None:
             self._tell({"plan": planned_events_json(self._live.ahead, first)})
@@ -316,12 +319,12 @@ class LiveSession:
         facts = {
             "first_frame_of_session": minute.first_frame,
             "least_new_frames_a_window": self.pace.hop,
-            "frames_heard_ahead": self.pace.heard_ahead,
+            "frames_heard_ahead": self.pace.look_ahead,
             "speech_level": "running",
             "windows_of_session": self.windows,
             "window_cpu_ms": round(self.window_ms, 1),
         }
-        why = why_less(minute, self._samples / SAMPLE_RATE)
+        why = shortening_note(minute, self._samples / SAMPLE_RATE)
         take = LiveRecording(npz, facts, why, plan if minute.plan else None)
         return GenerateRequest(
             speech=SpeechToMove(path=wav),
@@ -339,7 +342,7 @@ class LiveSession:
             raise RunError(SLOW_SYSTEM.format(system=self.name, ms=frame_ms, limit=limit))
 
 
-def why_less(minute: SessionRecording, spoken_s: float) -> str:
+def shortening_note(minute: SessionRecording, spoken_s: float) -> str:
     """Explain in a sentence or two why less is saved than was spoken; empty if nothing is missing.
 
     Args:
@@ -350,7 +353,7 @@ def why_less(minute: SessionRecording, spoken_s: float) -> str:
     reasons = []
     if minute.first_frame:
         reasons.append(EARLIER.format(kept=kept_s, first=made_s - kept_s))
-    if spoken_s - made_s > USUAL_S:
+    if spoken_s - made_s > NORMAL_BACKLOG_S:
         reasons.append(BEHIND.format(behind=spoken_s - made_s, kept=kept_s))
     return " ".join(reasons)
 
@@ -404,13 +407,13 @@ def planned_events_json(ahead: StreamedPlan, first: int) -> dict[str, Any]:
     return {"from": round(from_s, 3), **hands, "nods": nods, "looks": looks}
 
 
-def manner_of(told: Any) -> LiveStyle:
+def parse_live_style(message: Any) -> LiveStyle:
     """Parse the style sliders of a browser's message.
 
     Raises:
         RunError: if the message has no valid sliders.
     """
-    sliders = told.get("manner") if isinstance(told, dict) else None
+    sliders = message.get("manner") if isinstance(message, dict) else None
     try:
         return LiveStyle.parse(sliders)
     except PlanError as error:

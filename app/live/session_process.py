@@ -13,7 +13,7 @@ from typing import Any
 
 import torch
 
-from app.errors import RunError, visitor_sentence
+from app.errors import RunError, visitor_message
 from app.live.session import LiveSession, check_live, warm_up
 from app.live.sessions import NOT_THERE, decode_audio
 from app.run.models import get_system
@@ -26,11 +26,11 @@ from processes.child import parent_channel
 MAX_SESSIONS = 10
 MAX_SESSIONS_EACH = 6
 """Most sessions of one address, so that other visitors find places."""
-KEPT_SESSIONS = 20
+MAX_ENDED_SESSIONS = 20
 KEEP_S = 600.0
 """Time (s) for which the last minute of an ended session stays available."""
 SEED_LIMIT = 2**31 - 1
-FULL = (
+MACHINE_FULL = (
     "{limit} live sessions are already running on this machine, and more would delay all of them. "
     "Try again in a few minutes."
 )
@@ -41,15 +41,15 @@ FULL_EACH = (
 TAKEN_OVER = "The live session goes on in another tab of this browser."
 
 
-def live_options(told: Any) -> SamplingOptions:
+def live_options(message: Any) -> SamplingOptions:
     """Parse the sampling options of a browser's first message.
 
     Raises:
         RunError: if the system, speaker or seed is missing or invalid.
     """
-    if not isinstance(told, dict):
+    if not isinstance(message, dict):
         raise RunError("The page sent an invalid request for a live session. Please reload it.")
-    system, speaker, seed = (told.get(key) for key in ("system", "speaker", "seed"))
+    system, speaker, seed = (message.get(key) for key in ("system", "speaker", "seed"))
     if not isinstance(system, str) or not isinstance(speaker, str):
         raise RunError("Choose a system and a speaker style first.")
     if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed <= SEED_LIMIT:
@@ -71,10 +71,10 @@ class SessionScheduler:
         self._weights, self._tell = weights, tell
         self.open: dict[int, LiveSession] = {}
         """Open sessions by number, the one that has waited longest first."""
-        self.ended: deque[LiveSession] = deque(maxlen=KEPT_SESSIONS)
+        self.ended: deque[LiveSession] = deque(maxlen=MAX_ENDED_SESSIONS)
         self._prepared: set[str] = set()
 
-    def handle_message(self, number: int, verb: str, told: Any) -> None:
+    def handle_message(self, number: int, verb: str, content: Any) -> None:
         """Handle a message of the page: ``open``, ``sound``, ``lead``, ``close`` or ``keep``."""
         while self.ended and time.monotonic() - self.ended[0].ended > KEEP_S:
             self.ended.popleft()
@@ -82,31 +82,31 @@ class SessionScheduler:
         try:
             match verb:
                 case "open":
-                    self._open(number, *told)
+                    self._open(number, *content)
                 case "sound" if session is not None:
-                    session.add_audio(decode_audio(told))
+                    session.add_audio(decode_audio(content))
                 case "lead" if session is not None:
-                    session.set_style(told)
+                    session.set_style(content)
                 case "close" if session is not None:
                     self._leave(number)
                 case "keep":
-                    self._tell(number, self._kept(*told))
+                    self._tell(number, self._kept(*content))
         except Exception as error:
-            self._end(number, visitor_sentence(error))
+            self._end(number, visitor_message(error))
 
-    def _open(self, number: int, told: Any, cookie: str, address: str) -> None:
+    def _open(self, number: int, message: Any, cookie: str, address: str) -> None:
         """Open a session for a browser; an earlier session of the same browser ends."""
-        options = live_options(told)
+        options = live_options(message)
         mine = {each for each, of in self.open.items() if cookie and of.cookie == cookie}
         others = [of for each, of in self.open.items() if each not in mine]
         if len(others) >= MAX_SESSIONS:
-            raise RunError(FULL.format(limit=MAX_SESSIONS))
+            raise RunError(MACHINE_FULL.format(limit=MAX_SESSIONS))
         near = sum(of.address == address for of in others) if address else 0
         if near >= MAX_SESSIONS_EACH:
             raise RunError(FULL_EACH.format(limit=MAX_SESSIONS_EACH))
         for each in mine:
             self._end(each, TAKEN_OVER)
-        system = self.prepare(options.systems[0], options.speaker or "")
+        system = self.load_warm(options.systems[0], options.speaker or "")
         session = LiveSession(system, options, partial(self._tell, number))
         session.cookie, session.address = cookie, address
         self.open[number] = session
@@ -121,17 +121,17 @@ class SessionScheduler:
 
     def turn(self) -> bool:
         """Generate one window for the longest waiting session; return whether one had work."""
-        number = next((each for each, of in self.open.items() if of.has_work), None)
+        number = next((each for each, of in self.open.items() if of.is_due), None)
         if number is None:
             return False
         session = self.open[number] = self.open.pop(number)
         try:
             session.work(len(self.open))
         except Exception as error:
-            self._end(number, visitor_sentence(error))
+            self._end(number, visitor_message(error))
         return True
 
-    def prepare(self, name: str, speaker: str | None = None) -> System:
+    def load_warm(self, name: str, speaker: str | None = None) -> System:
         """Load a system and generate a first window, so that no visitor waits for one-time costs.
 
         Raises:
@@ -162,7 +162,7 @@ def main() -> None:
     performers = SessionScheduler(Path(weights), lambda number, told: channel.send((number, told)))
     with suppress(Exception):  # the error is reported to the visitor who opens one
         for name in representatives("streaming"):
-            performers.prepare(name)
+            performers.load_warm(name)
     has_work = False
     try:
         while channel.poll(0.0 if has_work else KEEP_S) or has_work or performers.open:

@@ -17,8 +17,8 @@ from conventions.rates import SAMPLE_RATE
 from processes.child import Child, ChildExited
 
 NOT_THERE = "There is no live recording to save, or it has expired. Start a live session."
-ENDED = "The process of live speech"
-FOR_MEMORY, AGAIN = "choose a system that takes fewer steps", "start again"
+SESSIONS_ENDED = "The process of live speech"
+MEMORY_ADVICE, RETRY_ADVICE = "choose a system that takes fewer steps", "start again"
 Tell = Callable[[object], None]
 
 
@@ -30,7 +30,7 @@ def decode_audio(content: bytes) -> np.ndarray:
     """Parse 16-bit samples as floats between -1 and 1.
 
     Raises:
-        RunError: if the bytes are no such samples, or more than a second of sound.
+        RunError: if the bytes are not such samples, or more than a second of sound.
     """
     if not content or len(content) % 2:
         raise RunError("The sound that came is damaged; start again.")
@@ -43,13 +43,13 @@ def decode_audio(content: bytes) -> np.ndarray:
 
 MAX_S = 30 * 60.0
 """Longest sound of one session (s)."""
-AHEAD_S = 3.0
+MAX_AHEAD_S = 3.0
 """Sound (s) that may arrive ahead of real time, as networks deliver in bursts."""
-WATCHED_S = 20.0
+RATE_WINDOW_S = 20.0
 """Interval (s) in which sound for at least a quarter must arrive; else the session is ended."""
 QUIET_S = 180.0
 """Longest silence (s), after which the microphone counts as forgotten."""
-AUDIBLE = 0.001
+SILENCE_LEVEL = 0.001
 """Amplitude of full scale (-60 dB) below which sound is silence, as of a muted microphone."""
 
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
@@ -86,15 +86,15 @@ class AudioGuard:
         spoken_s = self._samples / SAMPLE_RATE
         if spoken_s > MAX_S:
             raise RunError(TOO_LONG.format(minutes=MAX_S / 60))
-        if spoken_s > now - self._begun + AHEAD_S:
+        if spoken_s > now - self._begun + MAX_AHEAD_S:
             raise RunError(TOO_FAST)
-        if np.abs(samples).max() > AUDIBLE:
+        if np.abs(samples).max() > SILENCE_LEVEL:
             self._heard_at = now
         elif now - self._heard_at > QUIET_S:
             raise RunError(TOO_QUIET.format(minutes=QUIET_S / 60))
         self._watched_samples += len(samples)
         watched_s = now - self._watched_since
-        if watched_s >= WATCHED_S:
+        if watched_s >= RATE_WINDOW_S:
             came_s = self._watched_samples / SAMPLE_RATE
             if came_s < watched_s / 4:
                 raise RunError(TOO_LITTLE.format(came=came_s, seconds=watched_s))
@@ -112,7 +112,7 @@ class LiveSessions:
         self._microphones: dict[int, AudioGuard] = {}
         self._child: Child | None = None
 
-    def wake(self) -> None:
+    def start_process(self) -> None:
         """Start the process in advance, so that the first session need not wait for it."""
         with self._lock:
             if self._child is None:
@@ -121,17 +121,17 @@ class LiveSessions:
                 )
                 threading.Thread(target=self._listen, args=(self._child,), daemon=True).start()
 
-    def open(self, told: object, cookie: str, tell: Tell, address: str = "") -> int:
+    def open(self, message: object, cookie: str, tell: Tell, address: str = "") -> int:
         """Open a session for one browser, and return its number.
 
         Args:
-            told: first message of the browser.
+            message: first message of the browser.
             tell: callback that takes the session's settings first, then frames as bytes and other
                 messages
                 as an object, and as text the sentence with which it ends, at once if it cannot be
                     opened.
         """
-        number = self._ask(tell, "open", (told, cookie, address))
+        number = self._ask(tell, "open", (message, cookie, address))
         self._microphones[number] = AudioGuard()
         return number
 
@@ -144,9 +144,9 @@ class LiveSessions:
         self._microphones[number].check(content)
         self._send(number, "sound", content)
 
-    def set_style(self, number: int, told: object) -> None:
+    def set_style(self, number: int, message: object) -> None:
         """Set the style sliders of a session."""
-        self._send(number, "lead", told)
+        self._send(number, "lead", message)
 
     def close(self, number: int) -> None:
         """Close a session when its visitor has stopped or left."""
@@ -178,17 +178,17 @@ class LiveSessions:
         if self._child is not None:
             self._child.end()
 
-    def _ask(self, tell: Tell, verb: str, told: object) -> int:
+    def _ask(self, tell: Tell, verb: str, content: object) -> int:
         with self._lock:
-            self.wake()
+            self.start_process()
             number = next(self._numbers)
             self._ears[number] = tell
-            self._send(number, verb, told)
+            self._send(number, verb, content)
         return number
 
-    def _send(self, number: int, verb: str, told: object = None) -> None:
+    def _send(self, number: int, verb: str, content: object = None) -> None:
         if self._child is not None:
-            self._child.send((number, verb, told))
+            self._child.send((number, verb, content))
 
     def _listen(self, child: Child) -> None:
         try:
@@ -198,7 +198,9 @@ class LiveSessions:
                 if tell is not None:
                     tell(told)
         except ChildExited:
-            why = without_folders(child.exit_report().user_message(ENDED, FOR_MEMORY, AGAIN))
+            why = without_folders(
+                child.exit_report().user_message(SESSIONS_ENDED, MEMORY_ADVICE, RETRY_ADVICE)
+            )
         with self._lock:
             self._child = None
             ears, self._ears = self._ears, {}

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from fastapi import HTTPException
 from pydantic import ValidationError
 
-from app.errors import visitor_sentence, without_folders
+from app.errors import visitor_message, without_folders
 from conventions.names import printable
 from model.storage.json_validation import validation_message
 
@@ -180,7 +180,7 @@ def _explain_wrong_calls() -> None:
         except Exception as error:
             _, *frames = traceback.extract_tb(error.__traceback__)
             if any(frame.filename.startswith(_OWN_FUNCTIONS) for frame in frames):
-                raise gr.Error(visitor_sentence(error), print_exception=False) from None
+                raise gr.Error(visitor_message(error), print_exception=False) from None
             told = (
                 validation_message(error)
                 if isinstance(error, ValidationError)

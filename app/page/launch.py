@@ -27,8 +27,8 @@ from app.config import (
     ask_without_proxies,
     use_file_backend,
 )
-from app.errors import RunError, sentence_of
-from app.flags import family_files, read_flags, use_family_files
+from app.errors import RunError, message_for_user
+from app.flags import family_files, parse_command, set_family_files
 from app.page.gradio_changes import change_queue, change_routes, import_gradio
 from model.systems.registry import families, unavailable_families
 
@@ -59,14 +59,14 @@ END_WITHIN_S = 15.0
 def configured(
     flags: Annotated[AppConfig, arg(name="")], files: Annotated[Any, family_files()]
 ) -> AppConfig:
-    use_family_files(vars(files))
+    set_family_files(vars(files))
     return flags
 
 
 def parse_config(argv: list[str] | None = None) -> AppConfig:
     """Parse flags and environment into a checked configuration; raises RunError."""
     configured.__doc__ = text.TAGLINE
-    return read_flags(configured, "app.py", sys.argv[1:] if argv is None else argv)()
+    return parse_command(configured, "app.py", sys.argv[1:] if argv is None else argv)()
 
 
 def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
@@ -86,7 +86,7 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
 
     services = _make_services(config, is_warmed_up)
     page = build_app(services)
-    change_queue(page, services.jobs, config.max_waiting)
+    change_queue(page, services.jobs, config.max_queue_size)
     _serve(page, config, _make_routes(services))
     # Loading models earlier would delay the start of the page.
     if is_warmed_up:
@@ -131,11 +131,11 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
             raise RunError(f"The page takes any speech, but {reason}")
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     proxies = (*LOCAL_PROXIES, *config.proxies)
-    quota = Quota(config.max_kept_bytes, config.keep_results_s, proxies)
+    quota = Quota(config.max_stored_bytes, config.result_lifetime_s, proxies)
     change_routes(config.temp, config.min_free_bytes, quota, proxies)
     quieten_sockets()
     jobs = Jobs(config.jobs_folder, quota)
-    keep_swept(config.temp, config.keep_results_s, jobs.in_use, quota.forget_deleted)
+    keep_swept(config.temp, config.result_lifetime_s, jobs.in_use, quota.forget_deleted)
     atexit.register(jobs.cancel)
 
     limits = Limits(config.max_run_bytes, config.max_run_s)
@@ -145,7 +145,7 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     gate = Worker(Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     for each in (worker, videos, gate):
         atexit.register(each.close)
-    media, kept, opened = Media(), KeptRuns(config.keep_results_s), ()
+    media, kept, opened = Media(), KeptRuns(config.result_lifetime_s), ()
     if config.opened is not None:
         opened = (keep_own(kept, config.opened, config.temp / "opened", media),)
     return Services(
@@ -230,7 +230,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
             "routes": [*routes],
             "lifespan": guarded(
                 HostNames(config.host, config.host_names),
-                config.embedders,
+                config.frame_ancestors,
                 has_proxy=bool(config.proxies),
             ),
         },
@@ -244,7 +244,7 @@ def main(argv: list[str] | None = None) -> None:
         config = own_folders(parse_config(argv))
         page = launch(config)
     except Exception as error:
-        sentence = str(error) if isinstance(error, OSError) else sentence_of(error)
+        sentence = str(error) if isinstance(error, OSError) else message_for_user(error)
         if sentence is None:
             raise
         sys.exit(f"app.py: {sentence}")
@@ -302,9 +302,9 @@ def _remove(folder: Path) -> None:
 def _warm_up(worker: Worker) -> None:
     """Prepare the viewer's files, then start the worker; errors are reported by the first run."""
     try:
-        from app.page.routes.media import prepare
+        from app.page.routes.media import warm_caches
 
-        prepare()
+        warm_caches()
         time.sleep(FIRST_S)
         worker.start()
     except Exception:

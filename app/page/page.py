@@ -67,7 +67,7 @@ def build_app(services: Services) -> gr.Blocks:
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = ResultParts()
             with gr.Tab(live_tab.TAB) as tab:
-                tab.select(services.live.wake, **AT_ONCE)
+                tab.select(services.live.start_process, **AT_ONCE)
                 live_results = live_tab.build_live_tab(page, services)
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
                 own_results = own_motion_tab.build_own_motion_tab(page, services)

@@ -21,10 +21,10 @@ from typing import Any, TypeVar
 from app.errors import (
     Cancelled,
     DiskFullError,
-    FaultElsewhere,
     RunError,
+    WorkerError,
     is_disk_full,
-    sentence_of,
+    message_for_user,
 )
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from processes.child import Child, ChildExited, parent_channel, receive_queue
@@ -107,7 +107,7 @@ class Worker:
         Raises:
             Cancelled: if the task stopped within `GRACE_S` of its cancellation, or was ended.
             RunError: with the sentence of the error, or of the exceeded limit.
-            FaultElsewhere: for a fault of the program.
+            WorkerError: for a fault of the program.
         """
         while not callbacks.should_cancel():
             if self._turn.acquire(timeout=_POLL_S):
@@ -223,9 +223,9 @@ def _as_told(error: Exception) -> Exception:
         return error.with_traceback(None)  # which would keep the task's objects alive
     if any(words in str(error) for words in _NO_MEMORY):
         error = MemoryError()
-    sentence = sentence_of(error)
+    sentence = message_for_user(error)
     if sentence is None:
-        return FaultElsewhere(traceback.format_exc())
+        return WorkerError(traceback.format_exc())
     return (DiskFullError if is_disk_full(error) else RunError)(sentence)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from jaxtyping import Float
 
 from app.errors import RunError
 from app.run.bodies import TrackedPoint
@@ -28,7 +29,7 @@ from model.diagnostics import Diagnostics, RawAndFiltered, diagnose
 from model.generation.base import Windowing
 from model.metrics.beats import speech_onsets
 from model.metrics.protocols.clip import ProtocolInputs
-from model.metrics.results import Measures
+from model.metrics.results import MotionMetrics
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import Tracks
@@ -49,10 +50,10 @@ _ONSETS: WeakKeyDictionary[Speech, np.ndarray] = WeakKeyDictionary()
 def measure_motions(
     motions: Mapping[str, Motion],
     tip: TrackedPoint,
-    onsets_s: np.ndarray | None = None,
+    onsets_s: Float[np.ndarray, " onsets"] | None = None,
     on_share: Callable[[float], None] = lambda share: None,
     windows: Mapping[str, Windowing] | None = None,
-    speech_bands: np.ndarray | None = None,
+    speech_bands: Float[np.ndarray, "T bands"] | None = None,
     inputs: ProtocolInputs | None = None,
 ) -> Diagnostics:
     """Compute all metrics and findings of the motions.
@@ -98,19 +99,19 @@ def onsets_of(speech: Speech) -> np.ndarray:
 
 
 def write_diagnostics(
-    diagnostics: Diagnostics, folder: ResultFolder, said: Transcript = EMPTY_TRANSCRIPT
+    diagnostics: Diagnostics, folder: ResultFolder, transcript: Transcript = EMPTY_TRANSCRIPT
 ) -> tuple[Path, Path]:
     """Write diagnostics.json and diagnostics.csv, a table with one row for each number.
 
     Args:
-        said: transcript; its words and phones are added to the JSON.
+        transcript: transcript; its words and phones are added to the JSON.
     """
     content = diagnostics.as_json()
-    if said.words:
-        content["words_origin"] = said.origin
-        content["words"] = [asdict(word) for word in said.words]
-    if said.phones:
-        content["phones"] = [asdict(phone) for phone in said.phones]
+    if transcript.words:
+        content["words_origin"] = transcript.origin
+        content["words"] = [asdict(word) for word in transcript.words]
+    if transcript.phones:
+        content["phones"] = [asdict(phone) for phone in transcript.phones]
     json_path, csv_path = folder.path("diagnostics.json"), folder.path("diagnostics.csv")
     json_path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
     csv_path.write_text(csv_text([CSV_HEADER, *_rows(diagnostics)]), "utf-8", newline="")
@@ -224,7 +225,7 @@ def make_jitter_sheet(
 
 
 def _jitter_of(versions: RawAndFiltered) -> dict[FilterVersion, Jitter]:
-    def of(measures: Measures) -> Jitter:
+    def of(measures: MotionMetrics) -> Jitter:
         spectrum, period = measures.point.tip_spectrum, measures.seams.period
         return Jitter(
             by_depth=measures.positions.jerk_by_depth_m_s3,

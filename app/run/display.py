@@ -19,7 +19,7 @@ from app import text
 from app.errors import RunError
 from app.flags import choice_type
 from conventions.names import printable
-from conventions.views import Build, Tone
+from conventions.views import BuildName, SkinTone
 from model.storage.json_validation import FieldError, parse_json
 from renderer.scene.camera import Orbit
 
@@ -39,7 +39,8 @@ class Display:
     exaggeration: Annotated[float, choice_type(EXAGGERATIONS), arg(name="exaggerate")] = 1.0
     """Amplify motion above 5 Hz by this factor; the picture is labelled accordingly."""
     has_trail: Annotated[bool, arg(name="trail")] = False
-    """Show the trajectory of the tracked point over the last second, coloured by speed."""
+    """Whether videos show the trajectory of the tracked point over the last second, coloured by its
+    speed."""
     coloring: Annotated[Coloring, arg(name="color")] = "natural"
     """Colour of the body; jerk colours each body region by its jerk."""
     cutoff_hz: Suppress[float] = 5.0
@@ -105,8 +106,8 @@ class ViewerSettings(BrowserMessage):
     """True if the second body of a pair is moved onto the first, pelvis on pelvis."""
     is_whole: bool = False
     """True to show the whole body, false to show it from the knees up."""
-    tone: Tone = "light"
-    build: Build = "average"
+    tone: SkinTone = "light"
+    build: BuildName = "average"
     """Body shape of the open body; tone and build do not apply to a licensed body."""
     has_bones: bool = False
     has_axes: bool = False
@@ -185,17 +186,17 @@ class ViewerState(BrowserMessage):
     """True if the bodies are the visitor's own character."""
 
     @classmethod
-    def parse(cls, told: object) -> ViewerState:
+    def parse(cls, message: object) -> ViewerState:
         """Parse the state of the viewer and check it.
 
         Args:
-            told: JSON as written by app/page/web/player/player.js.
+            message: JSON as written by app/page/web/player/player.js.
 
         Raises:
             RunError: if the JSON is anything else, or a state that the viewer cannot have.
         """
         try:
-            seen = parse_json(told if isinstance(told, str) else "", cls)
+            seen = parse_json(message if isinstance(message, str) else "", cls)
         except FieldError as error:
             raise RunError(text.SEEN_DAMAGED.format(why=f"{error}.")) from None
         seen.check()

@@ -35,26 +35,26 @@ CALMER = 0.9
 RECORDED = "recorded"
 
 
-def faulty_example_files(folder: Path) -> list[str]:
+def write_faulty_example(folder: Path) -> list[str]:
     """Return the paths of the faulty motion (made once), its reference, speech and transcript."""
     from model.motion.motion import load_motion, save_motion
 
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{FAULTY}.npz"
     if not path.is_file():
-        save_motion(with_faults(load_motion(TWO_MINUTES)), path)
+        save_motion(inject_faults(load_motion(TWO_MINUTES)), path)
         shutil.copyfile(TWO_MINUTES, folder / f"{RECORDED}.npz")
     speech, transcript = (TWO_MINUTES.with_suffix(ending) for ending in (".ogg", ".TextGrid"))
     return [str(each) for each in (path, folder / f"{RECORDED}.npz", speech, transcript)]
 
 
-def with_faults(motion: Motion) -> Motion:
-    """Apply all of `PLANTS` to a motion, and reduce its expression by `CALMER`.
+def inject_faults(motion: Motion) -> Motion:
+    """Apply all of `INJECTED_FAULTS` to a motion, and reduce its expression by `CALMER`.
 
     An unchanged face would be reported as a copy of the reference.
     """
     faulty = replace(motion, expressions=(CALMER * motion.expressions).astype("float32"))
-    for plant in PLANTS:
+    for plant in INJECTED_FAULTS:
         span = slice(round(plant.from_s * FPS), round(plant.to_s * FPS))
         part = plant.change(faulty.part(span))
         poses, trans = faulty.poses.copy(), faulty.trans.copy()
@@ -114,7 +114,7 @@ class InjectedFault:
     to_s: float
 
 
-PLANTS = (
+INJECTED_FAULTS = (
     InjectedFault("sliding feet", slide, 4, 114),
     InjectedFault("trembling right arm", tremble, 20, 100),
     InjectedFault("window seams every 52 frames", join, 50, 86),

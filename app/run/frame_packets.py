@@ -28,7 +28,7 @@ def frames_message(
     first: int,
     motion: Motion | BodyMotion,
     *,
-    made_ms: float = 0.0,
+    generation_ms: float = 0.0,
     waited_ms: float = 0.0,
     visitors: int = 0,
 ) -> bytes:
@@ -46,7 +46,7 @@ def frames_message(
         faces = np.zeros_like(faces)
     return b"".join(
         [
-            HEADER.pack(first, count, NUM_FACES, made_ms, waited_ms, visitors, 0),
+            HEADER.pack(first, count, NUM_FACES, generation_ms, waited_ms, visitors, 0),
             motion.trans.astype("<f4").tobytes(),
             np.round(quaternions * 32_767).astype("<i2").tobytes(),
             np.round(faces * 255).astype(np.uint8).tobytes(),

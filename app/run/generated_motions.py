@@ -29,11 +29,11 @@ from model.generation.windows import (
     MotionPiece,
     draw_conditions,
     motion_pieces,
-    one_thread,
+    single_threaded,
 )
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, concatenate, first_frames, load_motion
-from model.motion.transforms import filtered
+from model.motion.transforms import apply_post_filter
 from model.plan.detection import plan_from_motion
 from model.plan.files import check_ending, read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, PlanResult
@@ -81,7 +81,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
     run.record.speech_sha256 = speech.sha256
     run.declare_rows(names := row_names(request, list(options)))
     post_filter = request.sampling.post_filter
-    shown = {name: filtered(raw, post_filter) for name, raw in recorded.items()}
+    shown = {name: apply_post_filter(raw, post_filter) for name, raw in recorded.items()}
     for name, motion in shown.items():
         run.write_motion(name, motion)
     tip = make_tracked_point(request.video.body, request.joint)
@@ -92,8 +92,8 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
         words.begin(speech.waveform)  # plans are sampled from words, which are needed first
         words.wait(run.raise_if_cancelled)
 
-    def told(name: str, raw: Motion) -> tuple[Motion, Motion]:
-        shown = filtered(raw, post_filter)
+    def filter_and_write(name: str, raw: Motion) -> tuple[Motion, Motion]:
+        shown = apply_post_filter(raw, post_filter)
         run.write_motion(name, shown, f"{file_stem(name)}.npz")
         return raw, shown
 
@@ -103,14 +103,16 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
             system.name: _pieces_of(system, speech, options[system.name], words, wish, run)
             for system in systems
         }
-        made = _made_in_turns(making, speech.num_frames, run, told, post_filter == "none")
+        made = _made_in_turns(
+            making, speech.num_frames, run, filter_and_write, post_filter == "none"
+        )
     else:
         name = systems[0].name
         if recording.plan is not None:  # before the motion, or a plan would be detected in it
             run.write_plan(name, read_plan_file(recording.plan).plan)
         run.add_notes(LIVE_NOTE)
         run.report_progress("motion", 1.0)
-        made = {name: told(name, load_motion(recording.motion))}
+        made = {name: filter_and_write(name, load_motion(recording.motion))}
     words.begin(speech.waveform)  # in parallel with metrics and pictures, after the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version: FilterVersion = "savgol" if post_filter == "savgol" else "raw"
@@ -144,41 +146,42 @@ def _made_in_turns(
     making: dict[str, Iterator[MotionPiece]],
     num_frames: int,
     run: RunWriter,
-    told: Callable[[str, Motion], tuple[Motion, Motion]],
-    is_seen: bool,
+    filter_and_write: Callable[[str, Motion], tuple[Motion, Motion]],
+    is_published: bool,
 ) -> dict[str, tuple[Motion, Motion]]:
     """Generate one window of each system in turn, so that all bodies start early and keep pace.
 
     Args:
         making: iterators over the motion pieces, by system.
-        told: writes a whole motion, and returns it raw and filtered.
-        is_seen: whether windows are published as they are generated.
+        filter_and_write: writes a whole motion, and returns it raw and filtered.
+        is_published: whether windows are published as they are generated.
 
     Returns:
         Each row's motion, raw and filtered.
     """
     parts: dict[str, dict[str, list[Motion]]] = {name: {} for name in making}
     shares = dict.fromkeys(making, 0.0)
-    made: dict[str, tuple[Motion, Motion]] = {}
+    generated: dict[str, tuple[Motion, Motion]] = {}
 
     def generate_piece(name: str) -> None:
         piece = next(making[name])
         for sample, motion in enumerate(piece.motions, start=piece.first_sample + 1):
             row = str(SampleName(name, sample))
             parts[name].setdefault(row, []).append(motion)
-            if is_seen:
+            if is_published:
                 run.append_motion(row, motion, num_frames)
         shares[name] = piece.share
         run.report_progress("motion", sum(shares.values()) / len(shares), name)
         if piece.share == 1.0:
             del making[name]
-            made.update((row, told(row, concatenate(of))) for row, of in parts.pop(name).items())
+            for row, of in parts.pop(name).items():
+                generated[row] = filter_and_write(row, concatenate(of))
 
-    with one_thread():
+    with single_threaded():
         while making:
             for name in list(making):
                 generate_piece(name)
-    return {row.name: made[row.name] for row in run.record.rows if row.name in made}
+    return {row.name: generated[row.name] for row in run.record.rows if row.name in generated}
 
 
 def _performs(system: System) -> bool:
@@ -367,7 +370,7 @@ def is_motion(path: Path) -> bool:
 
 
 def write_plan_from_motion(
-    motion: Path, out: Path, told: ImportOverrides | None = None
+    motion: Path, out: Path, overrides: ImportOverrides | None = None
 ) -> list[str]:
     """Detect the gesture plan of a motion, write it, and return notes on how the motion was read.
 
@@ -375,8 +378,8 @@ def write_plan_from_motion(
         MotionError, PlanError, WriteError: each with one sentence.
     """
     check_ending(out)
-    (told or ImportOverrides()).check([motion])
-    read = read_any_motion(motion, told)
+    (overrides or ImportOverrides()).check([motion])
+    read = read_any_motion(motion, overrides)
     write_plan_file(plan_from_motion(read.motion, open_body_skeleton()), out)
     return list(read.notes)
 

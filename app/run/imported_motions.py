@@ -31,7 +31,13 @@ from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding
 from model.faults.table import drop_missing_parts
 from model.formats.read import read_any_motion
-from model.formats.reading import MOTIONS, Assumption, ImportedMotion, apart, length_notes
+from model.formats.reading import (
+    MOTIONS,
+    Assumption,
+    ImportedMotion,
+    differing_assumptions,
+    length_notes,
+)
 from model.generation.base import Windowing
 from model.metrics.beats import read_mean_speeds
 from model.metrics.lag import speech_bands_by_frame
@@ -68,7 +74,9 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
     check_figure(request.figures, shortest, len(shown), request.output.has_figures)
     limits = SpeechLimits(channel=request.speech.channel)
     speech = None if request.speech.path is None else load_speech(request.speech.path, limits)
-    notes = apart(readings) + [note for each in readings.values() for note in each.notes]
+    notes = differing_assumptions(readings) + [
+        note for each in readings.values() for note in each.notes
+    ]
     is_first_track = speech is None or (request.speech.channel is None and speech.track == 0)
     if speech is not None:
         words.begin(speech.waveform)
@@ -228,14 +236,14 @@ def with_import_notes(measured: Diagnostics, rows: RunMotions) -> Diagnostics:
             name: drop_missing_parts(found, readings[name].missing_parts)
             for name, found in measured.findings.items()
         },
-        assumed={
+        assumptions={
             name: [
                 each.as_json()
                 for each in (*reading.assumptions, *_in_step(measured.findings.get(name, ())))
             ]
             for name, reading in readings.items()
         },
-        lacks={name: sorted(reading.missing_parts) for name, reading in readings.items()},
+        missing_parts={name: sorted(reading.missing_parts) for name, reading in readings.items()},
     )
 
 

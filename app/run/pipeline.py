@@ -19,7 +19,7 @@ from typing import TypeVar
 
 from app import text
 from app.errors import RunError
-from app.findings.sentences import sentences_of
+from app.findings.sentences import figure_sentences
 from app.run.bodies import body_motion, make_tracked_point, picture_motions
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import (
@@ -274,7 +274,7 @@ def _draw_figures(
     run.write_figure("figure6", contents, contents.caption, forms)
     on_share((_POSES + 1) / 2)
     systems = [name for name in drawn if name != REFERENCE_NAME]
-    sheet, sentences = make_jitter_sheet(diagnostics, tip, systems), sentences_of(diagnostics)
+    sheet, sentences = make_jitter_sheet(diagnostics, tip, systems), figure_sentences(diagnostics)
     told = f"{sentences['trajectory']} {sentences['depth']}"
     caption = sheet_caption(sheet, clip, told)
     run.write_figure("jitter", sheet, caption, forms)

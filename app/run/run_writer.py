@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from jaxtyping import Float32
 
-from app.errors import Cancelled, sentence_of
-from app.findings.measure_rows import numbers_of, parts_apart
-from app.findings.sentences import sentences_of
-from app.findings.verdict import verdict_of
+from app.errors import Cancelled, message_for_user
+from app.findings.measure_rows import incomparable_parts, numbers_of
+from app.findings.sentences import figure_sentences
+from app.findings.verdict import make_verdict
 from app.run.bodies import RootTransform, TrackedPoint, root_transform_of
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks
 from app.run.frame_packets import MAX_FRAMES, frames_message
@@ -138,7 +139,7 @@ def open_run_writer(
         except BaseException as error:
             is_cancelled = isinstance(error, Cancelled)
             record.state = "cancelled" if is_cancelled else "failed"
-            record.sentence = "" if is_cancelled else truncate(sentence_of(error) or FAULT)
+            record.sentence = "" if is_cancelled else truncate(message_for_user(error) or FAULT)
             with suppress(Exception):
                 run.write_record()
             raise
@@ -199,10 +200,10 @@ class RunWriter(RunCallbacks):
                 of.files[kind] = whole
         self.write_record()
 
-    def write_table(self, name: str, told: object, rows: Iterable[Iterable[object]]) -> None:
+    def write_table(self, name: str, content: object, rows: Iterable[Iterable[object]]) -> None:
         """Write metrics as JSON and as CSV."""
         numbers, table = (self.folder.path(f"{name}.{ending}") for ending in ("json", "csv"))
-        numbers.write_text(json.dumps(told, indent=1) + "\n")
+        numbers.write_text(json.dumps(content, indent=1) + "\n")
         table.write_text(csv_text(rows), "utf-8", newline="")
         self.add_files(numbers, table)
 
@@ -268,7 +269,7 @@ class RunWriter(RunCallbacks):
             self.append_motion(name, motion, motion.num_frames)
         self.add_files(path, row=name, kind="motion")
 
-    def write_audio(self, waveform: np.ndarray) -> Path:
+    def write_audio(self, waveform: Float32[np.ndarray, " N"]) -> Path:
         """Write the sound of the run as 16 kHz WAV."""
         path = self.folder.path(SPEECH)
         write_wav(path, waveform)
@@ -298,10 +299,10 @@ class RunWriter(RunCallbacks):
             self.write_motion(name, motion)
         return make_timeline(speech, motions, "raw", tip, weights)
 
-    def write_timeline(self, timeline: Mapping[str, Any], said: Transcript) -> None:
+    def write_timeline(self, timeline: Mapping[str, Any], transcript: Transcript) -> None:
         """Write the timeline; it is written again when words have been recognised."""
         path = self.folder.path(TIMELINE)
-        whole = {**timeline, **transcript_tiers(said)}
+        whole = {**timeline, **transcript_tiers(transcript)}
         path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
         self.record.timeline = TIMELINE
         self.add_files(path)
@@ -328,28 +329,29 @@ class RunWriter(RunCallbacks):
         record, is_made = self.record, self.record.kind == "generated"
         record.point = diagnostics.point
         of_all = sorted(diagnostics.all_motions.items(), key=lambda of: of[0] != REFERENCE_NAME)
-        apart = parts_apart(diagnostics.lacks)
+        apart = incomparable_parts(diagnostics.missing_parts)
         record.numbers = {
             name: {
-                kind: numbers_of(versions.of(kind), apart=apart.get(name, ())) for kind in VERSIONS
+                kind: numbers_of(versions.of(kind), incomparable=apart.get(name, ()))
+                for kind in VERSIONS
             }
             for name, versions in of_all[:MAX_ROWS]
         }
         record.findings = finding_records(diagnostics.findings)
-        verdict = verdict_of(record.point, [record.numbers], is_made)
+        verdict = make_verdict(record.point, [record.numbers], is_made)
         if verdict is not None and (is_made or len(of_all) > 1):
             record.verdict = VerdictRecord(
                 numbers=truncate(verdict.numbers), judgement=truncate(verdict.judgement)
             )
-        record.says = {key: truncate(said) for key, said in sentences_of(diagnostics).items()}
+        record.says = {key: truncate(said) for key, said in figure_sentences(diagnostics).items()}
         for row in record.rows:
-            row.assumed = cast(list[AssumptionRecord], diagnostics.assumed.get(row.name, []))
+            row.assumed = cast(list[AssumptionRecord], diagnostics.assumptions.get(row.name, []))
         self.write_record()
 
 
-def draw_figure(asked: tuple[Path, Path], *_: object) -> None:
+def draw_figure(paths: tuple[Path, Path], *_: object) -> None:
     """Draw the saved content of a figure into a file, as a task."""
-    kept.draw_saved(*asked)
+    kept.draw_saved(*paths)
 
 
 def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRecord]:
@@ -357,17 +359,17 @@ def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRe
 
     The normal range of a metric is named only once.
     """
-    told: list[FindingRecord] = []
+    records: list[FindingRecord] = []
     norms: set[str] = set()
     for name, finding in ranked(findings)[: MAX_FINDINGS - 1]:
-        sentence = finding.message if finding.people in norms else finding.sentence
-        norms.add(finding.people)
-        told.append(
+        sentence = finding.message if finding.reference_note in norms else finding.sentence
+        norms.add(finding.reference_note)
+        records.append(
             FindingRecord(
                 name=name,
                 kind=finding.kind,
                 sentence=truncate(sentence),
-                at=finding.worst_s,
+                at=finding.worst_time_s,
                 part=body_part(finding),
             )
         )
@@ -375,5 +377,5 @@ def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRe
     clean = [label for name, label in labels.items() if not findings[name]]
     if clean:
         which = f" in {join_names(clean)}" if len(labels) > 1 else ""
-        told.append(FindingRecord(sentence=truncate(f"No findings{which}.")))
-    return told
+        records.append(FindingRecord(sentence=truncate(f"No findings{which}.")))
+    return records

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, NotRequired
 
 import numpy as np
+from jaxtyping import Float, Float32
 from pydantic import BaseModel, Field
 from typing_extensions import TypeAliasType, TypedDict
 
@@ -20,9 +21,9 @@ from model.faults.analysis import Finding
 from model.faults.table import SNAP
 from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import Motion
-from model.motion.tracks import point_words
+from model.motion.tracks import point_label
 from model.motion.transforms import smooth_motion
-from model.networks.speech_codes import heard_accents
+from model.networks.speech_codes import detect_accents
 from model.plan.annotation_files import Interval
 from model.speech.audio import Speech
 from model.speech.transcript import (
@@ -39,7 +40,7 @@ from model.storage.json_validation import read_json
 
 
 def worst_seconds(
-    tracks: Mapping[str, np.ndarray], count: int = NUM_WORST_SECONDS
+    tracks: Mapping[str, Float[np.ndarray, "T 3"]], count: int = NUM_WORST_SECONDS
 ) -> list[dict[str, Any]]:
     """Return at most ``count`` seconds with the highest jerk, without overlap, the worst first.
 
@@ -53,14 +54,14 @@ def worst_seconds(
     """
     means = {name: _means(derivative_magnitudes(track, 3), FPS) for name, track in tracks.items()}
     lengths = {name: min(FPS, len(track)) for name, track in tracks.items()}
-    found: list[dict[str, Any]] = []
-    while len(found) < count:
+    worst: list[dict[str, Any]] = []
+    while len(worst) < count:
         left = {name: mean for name, mean in means.items() if np.isfinite(mean).any()}
         if not left:
             break
         name = max(left, key=lambda each: np.nanmax(left[each]))
         start = int(np.nanargmax(means[name]))
-        found.append(
+        worst.append(
             {
                 "start_s": round(start / FPS, 4),
                 "end_s": round((start + lengths[name]) / FPS, 4),
@@ -70,7 +71,7 @@ def worst_seconds(
         )
         for mean in means.values():
             mean[max(0, start - FPS + 1) : start + FPS] = np.nan
-    return found
+    return worst
 
 
 def with_snaps(
@@ -92,7 +93,7 @@ def with_snaps(
         ``jerk_m_s3``.
     """
     snaps = [
-        (each.severity, _second_of(name, each, of_motion[0], timeline["duration_s"]))
+        (each.deviation, _second_of(name, each, of_motion[0], timeline["duration_s"]))
         for name, of_motion in findings.items()
         for each in of_motion
         if each.kind == SNAP and name != REFERENCE_NAME and name in timeline["curves"]
@@ -108,12 +109,12 @@ def with_snaps(
 
 def _second_of(name: str, snap: Finding, gravest: Finding, duration_s: float) -> dict[str, Any]:
     """Return the second around the worst frame of a finding."""
-    start_s = max(0.0, min((snap.worst_s or 0.0) - 0.5, duration_s - 1.0))
+    start_s = max(0.0, min((snap.worst_time_s or 0.0) - 0.5, duration_s - 1.0))
     return {
         "start_s": round(start_s, 4),
         "end_s": round(min(start_s + 1.0, duration_s), 4),
         "name": name,
-        "joint": point_words(snap.numbers["joint"]),
+        "joint": point_label(snap.numbers["joint"]),
         "snap_deg": round(snap.numbers["snap_deg"], 1),
         "is_gravest": snap is gravest,
     }
@@ -128,7 +129,7 @@ def _without_overlap(seconds: Sequence[Mapping[str, Any]]) -> list[dict[str, Any
     return kept
 
 
-def _means(jerk: np.ndarray, num_frames: int) -> np.ndarray:
+def _means(jerk: Float[np.ndarray, " N"], num_frames: int) -> np.ndarray:
     """Compute the mean jerk of the stretch from each frame, over entries entirely inside it."""
     entries = min(num_frames - 3, len(jerk))
     if entries < 1:
@@ -197,7 +198,7 @@ class Timeline(TypedDict):
 def make_timeline(
     speech: Speech | None,
     motions: Mapping[str, Motion],
-    shown: FilterVersion,
+    filter_version: FilterVersion,
     tip: TrackedPoint,
     weights: Path | None = None,
 ) -> dict[str, Any]:
@@ -206,7 +207,7 @@ def make_timeline(
     Args:
         speech: speech of the motions; None for motion without sound.
         motions: motions as shown in the videos; a recorded one, `REFERENCE_NAME`, is unfiltered.
-        shown: version of the other motions: as generated, or filtered.
+        filter_version: version of the other motions: as generated, or filtered.
         tip: tracked point of the curves, the same as in Figure 6 and the metrics.
         weights: folder of the accent network; None omits accents.
 
@@ -217,9 +218,9 @@ def make_timeline(
             reference.
     """
     tracks = {name: tip.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
-    accents = heard_accents(speech, weights) if speech and weights else ()
+    accents = detect_accents(speech, weights) if speech and weights else ()
     curves = {
-        name: motion_curves(motion, "raw" if name == REFERENCE_NAME else shown, tip)
+        name: motion_curves(motion, "raw" if name == REFERENCE_NAME else filter_version, tip)
         for name, motion in motions.items()
     }
     return {
@@ -244,18 +245,20 @@ def motion_curves(
     return {kind: point_curves(tip.track(each)) for kind, each in versions.items()}
 
 
-def transcript_tiers(said: Transcript) -> dict[str, Any]:
+def transcript_tiers(transcript: Transcript) -> dict[str, Any]:
     """Return the tiers of a transcript as JSON.
 
     ``words``, their source ``words_origin``, and ``phones``; ``gestures`` by name of the tier, with
     (start_s, end_s, text) of each interval; ``accents`` with time and strength.
     """
     return {
-        "words": [_times(word) for word in said.words],
-        "words_origin": said.origin,
-        "phones": [_times(phone) for phone in said.phones],
-        "accents": [(accent.time_s, accent.strength) for accent in said.accents],
-        "gestures": {name: [_times(each) for each in of] for name, of in said.gestures.items()},
+        "words": [_times(word) for word in transcript.words],
+        "words_origin": transcript.origin,
+        "phones": [_times(phone) for phone in transcript.phones],
+        "accents": [(accent.time_s, accent.strength) for accent in transcript.accents],
+        "gestures": {
+            name: [_times(each) for each in of] for name, of in transcript.gestures.items()
+        },
     }
 
 
@@ -305,13 +308,13 @@ class WordSearch:
     As a context manager, it stops the recognition at the end of the block.
     """
 
-    def __init__(self, given: Path | Transcript | None, asked: WordSource) -> None:
+    def __init__(self, transcript: Path | Transcript | None, source: WordSource) -> None:
         """Read the transcript, if there is one; raises TranscriptError if it cannot be used."""
         self._given: GivenWords | None = None
-        if given is not None:
-            is_file = isinstance(given, Path)
-            self._given = read_words(given) if is_file else GivenWords(given)
-        self._asked: WordSource = asked
+        if transcript is not None:
+            is_file = isinstance(transcript, Path)
+            self._given = read_words(transcript) if is_file else GivenWords(transcript)
+        self._asked: WordSource = source
         self._hearing: WordRecognition | None = None
 
     def __enter__(self) -> WordSearch:
@@ -333,7 +336,7 @@ class WordSearch:
             return self._asked == "recognise"
         return self._given.text is not None
 
-    def begin(self, waveform: np.ndarray) -> None:
+    def begin(self, waveform: Float32[np.ndarray, " N"]) -> None:
         """Start to recognise or align words in the background, if needed and not yet started."""
         if self._given is not None:
             self._given = self._given.within(len(waveform) / SAMPLE_RATE)
@@ -355,7 +358,7 @@ class WordSearch:
         return heard.transcript, (*notes, *heard.notes)
 
 
-def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int]:
+def waveform_peaks(waveform: Float[np.ndarray, " N"], num_peaks: int = NUM_PEAKS) -> list[int]:
     """Return the largest magnitude in each of at most ``num_peaks`` equal stretches, 0 to 100.
 
     100 is the loudest sample of the clip; silence is all zeros.
@@ -369,7 +372,7 @@ def waveform_peaks(waveform: np.ndarray, num_peaks: int = NUM_PEAKS) -> list[int
     return np.rint(100 * peaks / (loudest if loudest > 0 else 1.0)).astype(int).tolist()
 
 
-def point_curves(track: np.ndarray) -> dict[str, Curve]:
+def point_curves(track: Float[np.ndarray, "T 3"]) -> dict[str, Curve]:
     """Compute the jerk and speed curves of a point (T, 3) in metres."""
     return {
         name: derivative_curve(track, order, decimals) for name, (order, decimals) in CURVES.items()
@@ -377,7 +380,7 @@ def point_curves(track: np.ndarray) -> dict[str, Curve]:
 
 
 def derivative_curve(
-    track: np.ndarray, order: int, decimals: int, max_points: int = MAX_POINTS
+    track: Float[np.ndarray, "T 3"], order: int, decimals: int, max_points: int = MAX_POINTS
 ) -> Curve:
     """Compute the magnitude of a point's derivative over time.
 

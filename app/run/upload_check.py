@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Literal
 from zipfile import BadZipFile, is_zipfile
 
-from app.errors import RunError, sentence_of
+from app.errors import RunError, message_for_user
 from app.run.requests.parts import MAX_CLIPS
 from conventions.names import printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
@@ -26,7 +26,7 @@ TOO_LONG = (
     "The clips of one run may last {limit:g} minutes together; these last {count:.1f}. Leave some "
     "out, or use the command line."
 )
-NO_ZIP = "{name} is no readable zip; pack it again."
+NO_ZIP = "{name} is not a readable zip; pack it again."
 
 FileKind = Literal["motions", "sounds", "transcript"]
 UploadKind = FileKind | Literal["speech", "reference", "motion", "plan", "files", "clips"]
@@ -84,17 +84,17 @@ class Upload:
     max_speech_s: float
 
 
-def rejection_reason(given: Upload, *_: object) -> str:
+def rejection_reason(upload: Upload, *_: object) -> str:
     """Return why the first unusable file cannot be used, in one sentence; empty if all can."""
     try:
-        if given.kind == "clips":
-            check_clips(given.paths, given.max_speech_s)
+        if upload.kind == "clips":
+            check_clips(upload.paths, upload.max_speech_s)
             return ""
-        for path in given.paths:
-            kind = kind_of(path) if given.kind == "files" else given.kind
-            _read(kind, path, given.max_speech_s)
+        for path in upload.paths:
+            kind = kind_of(path) if upload.kind == "files" else upload.kind
+            _read(kind, path, upload.max_speech_s)
     except Exception as error:
-        sentence = sentence_of(error)
+        sentence = message_for_user(error)
         if sentence is None:
             raise
         return sentence

@@ -10,7 +10,7 @@ from app.errors import RunError
 from app.run.output.result_folder import ResultFolder
 from app.study.design.key import read_key
 
-MAX_REASONS_SHOWN = 3
+MAX_ERRORS_SHOWN = 3
 NO_KEY = (
     "Without a key only a table of battles in the GENEA leaderboard's form can be analysed: name "
     "one .csv, or give the key.json of `researcher_only`."
@@ -39,7 +39,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     """
     from app.study.report.figures import preference_bars, write_pdf
     from app.study.report.report import csv_of, latex_table, page_of, participants_csv
-    from app.study.statistics.answers import Collected, collect
+    from app.study.statistics.answers import Collected, collect_answers
     from app.study.statistics.results import analyse_participants, balance_reached, read_jitter
     from app.study.statistics.screening import Screened, screen
     from app.study.statistics.votes import battles_of, read_battles
@@ -47,7 +47,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
 
     if request.key is not None:
         key = read_key(request.key)
-        collected = collect(request.answers, key)
+        collected = collect_answers(request.answers, key)
         screened = screen(collected.participants, key)
     elif [path.suffix for path in request.answers] == [".csv"]:
         key, raters = read_battles(request.answers[0])
@@ -60,7 +60,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     if not results:
         left = (*screened.dropped, *screened.set_aside)
         dropped = [f"{one.participant.source}: {one.why}." for one in left]
-        reasons = [*collected.left_out, *dropped][:MAX_REASONS_SHOWN]
+        reasons = [*collected.left_out, *dropped][:MAX_ERRORS_SHOWN]
         raise RunError(" ".join(["No answers are left to analyse.", *reasons]))
     balance = balance_reached(screened.kept, key)
     everyone = [*screened.kept, *(one.participant for one in screened.set_aside)]

@@ -18,14 +18,14 @@ from app.run.models import get_body, get_system
 from app.run.output.result_folder import lock_folder, zip_folder
 from app.run.requests.parts import VideoOptions
 from app.run.videos.videos import Draw, PictureKey, draw_videos
-from app.study.design.blinding import make_key, stimuli_of
+from app.study.design.blinding import make_key, stimulus_ids
 from app.study.design.key import Key, Stimulus, read_key, write_key
 from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.leaks import check_study
 from app.study.make import media
 from app.study.make.bundle import write_bundle, write_records
-from app.study.make.motions import Source, read_sources, shown_motions
+from app.study.make.motions import Source, read_sources, stimulus_motions
 from app.study.make.workspace import ExportRequest, Workspace
 from conventions.views import View
 from model.motion.motion import Motion
@@ -118,7 +118,7 @@ class _Maker:
 
         The key is written after each scene, so that an interrupted export can be resumed.
         """
-        names, video = stimuli_of(key), self.workspace.video
+        names, video = stimulus_ids(key), self.workspace.video
         undone = {
             (stimulus.clip, stimulus.view)
             for stimulus, blind in names.items()
@@ -131,7 +131,7 @@ class _Maker:
             clip = source.clip.name
             views: list[View] = [view for view in self.plan.views if (clip, view) in undone]
             asked = source, self.weights, self.body, self.callbacks.should_cancel
-            motions = shown_motions(self.plan, *asked) if views else {}
+            motions = stimulus_motions(self.plan, *asked) if views else {}
             for view in views:
                 tell = self.callbacks.progress_callback(
                     "video", source.num_frames / whole, done / whole
@@ -148,11 +148,11 @@ class _Maker:
         self.callbacks.report_progress("video", 1.0)
         return key
 
-    def _tracks(self, sources: tuple[Source, ...], heard: set[str | None]) -> dict[str, Path]:
-        """Encode one audio track for each speech in ``heard``; return the paths by clip."""
+    def _tracks(self, sources: tuple[Source, ...], speech: set[str | None]) -> dict[str, Path]:
+        """Encode one audio track for each speech in ``speech``; return the paths by clip."""
         tracks = {}
         for number, source in enumerate(sources):
-            if source.clip.name in heard and source.speech is not None:
+            if source.clip.name in speech and source.speech is not None:
                 track = self.workspace.work / f"speech-{number}.m4a"
                 media.encode_speech(source.speech.waveform, track, source.clip.name)
                 tracks[source.clip.name] = track
@@ -178,7 +178,7 @@ class _Maker:
         for stimulus, blind in scene.items():
             track = tracks[stimulus.speech] if stimulus.speech else None
             media.join(streams[stimulus.system], track, self.workspace.video(blind))
-        media.pad_alike([self.workspace.video(blind) for blind in scene.values()])
+        media.pad_to_equal_size([self.workspace.video(blind) for blind in scene.values()])
         for stream in streams.values():
             stream.unlink()
 
@@ -213,7 +213,7 @@ class _Maker:
             draw=partial(self.draw, should_cancel=self.callbacks.should_cancel),
             crf=0,  # encoded again later
         )
-        media.fill_alike(list(streams.values()))
+        media.equalise_frame_sizes(list(streams.values()))
         return streams
 
 

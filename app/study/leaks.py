@@ -19,19 +19,19 @@ from typing import Any
 import pandas as pd
 
 from app.errors import RunError
-from app.study.design.blinding import NOT_MADE, order_tells, stimuli_of, value_tells
+from app.study.design.blinding import NOT_RENDERED, order_leaks, stimulus_ids, value_leaks
 from app.study.design.key import KIND_OF_PROTOCOL, Key, Stimulus, read_key
-from app.study.design.plan import CHOICES, wording
+from app.study.design.plan import CHOICES, load_wording
 from app.study.make import media
 from app.study.make.bundle import (
     DATA,
     DATA_START,
-    FIXED,
     FREE_TEXTS,
     INDEX,
+    SHARED_FILES,
     SITE,
-    fixed_words,
     index_html,
+    shared_wording,
 )
 from app.study.make.workspace import Workspace
 from model.storage.files import file_sha256
@@ -42,7 +42,7 @@ _KNOWN_KEYS = {
 }
 _VOCABULARY = {"kind", "press", "attention", *KIND_OF_PROTOCOL.values(), *CHOICES}
 """Words that a trial in the page's data may contain."""
-_LEAST_PART = 4
+_MIN_NAME_PART = 4
 _SIZE_CHANCE = {"size": 0, "bit rate": 0, "filling": 512, "compressed size": 64}
 """Bytes by which the videos of a scene may differ by chance, per measure.
 
@@ -57,8 +57,8 @@ Filling counts the bytes of the frames without padding; compressed size shows ot
 _EQUAL = ("duration", "frames", "streams", "encoding", "file structure", "packet sizes")
 """Properties that must be equal in all videos of a scene."""
 _MAX_FIRST_SHARE_ERROR = 0.1
-_QUIET_HANDLERS = {b"VideoHandler", b"SoundHandler"}
-_TELLING_BOXES = {"udta", "meta", "uuid", "ilst", "mdta"}
+_NEUTRAL_HANDLERS = {b"VideoHandler", b"SoundHandler"}
+_METADATA_BOXES = {"udta", "meta", "uuid", "ilst", "mdta"}
 _ENCODER_NOTES = (b"x264 - core", b"Lavf", b"Lavc")
 
 
@@ -132,9 +132,9 @@ def check_study(folder: Path) -> list[str]:
     if not workspace.key.is_file():
         raise RunError(f"There is no study in {folder}: {workspace.key} is missing.")
     key = read_key(workspace.key)
-    if any(video.sha256 == NOT_MADE for video in key.videos.values()):
+    if any(video.sha256 == NOT_RENDERED for video in key.videos.values()):
         raise RunError(f"The export in {folder} is not finished; run it again first.")
-    study = Study(workspace, key, stimuli_of(key))
+    study = Study(workspace, key, stimulus_ids(key))
     leaks = list(_stray_files(study))
     if leaks:  # missing or foreign files cannot be tested further
         return leaks
@@ -144,7 +144,7 @@ def check_study(folder: Path) -> list[str]:
 def _stray_files(study: Study) -> Iterator[str]:
     """Yield files of the bundle that are unexpected, missing or changed after the export."""
     bundle = study.workspace.bundle
-    wanted = {INDEX, DATA, *FIXED, *(f"media/{name}.mp4" for name in study.key.videos)}
+    wanted = {INDEX, DATA, *SHARED_FILES, *(f"media/{name}.mp4" for name in study.key.videos)}
     found = {
         path.relative_to(bundle).as_posix()
         for path in bundle.rglob("*")
@@ -164,14 +164,14 @@ def _names(study: Study) -> Iterator[str]:
     for name in study.key.videos:
         if not re.fullmatch(r"[0-9a-f]{16}", name):
             yield f"file name: media/{name}.mp4 is not 16 random hexadecimal digits."
-    yield from (f"{tell}." for tell in order_tells(study.stimuli))
+    yield from (f"{tell}." for tell in order_leaks(study.stimuli))
 
 
 def _times(study: Study) -> Iterator[str]:
     """Yield files with another time stamp: times would show the order of the systems."""
     bundle = study.workspace.bundle
     for path in sorted(bundle.rglob("*")):
-        if path.stat().st_mtime != media.LONG_AGO_S:
+        if path.stat().st_mtime != media.FIXED_MTIME_S:
             yield (
                 f"time stamp: {path.relative_to(bundle)} has a time of its own; all files must "
                 "have the same."
@@ -182,12 +182,12 @@ def _metadata(study: Study) -> Iterator[str]:
     secrets = [name for name in (*study.key.systems, *study.key.clips) if len(name) >= 6]
     for stimulus, file in study.files.items():
         name = f"media/{study.stimuli[stimulus]}.mp4"
-        telling = sorted(_TELLING_BOXES & set(file.boxes))
+        telling = sorted(_METADATA_BOXES & set(file.boxes))
         if telling:
             yield f"metadata: {name} has a `{telling[0]}` box."
         if file.has_times:
             yield f"metadata: {name} holds the time at which it was made."
-        if set(file.names) - _QUIET_HANDLERS:
+        if set(file.names) - _NEUTRAL_HANDLERS:
             yield f"metadata: {name} names its streams {b', '.join(file.names).decode('latin-1')}."
         data = study.workspace.video(study.stimuli[stimulus]).read_bytes()
         for note in _ENCODER_NOTES:
@@ -217,7 +217,7 @@ def _videos(study: Study) -> Iterator[str]:
         step = _SIZE_CHANCE[what]
         found = zip(study.facts["stimulus"], study.facts[what], strict=True)
         values = {stimulus: value // step if step else value for stimulus, value in found}
-        yield from (f"{tell}." for tell in value_tells(values, what))
+        yield from (f"{tell}." for tell in value_leaks(values, what))
 
 
 def _sounds(study: Study) -> Iterator[str]:
@@ -248,7 +248,7 @@ def _lists(study: Study) -> Iterator[str]:
         for place, blind in enumerate(shown):
             video = study.key.videos.get(blind)
             if video is None:
-                yield f"JSON: a list shows {str(blind)!r}, which is no video of the study."
+                yield f"JSON: a list shows {str(blind)!r}, which is not a video of the study."
                 continue
             cells = excess.setdefault((video.system, video.is_matched), [])
             cells.append((place == 0) - 1 / len(shown))
@@ -268,24 +268,26 @@ def _texts(study: Study) -> Iterator[str]:
     structure for names and parts of names, the researcher's texts for whole names.
     """
     bundle, data = study.workspace.bundle, study.data
-    for name in FIXED:
+    for name in SHARED_FILES:
         if (bundle / name).read_bytes() != (SITE / name).read_bytes():
             yield f"page: {name} is not the file of this program."
     if (bundle / INDEX).read_text("utf-8") != index_html(data.get("title", ""), data.get("postTo")):
         yield f"page: {INDEX} is not the file of this program."
     for key in sorted(set(data) - _KNOWN_KEYS):
         yield f"JSON: the field `{key}` is unknown."
-    standard = {**fixed_words(study.key.protocol), "reasons": wording()["reasons"]}
+    standard = {**shared_wording(study.key.protocol), "reasons": load_wording()["reasons"]}
     parts = [data.get(key) for key in ("study", "trials", "lists")]
     parts += [data.get(key) for key in standard if data.get(key) not in (None, standard[key])]
     structure = "\n".join(sorted(set(_strings(parts)) - _VOCABULARY))
     names = {*study.key.systems, *study.key.clips}
     pieces = {part for name in names for part in re.split(r"[\s/_.,-]+", name)}
-    for name in sorted(names | {part for part in pieces if len(part) >= _LEAST_PART}):
-        if _holds(structure, name):
+    for name in sorted(names | {part for part in pieces if len(part) >= _MIN_NAME_PART}):
+        if _contains_word(structure, name):
             yield f"JSON: the page's data hold {name!r}."
     for key in FREE_TEXTS:
-        for name in (name for name in sorted(names) if _holds(str(data.get(key) or ""), name)):
+        for name in (
+            name for name in sorted(names) if _contains_word(str(data.get(key) or ""), name)
+        ):
             what = "URL" if key == "postTo" else "text"
             yield f"{what}: `{key}` holds {name!r}, the name of a system or clip; rename one."
     if re.search(r"https?:", structure):
@@ -302,7 +304,7 @@ def _strings(value: Any) -> Iterator[str]:
             yield from _strings(item)
 
 
-def _holds(text: str, name: str) -> bool:
+def _contains_word(text: str, name: str) -> bool:
     """Check whether the name occurs in a text as a word, in any case."""
     return re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text, re.IGNORECASE) is not None
 

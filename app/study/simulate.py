@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from app.errors import RunError
 from app.study.design.key import Key, Trial, read_key
-from app.study.statistics.answers import HIGHEST_RATING, TIE, TRUTH_NAME
+from app.study.statistics.answers import HIGHEST_RATING, SIMULATION_TRUTH_FILE, TIE
 from app.study.statistics.votes import SMOOTHNESS
 from model.storage.files import write_atomically
 
@@ -48,7 +48,7 @@ class RaterModel:
     """Probability of naming motion smoothness as a reason."""
 
 
-ALIKE = RaterModel(taste_sd=0)
+UNIFORM_RATERS = RaterModel(taste_sd=0)
 """Raters without individual tastes: exactly Davidson's model."""
 
 
@@ -86,17 +86,17 @@ def simulate(
         raise RunError(f"{out} holds answers already, which would mix; choose another folder.")
     out.mkdir(parents=True, exist_ok=True)
     model = RaterModel()
-    for content in made_answers(key, strengths, raters, model, np.random.default_rng(seed)):
+    for content in simulate_answers(key, strengths, raters, model, np.random.default_rng(seed)):
         _write(content, out / f"{content['participant']}.json")
     truth = {"strengths": dict(strengths), "seed": seed, "raters": raters, "model": asdict(model)}
-    _write(truth, out / TRUTH_NAME)
+    _write(truth, out / SIMULATION_TRUTH_FILE)
 
 
 def _write(content: Mapping[str, Any], path: Path) -> None:
     write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def made_answers(
+def simulate_answers(
     key: Key,
     strengths: Mapping[str, float],
     raters: int,

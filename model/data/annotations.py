@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Float, Float32, Int, Shaped, UInt8
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from torch import Tensor
 from tqdm import tqdm
@@ -23,11 +23,11 @@ from model.plan.plan_features import (
     NUM_TRACKS,
     TIERS,
     EventOnset,
-    chains_of,
-    frames_of,
+    chain_states,
+    coupled_states,
     hand_tracks,
-    seen_together,
-    tracks_of,
+    plan_to_chains,
+    plan_tracks,
 )
 from model.speech.encoder import PHONES, SPEECH_LABELS
 from model.speech.transcript import Transcript, TranscriptError, read_transcript
@@ -63,9 +63,9 @@ class Plans:
     """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.place`)."""
     table: KindTable
 
-    def for_batch(
+    def tracks_and_kinds(
         self, batch: Batch, context: int
-    ) -> tuple[Float[Tensor, "B heard tracks"], Int[Tensor, "B heard 2"]]:
+    ) -> tuple[Float[Tensor, "B T_context tracks"], Int[Tensor, "B T_context 2"]]:
         """Return a batch's plans with ``context`` frames on either side, held at a clip's ends."""
         frames = batch.frames
         rows = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
@@ -82,20 +82,24 @@ class Plans:
         which = np.searchsorted(self._starts, batch.frames[:, 0], side="right") - 1
         windows = [
             {
-                tier.name: frames_of(tier, self.chains[clip][tier.name], rows - self._starts[clip])
+                tier.name: chain_states(
+                    tier, self.chains[clip][tier.name], rows - self._starts[clip]
+                )
                 for tier in TIERS
             }
             for clip, rows in zip(which, batch.frames, strict=True)
         ]
 
-        def stacked(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, Tensor]:
+        def stacked(
+            parts: Sequence[Mapping[str, Shaped[np.ndarray, "T ..."]]],
+        ) -> dict[str, Tensor]:
             return {
                 tier.name: torch.from_numpy(np.stack([part[tier.name] for part in parts]))
                 for tier in TIERS
             }
 
         return Events(
-            stacked([seen_together(window) for window in windows]),
+            stacked([coupled_states(window) for window in windows]),
             stacked([{name: one.event for name, one in window.items()} for window in windows]),
             stacked([{name: one.mark for name, one in window.items()} for window in windows]),
         )
@@ -109,15 +113,15 @@ class Plans:
         return np.array([clip.stop for clip in self.data.clips])
 
 
-def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
+def load_plan_annotations(data: PreparedData, num_speakers: int) -> Plans:
     """Read the annotation of the recordings once, then map the arrays."""
-    plans = [_annotated(data, clip) for clip in data.clips]
+    plans = [_annotated_plan(data, clip) for clip in data.clips]
     learned = [
         (plan, clip)
         for clip, plan in zip(data.clips, plans, strict=True)
         if clip.copy == 0 and clip.split == "train"
     ]
-    said = Counter(word for _, clip in learned for word in _said(textgrid_of(data, clip)))
+    said = Counter(word for _, clip in learned for word in _said(textgrid_path(data, clip)))
     table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
     tracks, kinds = derived_arrays(
         data,
@@ -125,14 +129,14 @@ def prepare_plans(data: PreparedData, num_speakers: int) -> Plans:
         {"format": PLANS_FORMAT, "tracks": NUM_TRACKS},
         {"plan-tracks": (NUM_TRACKS, np.float32), "plan-kinds": (2, np.uint8)},
         (
-            (tracks_of(plan, clip.num_frames), kinds_of(plan, clip.num_frames, table))
+            (plan_tracks(plan, clip.num_frames), kinds_of(plan, clip.num_frames, table))
             for clip, plan in zip(data.clips, plans, strict=True)
         ),
     )
-    return Plans(data, tracks, tuple(map(chains_of, plans)), kinds, table)
+    return Plans(data, tracks, tuple(map(plan_to_chains, plans)), kinds, table)
 
 
-def textgrid_of(data: PreparedData, clip: PreparedClip) -> Path:
+def textgrid_path(data: PreparedData, clip: PreparedClip) -> Path:
     """Return the path of a clip's annotation."""
     return data.source / "textgrid" / f"{clip.name}.TextGrid"
 
@@ -145,9 +149,9 @@ def _said(path: Path) -> list[str]:
         return []
 
 
-def _annotated(data: PreparedData, clip: PreparedClip) -> GesturePlan:
+def _annotated_plan(data: PreparedData, clip: PreparedClip) -> GesturePlan:
     try:
-        plan = annotated_plan(textgrid_of(data, clip))
+        plan = annotated_plan(textgrid_path(data, clip))
     except (PlanError, OSError) as error:
         raise DataError(f"{clip.name} has no annotated plan: {error}") from error
     return plan.at_speed(copy_speed(clip.name, clip.copy))
@@ -163,21 +167,23 @@ _NUMBER = {phone: number for number, phone in enumerate(PHONES, start=1)}
 
 
 @dataclass(frozen=True)
-class SpeechAnnotation:
+class SpeechLabels:
     """Speech annotation of all clips, concatenated in the order of `PreparedData`."""
 
     phone: UInt8[np.ndarray, " N"]
     """Number of the phone (N,) in `PHONES`, from 1; 0 is none of them."""
-    labels: Float32[np.ndarray, "N told"]
+    labels: Float32[np.ndarray, "N labels"]
     """Values of `SPEECH_LABELS` (N, 6); fractions and flags lie between 0 and 1."""
 
-    def for_batch(self, batch: Batch) -> tuple[Int[Tensor, "B T"], Float32[Tensor, "B T told"]]:
+    def phones_and_labels(
+        self, batch: Batch
+    ) -> tuple[Int[Tensor, "B T"], Float32[Tensor, "B T labels"]]:
         """Return the phones and the values of `SPEECH_LABELS` of a batch's windows."""
         phone = torch.from_numpy(self.phone[batch.frames].astype(np.int64))
         return phone, torch.from_numpy(self.labels[batch.frames])
 
 
-def annotated_speech(data: PreparedData, plans: Plans) -> SpeechAnnotation:
+def load_speech_labels(data: PreparedData, plans: Plans) -> SpeechLabels:
     """Read the annotated words, phones and accents of the recordings.
 
     Raises:
@@ -189,16 +195,16 @@ def annotated_speech(data: PreparedData, plans: Plans) -> SpeechAnnotation:
         transcript = _read(data, clip)
         rows = slice(clip.start, clip.stop)
         speed = copy_speed(clip.name, clip.copy)
-        phone[rows] = phones_of(transcript, clip.num_frames, speed)
-        told[rows, :-1] = told_of(transcript, clip.num_frames, speed, plans)
+        phone[rows] = frame_phones(transcript, clip.num_frames, speed)
+        told[rows, :-1] = frame_labels(transcript, clip.num_frames, speed, plans)
         told[rows, -1] = wrist_speed(plans.tracks[rows])
     if not phone.any() or not told[:, 0].any():
         missing = "phones" if not phone.any() else "accents"
         raise DataError(f"No TextGrid of {data.source.name} has a tier of {missing}.")
-    return SpeechAnnotation(phone, told)
+    return SpeechLabels(phone, told)
 
 
-def phones_of(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np.ndarray, " T"]:
+def frame_phones(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np.ndarray, " T"]:
     """Return the number of each frame's phone; 0 for unknown phones and pauses."""
     numbers = np.zeros(num_frames, np.uint8)
     for phone in transcript.phones:
@@ -207,7 +213,7 @@ def phones_of(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np
     return numbers
 
 
-def told_of(
+def frame_labels(
     transcript: Transcript, num_frames: int, speed: float, plans: Plans
 ) -> Float32[np.ndarray, "T 5"]:
     """Return the values of `SPEECH_LABELS` of each frame, except the speed."""
@@ -244,6 +250,6 @@ def _rows(start_s: float, end_s: float, speed: float) -> slice:
 
 def _read(data: PreparedData, clip: PreparedClip) -> Transcript:
     try:
-        return read_transcript(textgrid_of(data, clip))
+        return read_transcript(textgrid_path(data, clip))
     except TranscriptError as error:
         raise DataError(f"{clip.name} has no annotated words: {error}") from error

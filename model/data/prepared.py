@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Shaped
 from torch import Tensor
 from tqdm import tqdm
 
@@ -23,9 +23,9 @@ from model.data.recordings import (
     augmented_copy,
     encode_clip,
     fingerprint,
+    parse_speaker,
     read_files,
     read_split,
-    speaker_of,
 )
 from model.motion.motion import NUM_FACE_UNITS, Motion, face_units
 from model.speech.audio import Speech, SpeechError
@@ -105,7 +105,7 @@ class PreparedData:
         x, _, z = self.transl[clip.start : clip.stop].mean(0)
         return np.array([x, 0.0, z], np.float32)
 
-    def of_split(self, split: str) -> tuple[PreparedClip, ...]:
+    def clips_of_split(self, split: str) -> tuple[PreparedClip, ...]:
         """Return the clips of ``train``, ``val``, ``test`` or ``additional``.
 
         Raises:
@@ -151,7 +151,9 @@ class PreparedData:
         first = np.array([clip.start for clip in clips])[:, None]
         last = np.array([clip.stop for clip in clips])[:, None] - 1
 
-        def take(array: np.ndarray, rows: np.ndarray = frames) -> Tensor:
+        def take(
+            array: Shaped[np.ndarray, "N ..."], rows: Int[np.ndarray, "B W"] = frames
+        ) -> Tensor:
             return torch.from_numpy(array[rows].astype(np.float32))
 
         return Batch(
@@ -200,7 +202,7 @@ def prepare(
         cache.mkdir(parents=True, exist_ok=True)
         read: list[PreparedClip] = []
         _write(cache, columns, _by_clip(folder, encoder, split, augmented_copies, read))
-        named = dict(sorted(speaker_of(clip.name) for clip in read))
+        named = dict(sorted(parse_speaker(clip.name) for clip in read))
         told = {"origin": origin, "clips": [*map(vars, read)], "speakers": named}
         write_atomically(index_path, json.dumps(told))
     index = json.loads(index_path.read_text())
@@ -217,7 +219,7 @@ def derived_arrays(
     name: str,
     origin: dict,
     columns: Columns,
-    by_clip: Iterable[Sequence[np.ndarray]],
+    by_clip: Iterable[Sequence[Shaped[np.ndarray, "T ..."]]],
 ) -> list[np.ndarray]:
     """Map arrays derived from all frames of ``data``, after making them clip by clip if needed.
 
@@ -233,7 +235,9 @@ def derived_arrays(
     return [*_mapped(data.folder, columns, len(data.poses)).values()]
 
 
-def _write(folder: Path, columns: Columns, by_clip: Iterable[Sequence[np.ndarray]]) -> None:
+def _write(
+    folder: Path, columns: Columns, by_clip: Iterable[Sequence[Shaped[np.ndarray, "T ..."]]]
+) -> None:
     """Write arrays clip by clip, so that memory holds one clip."""
     with ExitStack() as stack:
         paths = [stack.enter_context(written_atomically(folder / f"{n}.raw")) for n in columns]
@@ -261,7 +265,7 @@ def _by_clip(
     skipped = 0
     for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
         try:
-            number, _ = speaker_of(name)
+            number, _ = parse_speaker(name)
             recording = read_files(folder, name)
             _check_lengths(*recording)
             encoded = encode_clip(*recording, encoder)

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from model.motion.motion import Motion, first_frames, load_motion
-from model.motion.transforms import motion_at_speed
+from model.motion.transforms import change_motion_speed
 from model.speech.audio import Speech, SpeechLimits, load_speech
-from model.speech.augment import at_speed, draw_recording, recorded_elsewhere
+from model.speech.augment import apply_recording, change_speech_speed, draw_recording
 from model.speech.encoder import SpeechEncoder
 
 SPEED_PERCENT = (90, 111)
@@ -63,11 +63,11 @@ def fingerprint(folder: Path, names: Iterable[str]) -> str:
     return digest.hexdigest()
 
 
-def speaker_of(clip_name: str) -> tuple[int, str]:
+def parse_speaker(clip_name: str) -> tuple[int, str]:
     """Parse the number and name of the speaker in a clip's name such as 2_scott_0_1_1.
 
     Raises:
-        DataError: if it is no such name.
+        DataError: if it is not such a name.
     """
     number, _, rest = clip_name.partition("_")
     if not number.isdigit() or not rest:
@@ -98,8 +98,10 @@ def copy_speed(name: str, copy: int) -> float:
 def augmented_copy(motion: Motion, speech: Speech, name: str, copy: int) -> tuple[Motion, Speech]:
     """Return a recording at another speed, its speech as if recorded by another microphone."""
     rng, speed = _draws(name, copy)
-    waveform = recorded_elsewhere(at_speed(speech.waveform, speed), draw_recording(rng), rng)
-    return motion_at_speed(motion, speed), replace(speech, waveform=waveform)
+    waveform = apply_recording(
+        change_speech_speed(speech.waveform, speed), draw_recording(rng), rng
+    )
+    return change_motion_speed(motion, speed), replace(speech, waveform=waveform)
 
 
 def _draws(name: str, copy: int) -> tuple[np.random.Generator, float]:

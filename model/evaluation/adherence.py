@@ -22,7 +22,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.data.recordings import read_files, read_split, speaker_of
+from model.data.recordings import parse_speaker, read_files, read_split
 from model.evaluation.frechet import Features, frechet_distance, motion_features
 from model.generation.base import System
 from model.generation.regenerate import GenerationState, regenerate
@@ -35,18 +35,18 @@ from model.networks.autoencoder import load_encoder
 from model.plan.editing import (
     Gesture,
     add_gesture,
+    change_hands,
     delete_gesture,
     gestures,
     move_gesture,
     raise_gesture,
     scale_gesture,
     set_hold,
-    with_hands,
 )
 from model.plan.files import annotated_plan
 from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Side
-from model.plan.plan_features import hand_tracks, tracks_of
+from model.plan.plan_features import hand_tracks, plan_tracks
 from model.speech.audio import Speech
 from model.systems.helpers.config import FGD_ENCODER
 from model.systems.registry import default_planner, load_system
@@ -54,21 +54,23 @@ from model.systems.registry import default_planner, load_system
 FEET = [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]
 SPEECH_S = 12.0
 """Length of the speech of each clip (s)."""
-IN_TIME_S = 0.1
-MOST_LAG_S = 0.4
-LEAST_LIKENESS = 0.5
+LAG_TOLERANCE_S = 0.1
+MAX_LAG_S = 0.4
+MIN_PATH_CORRELATION = 0.5
 """Smallest correlation of the wrist's path with the plan's at which a stroke counts as made."""
-LEAST_WAY = 0.5
+MIN_PATH_SHARE = 0.5
 """Smallest share of the planned path length that the requested hand must move."""
 STILL_M_S = 0.12
 """Largest mean speed (m/s) of a wrist that rests, or is to stay while the other moves."""
 EDITS = ("move", "hold", "delete", "add", "hand", "size", "height")
 SIZES = (0.6, 1.0, 1.5)
 HEIGHTS_M = (-0.12, 0.0, 0.12)
-Places = Mapping[Side, Float[np.ndarray, "T 3"]]
+WristPositions = Mapping[Side, Float[np.ndarray, "T 3"]]
 
 
-def stroke_lags(places: Places, plan: GesturePlan, frames: range = range(10**9)) -> list[float]:
+def stroke_lags(
+    places: WristPositions, plan: GesturePlan, frames: range = range(10**9)
+) -> list[float]:
     """Compute the delays (s) of stroke ends against the plan; NaN if no stroke is made.
 
     The wrist's path from the stroke's preparation to half a second after it is compared with the
@@ -76,8 +78,8 @@ def stroke_lags(places: Places, plan: GesturePlan, frames: range = range(10**9))
     end outside of ``frames`` are left out.
     """
     num_frames = len(places["left"])
-    planned = tracks_of(plan, num_frames).astype(np.float64)
-    most = round(MOST_LAG_S * FPS)
+    planned = plan_tracks(plan, num_frames).astype(np.float64)
+    most = round(MAX_LAG_S * FPS)
     lags = []
     for side in SIDES:
         path = planned[:, hand_tracks(side)][:, :3]
@@ -103,10 +105,10 @@ def _lag(
         norm = np.linalg.norm(made) * np.linalg.norm(wish)
         likeness.append(float((made * wish).sum() / norm) if norm > 1e-9 else 0.0)
     best = int(np.argmax(likeness))
-    return (best - most) / FPS if likeness[best] >= LEAST_LIKENESS else math.nan
+    return (best - most) / FPS if likeness[best] >= MIN_PATH_CORRELATION else math.nan
 
 
-def rest_speeds(places: Places, plan: GesturePlan) -> list[float]:
+def rest_speeds(places: WristPositions, plan: GesturePlan) -> list[float]:
     """Compute the mean speed (m/s) of each resting wrist, for rests of .8 s or more."""
     found = []
     for side in SIDES:
@@ -119,18 +121,18 @@ def rest_speeds(places: Places, plan: GesturePlan) -> list[float]:
     return found
 
 
-def moves_alone(places: Places, plan: GesturePlan, gesture: Gesture) -> bool | None:
+def only_one_hand_moves(places: WristPositions, plan: GesturePlan, gesture: Gesture) -> bool | None:
     """Check whether only the requested hand moves; None if the other is planned to move as well."""
     phases = _phases_of(plan, gesture)
     first, stop = round(phases[0].start_s * FPS), round(phases[-1].end_s * FPS)
     other = SIDES[1 - SIDES.index(gesture.side)]
-    planned = tracks_of(plan, len(places["left"])).astype(np.float64)
+    planned = plan_tracks(plan, len(places["left"])).astype(np.float64)
     around = slice(max(0, first - 4), stop + 4)
-    stays = _way(planned[around, hand_tracks(other)][:, :3]) <= 0.02
-    wish = _way(planned[first:stop, hand_tracks(gesture.side)][:, :3])
+    stays = _path_length(planned[around, hand_tracks(other)][:, :3]) <= 0.02
+    wish = _path_length(planned[first:stop, hand_tracks(gesture.side)][:, :3])
     if not stays or wish < 0.05:
         return None
-    asked = _way(places[gesture.side][first:stop]) >= LEAST_WAY * wish
+    asked = _path_length(places[gesture.side][first:stop]) >= MIN_PATH_SHARE * wish
     return asked and bool(_speed(places[other])[first:stop].mean() < STILL_M_S)
 
 
@@ -143,7 +145,7 @@ def _phases_of(plan: GesturePlan, gesture: Gesture) -> list[HandPhase]:
     return list(phases[first : last + 1])
 
 
-def _way(path: Float[np.ndarray, "n 3"]) -> float:
+def _path_length(path: Float[np.ndarray, "n 3"]) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if len(path) > 1 else 0.0
 
 
@@ -186,7 +188,7 @@ def _changed(
         return delete_gesture(plan, old), None
     if name == "hand":
         other = SIDES[1 - SIDES.index(old.side)]
-        return with_hands(plan, old, other), Gesture(other, old.lands_s)
+        return change_hands(plan, old, other), Gesture(other, old.lands_s)
     if name == "hold":
         return set_hold(plan, old, by), old
     if name == "size":
@@ -194,11 +196,11 @@ def _changed(
     return raise_gesture(plan, old, 0.2 * (by - 0.85)), old
 
 
-Answers = defaultdict[str, list[float]]
+Scores = defaultdict[str, list[float]]
 """Results by metric, one number per observation."""
 
 
-def told(answers: Answers) -> dict[str, dict[str, float]]:
+def mean_scores(answers: Scores) -> dict[str, dict[str, float]]:
     """Return mean and number of the results by metric."""
     return {
         name: {"mean": float(np.nanmean(values)), "count": len(values)}
@@ -207,24 +209,24 @@ def told(answers: Answers) -> dict[str, dict[str, float]]:
     }
 
 
-def _in_time(lags: Sequence[float]) -> list[float]:
-    return [float(abs(lag) <= IN_TIME_S + 1e-6) for lag in lags]  # NaN is not
+def _within_tolerance(lags: Sequence[float]) -> list[float]:
+    return [float(abs(lag) <= LAG_TOLERANCE_S + 1e-6) for lag in lags]  # NaN is not
 
 
-def _rough(tracks: Tracks, frames: range) -> tuple[float, float]:
+def _jerk_and_sliding(tracks: Tracks, frames: range) -> tuple[float, float]:
     """Compute the jerk of all joints (m/s^3) and the sliding of feet (m/s) in some frames."""
     joints = tracks.joints[frames.start : frames.stop]
     jerk = np.linalg.norm(np.diff(joints, n=3, axis=0), axis=-1).mean() * FPS**3
     return float(jerk), foot_slide(joints[:, FEET])
 
 
-def ask_clip(
+def score_clip(
     system: System,
     speech: Speech,
     speaker: str,
     edits: int,
     rng: np.random.Generator,
-    answers: Answers,
+    answers: Scores,
 ) -> list[Motion]:
     """Evaluate one clip, and return the unedited motion, then each edited one."""
     skeleton = open_body_skeleton()
@@ -251,14 +253,14 @@ def ask_clip(
                 gesture.side, edited.plan.hand(gesture.side)
             )
             lags = stroke_lags(new, own, range(end - 1, end + 2))
-            answers["the edited stroke in time"] += _in_time(lags)
-            alone = moves_alone(new, edited.plan, gesture)
+            answers["the edited stroke in time"] += _within_tolerance(lags)
+            alone = only_one_hand_moves(new, edited.plan, gesture)
             if alone is not None:
                 answers["the asked hand moves, the other not"].append(float(alone))
         for part in made.fresh:
             if len(part) > 15:
-                jerk, slide = _rough(new_tracks, part)
-                jerk_before, slide_before = _rough(tracks, part)
+                jerk, slide = _jerk_and_sliding(new_tracks, part)
+                jerk_before, slide_before = _jerk_and_sliding(tracks, part)
                 answers["jerk, edited / unedited"].append(jerk / jerk_before)
                 if slide_before > 0:
                     answers["slide, edited / unedited"].append(slide / slide_before)
@@ -267,9 +269,11 @@ def ask_clip(
     for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
         gesture = inside[k]
         larger = _varied(plan, gesture, SIZES, scale_gesture, again)
-        answers["sizes in order"] += _in_order([gesture_size(one, gesture) for one in larger])
+        answers["sizes in order"] += _pairwise_order([gesture_size(one, gesture) for one in larger])
         higher = _varied(plan, gesture, HEIGHTS_M, raise_gesture, again)
-        answers["heights in order"] += _in_order([_lands_at(one, gesture)[1] for one in higher])
+        answers["heights in order"] += _pairwise_order(
+            [_lands_at(one, gesture)[1] for one in higher]
+        )
     return motions
 
 
@@ -294,7 +298,7 @@ def _varied(
     values: Sequence[float],
     change: Callable[[GesturePlan, Gesture, float], PlanResult],
     again: Callable[[GesturePlan], GenerationState],
-) -> list[Places]:
+) -> list[WristPositions]:
     """Return wrist positions for each value in turn; empty if the plan rejects one."""
     found = []
     for value in values:
@@ -307,27 +311,29 @@ def _varied(
     return found
 
 
-def _in_order(measured: Sequence[float]) -> list[float]:
+def _pairwise_order(measured: Sequence[float]) -> list[float]:
     """Return for each pair of neighbours 1 if the second is larger, else 0."""
     return [float(b > a) for a, b in pairwise(measured)]
 
 
-def gesture_size(places: Places, gesture: Gesture) -> float:
+def gesture_size(places: WristPositions, gesture: Gesture) -> float:
     """Compute a gesture's size: the distance of the stroke's end from the rest position (m)."""
     return math.dist(_lands_at(places, gesture), REST_PLACE)
 
 
-def _lands_at(places: Places, gesture: Gesture) -> Float[np.ndarray, " 3"]:
+def _lands_at(places: WristPositions, gesture: Gesture) -> Float[np.ndarray, " 3"]:
     at = round(gesture.lands_s * FPS)
     return places[gesture.side][at - 2 : at + 3].mean(axis=0)
 
 
-def ask_recording(motion: Motion, plan: GesturePlan, answers: Answers) -> None:
+def score_recording(motion: Motion, plan: GesturePlan, answers: Scores) -> None:
     """Evaluate recorded motion against its annotation."""
     places = wrist_positions_in_chest(track_points(motion, open_body_skeleton()))
-    answers["recorded: strokes in time"] += _in_time(stroke_lags(places, plan))
+    answers["recorded: strokes in time"] += _within_tolerance(stroke_lags(places, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
-    alone = [moves_alone(places, plan, g) for g in there if 1 < g.lands_s < plan.duration_s - 1]
+    alone = [
+        only_one_hand_moves(places, plan, g) for g in there if 1 < g.lands_s < plan.duration_s - 1
+    ]
     answers["recorded: one hand moves, the other not"] += [
         float(each) for each in alone if each is not None
     ]
@@ -342,21 +348,21 @@ def adherence(
         folder: a corpus with annotated plans.
         edits: number of edits of each clip.
     """
-    answers, rng = Answers(list), np.random.default_rng(seed)
+    answers, rng = Scores(list), np.random.default_rng(seed)
     system = load_system(default_planner(), weights)
     encoder, clips_seen = load_encoder(weights, FGD_ENCODER), []
     names = [n for n, split in read_split(folder).items() if split == "test"]
-    known = [n for n in names if speaker_of(n)[1] in system.speakers]
+    known = [n for n in names if parse_speaker(n)[1] in system.speakers]
     for name in rng.permutation(np.array(known))[:clips].tolist():
         motion, speech = read_files(folder, name)
         cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
         plan = annotated_plan(folder / "textgrid" / f"{name}.TextGrid")
         recorded = first_frames(motion, cut.num_frames)
-        ask_recording(recorded, _until(plan, cut.duration_s), answers)
-        made = ask_clip(system, cut, speaker_of(name)[1], edits, rng, answers)
+        score_recording(recorded, _until(plan, cut.duration_s), answers)
+        made = score_clip(system, cut, parse_speaker(name)[1], edits, rng, answers)
         codes = [motion_features(encoder, motion) for motion in (recorded, *made)]
         clips_seen.append([one for one in codes if one is not None])
-        yield told(answers) | distances(clips_seen)
+        yield mean_scores(answers) | distances(clips_seen)
 
 
 def _until(plan: GesturePlan, end_s: float) -> GesturePlan:

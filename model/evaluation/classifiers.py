@@ -3,7 +3,7 @@
 Matched speech is GENEA's question to its raters (Kucherenko et al. 2023), answered by a network
 trained on recorded motion alone (`model.systems.helpers.matching`): it compares 10 s of motion with
 two speeches of 10 s. Chance is .5. Pieces are cut from the start of the speech to its end, so that
-silence before and after it is no cue.
+silence before and after it is not a cue.
 
 The speaker classifier is Fisher's linear discriminant, fitted to recorded motion of the training
 split alone: it assigns each piece of 10 s to one of the speakers. Chance is one over their number.
@@ -29,7 +29,7 @@ from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.data.recordings import DataError, read_files, read_split, speaker_of
+from model.data.recordings import DataError, parse_speaker, read_files, read_split
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics.face import wrist_speed
@@ -37,9 +37,9 @@ from model.metrics.speech_effect import (
     LEAST_FRAMES,
     SILENCE_S,
     Grid,
-    arm_rotations_same_noise,
+    arm_rotation_correlation_same_noise,
+    silence_speed_ratio,
     speech_and_noise_shares,
-    speed_in_silence,
 )
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
@@ -51,7 +51,7 @@ from model.storage.npz import MotionError
 from model.systems.helpers.config import MATCHING_NETWORK
 from model.systems.helpers.matching import SpeechMotionMatcher, agreement
 
-NO_HEARING_JUDGE = (
+NO_MATCHING_CLASSIFIER = (
     f"Matched-speech accuracy is omitted: the classifier {MATCHING_NETWORK} is not installed."
 )
 PIECE_FRAMES = 300
@@ -62,38 +62,38 @@ MEASURES: Mapping[str, tuple[str, ...]] = {
 }
 """Metrics, and the body parts in their agreements: lips, which would dominate, have a separate
 metric."""
-ALIKE = 1e-3
+TIE_MARGIN = 1e-3
 """Difference of two agreements below which they are a tie."""
 _VOICING = NUM_MELS + 3
 """Column of `MelEncoder` for voicing."""
 
-_Heard = Float[np.ndarray, "_ 68"]
+_MelFeatures = Float[np.ndarray, "_ 68"]
 
 
-def voiced(features: _Heard) -> Bool[np.ndarray, " _"]:
+def voiced_frames(features: _MelFeatures) -> Bool[np.ndarray, " _"]:
     """Check whether each frame has a voice."""
     return features[:, _VOICING] > 0.5
 
 
-def spoken(features: _Heard) -> slice:
+def speech_span(features: _MelFeatures) -> slice:
     """Return the range from the first to the last voiced frame; empty without any."""
-    heard = np.flatnonzero(voiced(features))
+    heard = np.flatnonzero(voiced_frames(features))
     return slice(int(heard[0]), int(heard[-1]) + 1) if len(heard) else slice(0, 0)
 
 
 def pieces(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:
-    """Cut `rows` as `cut` does, into float32 tensors for the classifier."""
-    return torch.from_numpy(cut(rows).astype(np.float32))
+    """Cut `rows` as `split_into_pieces` does, into float32 tensors for the classifier."""
+    return torch.from_numpy(split_into_pieces(rows).astype(np.float32))
 
 
-def cut(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
+def split_into_pieces(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 300 C"]:
     """Cut consecutive pieces of 10 s; the rest is left out."""
     count = len(rows) // PIECE_FRAMES
     return rows[: count * PIECE_FRAMES].reshape(count, PIECE_FRAMES, rows.shape[1])
 
 
-def matched(
-    judge: SpeechMotionMatcher, motion: Motion, own: _Heard, foreign: _Heard
+def matched_speech_accuracy(
+    matcher: SpeechMotionMatcher, motion: Motion, own: _MelFeatures, foreign: _MelFeatures
 ) -> dict[str, float]:
     """Compute for each of `MEASURES` how often the classifier prefers the motion's own speech.
 
@@ -102,25 +102,25 @@ def matched(
     prediction from speech alone. Empty for less than 10 s.
     """
     shared = min(motion.num_frames, len(own))
-    spoke = spoken(own[:shared])
+    spoke = speech_span(own[:shared])
     poses, right, wrong = (
-        pieces(rows) for rows in (motion.poses[spoke], own[spoke], foreign[spoken(foreign)])
+        pieces(rows) for rows in (motion.poses[spoke], own[spoke], foreign[speech_span(foreign)])
     )
     if len(right) == 0 or len(wrong) == 0:
         return {}
     found = {}
     for measure, parts in MEASURES.items():
-        agreed = judge.agreements(poses, torch.cat([right, wrong]), parts)
-        found[measure] = preferred(agreed[:, : len(right)].diagonal(), agreed[:, len(right) :])
-    moved, told = judge.arm_speeds(poses, right)
+        agreed = matcher.agreements(poses, torch.cat([right, wrong]), parts)
+        found[measure] = win_rate(agreed[:, : len(right)].diagonal(), agreed[:, len(right) :])
+    moved, told = matcher.arm_speeds(poses, right)
     found["arm_speed_heard"] = float(agreement(told, moved).diagonal().mean())
     return found
 
 
-def preferred(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
+def win_rate(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
     """Compute the share of ``others`` below a piece's own speech; a tie counts half."""
     lead = own[:, None] - others
-    wins = (lead > ALIKE).double() + 0.5 * (lead.abs() <= ALIKE)
+    wins = (lead > TIE_MARGIN).double() + 0.5 * (lead.abs() <= TIE_MARGIN)
     return float(wins.mean())
 
 
@@ -145,7 +145,7 @@ ARMS = [
 ]
 JOINTS = [JOINT_INDEX[name] for name in ("spine1", "spine2", "spine3", "neck", "head", *ARMS)]
 WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
-NO_SPEAKER_JUDGE = (
+NO_SPEAKER_CLASSIFIER = (
     "Speaker classification is omitted: fewer than two speakers of the test clips have 10 s of "
     "recordings in the training split."
 )
@@ -153,20 +153,22 @@ NUM_CLIPS = 6
 SPEECH_S = 10.0
 """Longest speech of each clip (s)."""
 NOISE_SEEDS = 2
-UNKNOWN_SPEAKERS = "Speakers are not compared: not every system knows those that were asked for."
+SPEAKERS_NOT_COMPARED = (
+    "Speakers are not compared: not every system knows those that were asked for."
+)
 
 
 @dataclass(frozen=True)
 class SpeakerClassifier:
-    """Linear discriminant over `manner_numbers`."""
+    """Linear discriminant over `style_features`."""
 
     speakers: tuple[str, ...]
     weights: Float64[np.ndarray, "speakers numbers"]
     bias: Float64[np.ndarray, " speakers"]
 
-    def share_right(self, motion: Motion, speaker: str) -> float | None:
+    def accuracy_of_speaker(self, motion: Motion, speaker: str) -> float | None:
         """Compute the share of pieces assigned to the speaker; None if unknown or too short."""
-        numbers = manner_numbers(motion)
+        numbers = style_features(motion)
         if speaker not in self.speakers or not len(numbers):
             return None
         told = (numbers @ self.weights.T + self.bias).argmax(1)
@@ -174,27 +176,27 @@ class SpeakerClassifier:
 
     def measures(self, motions: Sequence[Motion], speaker: str) -> dict[str, float]:
         """Compute ``speaker_told``, the mean accuracy over motions; empty if it is unknown."""
-        shares = [self.share_right(motion, speaker) for motion in motions]
+        shares = [self.accuracy_of_speaker(motion, speaker) for motion in motions]
         known = [share for share in shares if share is not None]
         return {"speaker_told": float(np.mean(known))} if known else {}
 
 
-def judge_of(folder: Path, speakers: Sequence[str]) -> SpeakerClassifier | None:
+def fit_speaker_classifier(folder: Path, speakers: Sequence[str]) -> SpeakerClassifier | None:
     """Fit the classifier to the speakers' first training recordings; None for fewer than two."""
     own: dict[str, list[str]] = {speaker: [] for speaker in sorted(set(speakers))}
     for name, kind in sorted(read_split(folder).items()):
-        if kind == "train" and (speaker := speaker_of(name)[1]) in own:
+        if kind == "train" and (speaker := parse_speaker(name)[1]) in own:
             own[speaker].append(name)
     found = {}
     for speaker, names in own.items():
         motions = (motion for name in names if (motion := _motion(folder, name)) is not None)
-        pieces = [*islice(filter(len, map(manner_numbers, motions)), RECORDINGS)]
+        pieces = [*islice(filter(len, map(style_features, motions)), RECORDINGS)]
         if pieces:
             found[speaker] = np.concatenate(pieces)
-    return discriminant(found) if len(found) > 1 else None
+    return fit_discriminant(found) if len(found) > 1 else None
 
 
-def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> SpeakerClassifier:
+def fit_discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> SpeakerClassifier:
     """Fit Fisher's linear discriminant to pieces of each speaker, with equal priors."""
     means = np.stack([own.mean(0) for own in numbers.values()])
     within = np.concatenate([own - own.mean(0) for own in numbers.values()])
@@ -205,28 +207,29 @@ def discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> Speake
     return SpeakerClassifier(tuple(numbers), weights, -0.5 * (weights * means).sum(1))
 
 
-def manner_numbers(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
+def style_features(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
     """Compute mean and log spread of rotations and wrists, and log speeds, for pieces of 10 s."""
     if motion.num_frames < PIECE_FRAMES:
         return np.zeros((0, 0))
     points = track_points(motion, open_body_skeleton()).joints
     wrists = points[:, WRISTS] - points[:, :1]
     poses = motion.poses.reshape(len(motion.poses), -1, 3)[:, JOINTS]
-    told = np.concatenate([poses, wrists], axis=1)
-    speed = np.linalg.norm(np.diff(told, axis=0, prepend=told[:1]), axis=-1) * FPS
-    places, moved = cut(told.reshape(len(told), -1)).astype(float), cut(speed).astype(float)
+    tracks = np.concatenate([poses, wrists], axis=1)
+    speed = np.linalg.norm(np.diff(tracks, axis=0, prepend=tracks[:1]), axis=-1) * FPS
+    places = split_into_pieces(tracks.reshape(len(tracks), -1)).astype(float)
+    speeds = split_into_pieces(speed).astype(float)
     spread = np.log(places.std(1) + 1e-3)
-    return np.concatenate([places.mean(1), spread, np.log(moved.mean(1) + 1e-3)], axis=1)
+    return np.concatenate([places.mean(1), spread, np.log(speeds.mean(1) + 1e-3)], axis=1)
 
 
-def manner_of(motions: Grid) -> dict[str, float]:
+def speaker_effect(motions: Grid) -> dict[str, float]:
     """Compute the effect of the speaker on the arms for one speech, by speaker and noise seed.
 
-    ``arm_rotations_same_noise`` near 1: another speaker has the same gestures.
+    ``arm_rotation_correlation_same_noise`` near 1: another speaker has the same gestures.
     """
     return {
         "by_speaker": speech_and_noise_shares(motions)["arms"].by_speech,
-        "arm_rotations_same_noise": arm_rotations_same_noise(motions),
+        "arm_rotations_same_noise": arm_rotation_correlation_same_noise(motions),
     }
 
 
@@ -274,28 +277,28 @@ class SpeakerComparisonClips:
         return wrist_speeds(motions, self.speakers)
 
     def measures(
-        self, system: System, name: str, speech: Speech, asked: Sampling
+        self, system: System, name: str, speech: Speech, sampling: Sampling
     ) -> dict[str, float]:
         """Compute a system's metrics on clip ``name``; empty if it is not among the few."""
         if name not in self.names:
             return {}
-        heard = with_silence(speech)
+        heard = append_silence(speech)
         spoken = heard.num_frames - round(SILENCE_S * FPS)
-        speakers = self.speakers or (speaker_of(name)[1],)
+        speakers = self.speakers or (parse_speaker(name)[1],)
         moved = {
             speaker: generate_motion(
                 system,
                 heard,
                 GenerateOptions(
-                    speaker, seed=clip_seed(0, name), samples=NOISE_SEEDS, **vars(asked)
+                    speaker, seed=clip_seed(0, name), samples=NOISE_SEEDS, **vars(sampling)
                 ),
             )
             for speaker in speakers
         }
         motions = [motion for own in moved.values() for motion in own]
         voiced = np.arange(heard.num_frames) < spoken
-        silences = [speed_in_silence(motion, voiced) for motion in motions]
-        found = mean_of(silences)
+        silences = [silence_speed_ratio(motion, voiced) for motion in motions]
+        found = average_metrics(silences)
         if self.speakers is None or spoken < LEAST_FRAMES:
             return found
         speaking = {
@@ -303,7 +306,7 @@ class SpeakerComparisonClips:
             for speaker, own in moved.items()
             for seed, motion in enumerate(own)
         }
-        manner = manner_of(speaking)
+        manner = speaker_effect(speaking)
         return found | {
             "arms_by_speaker": manner["by_speaker"],
             "arm_rotations_other_speaker": manner["arm_rotations_same_noise"],
@@ -311,13 +314,13 @@ class SpeakerComparisonClips:
         }
 
 
-def mean_of(found: Sequence[Mapping[str, float]]) -> dict[str, float]:
+def average_metrics(by_clip: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Average each metric, for example over noise seeds, without those that any of them lacks."""
-    names = [name for name in found[0] if all(name in one for one in found)]
-    return {name: float(np.mean([one[name] for one in found])) for name in names}
+    names = [name for name in by_clip[0] if all(name in one for one in by_clip)]
+    return {name: float(np.mean([one[name] for one in by_clip])) for name in names}
 
 
-def with_silence(speech: Speech) -> Speech:
+def append_silence(speech: Speech) -> Speech:
     """Return the first `SPEECH_S` of a speech, and `SILENCE_S` of digital silence after it."""
     said = speech.waveform[: round(SPEECH_S * SAMPLE_RATE)]
     silence = np.zeros(round(SILENCE_S * SAMPLE_RATE), np.float32)
@@ -326,7 +329,7 @@ def with_silence(speech: Speech) -> Speech:
 
 def _recordings(folder: Path, speaker: str, count: int) -> list[str]:
     """Return the names of a speaker's first readable recordings."""
-    own = (name for name in sorted(read_split(folder)) if speaker_of(name)[1] == speaker)
+    own = (name for name in sorted(read_split(folder)) if parse_speaker(name)[1] == speaker)
     return list(islice((name for name in own if _motion(folder, name) is not None), count))
 
 

@@ -7,39 +7,39 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.data.recordings import read_files, speaker_of
-from model.diagnostics import OWN_WINDOWS, raw_evidence
+from model.data.recordings import parse_speaker, read_files
+from model.diagnostics import GLOBALDIFF_WINDOWS, analyse_raw
 from model.evaluation import frechet
 from model.evaluation.classifiers import (
     SpeakerClassifier,
     SpeakerComparisonClips,
+    average_metrics,
     frame_loudness,
-    matched,
-    mean_of,
-    voiced,
+    matched_speech_accuracy,
+    voiced_frames,
 )
 from model.evaluation.frechet import window_diversity
 from model.evaluation.tables import (
     Estimate,
     bootstrap,
-    bootstrap_of,
     bootstrap_ratio,
+    bootstrap_statistic,
 )
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics import beats, face, reference_error, speech_effect
 from model.metrics.face import (
-    face_and_hands,
+    face_hand_correlation,
     face_measures,
     lagged_correlation,
     wrist_speed,
 )
 from model.metrics.reference_error import l1_to_mean
-from model.metrics.speech_effect import SILENCE_S, speed_in_silence
+from model.metrics.speech_effect import SILENCE_S, silence_speed_ratio
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -64,7 +64,7 @@ def clip_measures(
     motion: Motion, recorded: Motion, joints: Float[np.ndarray, "T 55 3"]
 ) -> dict[str, float]:
     """Compute smoothness, wander, diversity and face error, as far as the clip is long enough."""
-    found = raw_evidence(motion, open_body_skeleton(), windows=OWN_WINDOWS).raw.as_json()
+    found = analyse_raw(motion, open_body_skeleton(), windows=GLOBALDIFF_WINDOWS).raw.as_json()
     numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
     jerk = np.asarray(found["joint_jerk_m_s3"], float)
     numbers["ankle_jerk_m_s3"] = float(jerk[_ANKLES].mean())
@@ -76,21 +76,25 @@ def clip_measures(
     return numbers
 
 
-def hearing_measures(motions: Sequence[Motion], elsewhere: Sequence[Motion]) -> dict[str, float]:
+def speech_effect_metrics(
+    motions: Sequence[Motion], elsewhere: Sequence[Motion]
+) -> dict[str, float]:
     """Compute the effect of speech and noise by body part; empty for one seed or short motion."""
     grid = {("own", seed): motion for seed, motion in enumerate(motions)}
     grid |= {("foreign", seed): motion for seed, motion in enumerate(elsewhere)}
     shortest = min(motion.num_frames for motion in grid.values())
     if len(motions) < 2 or len(elsewhere) < 2 or shortest < speech_effect.LEAST_FRAMES:
         return {}
-    found: dict[str, float] = {}
+    metrics: dict[str, float] = {}
     for part, told in speech_effect.speech_and_noise_shares(grid).items():
-        found[f"{part}_by_speech"] = told.by_speech
-        found[f"{part}_same_noise"] = told.same_noise
-    return found | {"arm_rotations_same_noise": speech_effect.arm_rotations_same_noise(grid)}
+        metrics[f"{part}_by_speech"] = told.by_speech
+        metrics[f"{part}_same_noise"] = told.same_noise
+    return metrics | {
+        "arm_rotations_same_noise": speech_effect.arm_rotation_correlation_same_noise(grid)
+    }
 
 
-def rooted_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:
+def pelvis_centred_positions(motion: Motion) -> Float[np.ndarray, "T 55 3"]:
     """Compute pelvis-aligned joint positions (m) with the pelvis' orientation, as EMAGE does."""
     joints = track_points(motion, open_body_skeleton()).joints
     return joints - joints[:, :1]
@@ -143,12 +147,12 @@ class ClipRow:
 
 
 @dataclass(frozen=True)
-class ClipContext:
+class ClipTargets:
     """Recorded motion and speech of one clip, with which every row is compared."""
 
     recorded: Motion
     sound: np.ndarray
-    foreign: np.ndarray
+    other_speech: np.ndarray
     mean_speed: np.ndarray
     cast: "EvaluationModels"
 
@@ -157,7 +161,7 @@ class ClipContext:
         """Features of the clip's own speech and of the foreign one, for the classifier."""
         own, foreign = (
             MelEncoder().encode(sound, len(sound) * FPS // SAMPLE_RATE)
-            for sound in (self.sound, self.foreign)
+            for sound in (self.sound, self.other_speech)
         )
         return own, foreign
 
@@ -171,7 +175,9 @@ class ClipContext:
         """Loudness of the clip's speech (dB for each frame)."""
         return frame_loudness(self.sound, self.recorded.num_frames)
 
-    def wrists_with_loudness(self, positions: Sequence[np.ndarray]) -> dict[str, float]:
+    def wrists_with_loudness(
+        self, positions: Sequence[Float[np.ndarray, "T J 3"]]
+    ) -> dict[str, float]:
         """Compute correlations of wrist speed with the speech's loudness, and chance levels.
 
         Chance is the same speech at another time, and the foreign one: choosing a lag raises the
@@ -179,7 +185,7 @@ class ClipContext:
         """
         others = {
             "shifted": np.roll(self.loudness, round(face.SHIFT_S * FPS)),
-            "foreign": frame_loudness(self.foreign, self.recorded.num_frames),
+            "foreign": frame_loudness(self.other_speech, self.recorded.num_frames),
         }
         own, *wrong = (
             float(np.mean([lagged_correlation(wrist_speed(joints), track) for joints in positions]))
@@ -202,14 +208,14 @@ class ClipContext:
             elsewhere: the system's motions for the foreign speech with the same noise.
             more: metrics of other motions, to be added.
         """
-        positions = [rooted_positions(motion) for motion in motions]
+        positions = [pelvis_centred_positions(motion) for motion in motions]
         numbers = [
             clip_measures(motion, self.recorded, joints)
             | beats.beat_scores(joints, self.onsets, self.mean_speed)
             | face_measures(motion, self.loudness)
-            | face_and_hands(motion, joints)
+            | face_hand_correlation(motion, joints)
             | (
-                matched(self.cast.matching_classifier, motion, *self.mel_features)
+                matched_speech_accuracy(self.cast.matching_classifier, motion, *self.mel_features)
                 if self.cast.matching_classifier
                 else {}
             )
@@ -219,12 +225,12 @@ class ClipContext:
             "positions": np.stack([joints[:PAIRWISE_FRAMES] for joints in positions]),
             "windows": reference_error.windows_of(motions[0]),
         }
-        for name, judge in self.cast.judges.items():
+        for name, judge in self.cast.encoders.items():
             judged = [frechet.motion_features(judge, motion) for motion in motions]
             found = [codes for codes in judged if codes is not None]
             if len(found) == len(motions):
                 arrays[name] = np.concatenate(found)
-        measures = mean_of(numbers) | hearing_measures(motions, elsewhere) | dict(more)
+        measures = average_metrics(numbers) | speech_effect_metrics(motions, elsewhere) | dict(more)
         return ClipRow(measures | self.wrists_with_loudness(positions), arrays)
 
 
@@ -256,7 +262,7 @@ class EvaluationModels:
     """Systems, and the networks with which they are evaluated."""
 
     systems: tuple[System, ...]
-    judges: Mapping[str, FrozenEncoder] = field(default_factory=dict)
+    encoders: Mapping[str, FrozenEncoder] = field(default_factory=dict)
     """Encoders of the Fréchet distances, by distance; one without an encoder is left out."""
     matching_classifier: SpeechMotionMatcher | None = None
     """Classifier of matched and mismatched speech; None leaves the metric out."""
@@ -277,7 +283,7 @@ class ClipEvaluator:
     seeds: int
     sampling: Sampling
     few: SpeakerComparisonClips
-    speaker_judge: SpeakerClassifier | None
+    speaker_classifier: SpeakerClassifier | None
     mean_speed: np.ndarray
     """Mean speeds (m/s) of the joints with beats, over all clips."""
 
@@ -287,9 +293,9 @@ class ClipEvaluator:
         (motion, speech), (_, foreign) = (
             read_recording(self.folder, clip) for clip in (name, other)
         )
-        context = ClipContext(motion, speech.waveform, foreign.waveform, self.mean_speed, cast)
+        context = ClipTargets(motion, speech.waveform, foreign.waveform, self.mean_speed, cast)
         # Silences of the clip's own speech; empty if none is long enough.
-        in_silence = speed_in_silence(motion, voiced(context.mel_features[0]))
+        in_silence = silence_speed_ratio(motion, voiced_frames(context.mel_features[0]))
         of_recordings = (
             in_silence | self.few.recorded_measures(self.folder, name) | self._told([motion], name)
         )
@@ -297,7 +303,7 @@ class ClipEvaluator:
         for system in cast.systems:
             asked = system.supported_sampling(self.sampling)
             options = GenerateOptions(
-                speaker=speaker_of(name)[1],
+                speaker=parse_speaker(name)[1],
                 seed=clip_seed(0, name),
                 samples=self.seeds,
                 **vars(asked),
@@ -310,8 +316,8 @@ class ClipEvaluator:
         save_rows(out, rows)
 
     def _told(self, motions: Sequence[Motion], name: str) -> dict[str, float]:
-        judge = self.speaker_judge
-        return {} if judge is None else judge.measures(motions, speaker_of(name)[1])
+        judge = self.speaker_classifier
+        return {} if judge is None else judge.measures(motions, parse_speaker(name)[1])
 
 
 def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
@@ -349,17 +355,17 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
         if wrists:
             columns["calm_over_lively"] = bootstrap_ratio(*zip(*wrists, strict=True))
         columns["pairwise_l1_m"] = _pairwise([row.arrays["positions"][0] for row in rows])
-        spread = _spread_at_will(rows, speakers if name == RECORDED else None)
+        spread = _chance_spread(rows, speakers if name == RECORDED else None)
         if spread is not None:
             columns["spread_at_will_m"] = spread
         columns |= window_diversity([row.arrays["windows"] for row in rows])
         if name != RECORDED:
             for measure, features in _judged(rows).items():
                 if measure in judged:
-                    columns[measure] = frechet.distance(judged[measure], features)
+                    columns[measure] = frechet.frechet_with_interval(judged[measure], features)
         motion[name] = {measure: vars(interval) for measure, interval in columns.items()}
     floors = {
-        f"{measure}_floor": vars(frechet.split_half_floor(features))
+        f"{measure}_floor": vars(frechet.split_half_baseline(features))
         for measure, features in judged.items()
     }
     return {"motion": motion, **floors, "settings": settings()}
@@ -371,7 +377,7 @@ def settings() -> dict[str, float]:
         "beat_sigma_audio_to_motion_s": beats.SIGMA_AUDIO_TO_MOTION_S,
         "beat_sigma_motion_to_audio_s": beats.SIGMA_MOTION_TO_AUDIO_S,
         "beat_speed_threshold": beats.SPEED_THRESHOLD,
-        "beat_neighbours_frames": beats.NEIGHBOURS,
+        "beat_neighbours_frames": beats.MINIMUM_ORDER,
         "beat_margin_s": beats.MARGIN_S,
         "wrong_speech_shift_s": face.SHIFT_S,
         "silence_s": SILENCE_S,
@@ -382,7 +388,7 @@ def settings() -> dict[str, float]:
     }
 
 
-def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Estimate | None:
+def _chance_spread(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> Estimate | None:
     """Compute the pairwise L1 distance of noise seeds, or of each speaker's recorded clips.
 
     None without two of either.
@@ -402,15 +408,15 @@ def _spread_at_will(rows: Sequence[ClipRow], speakers: Sequence[str] | None) -> 
     return bootstrap(values) if values else None
 
 
-def _pairwise(positions: Sequence[np.ndarray]) -> Estimate:
+def _pairwise(positions: Sequence[Float[np.ndarray, "T J 3"]]) -> Estimate:
     distances = mean_pairwise_l1(positions)
 
-    def statistic(index: np.ndarray) -> float:
+    def statistic(index: Int[np.ndarray, " clips"]) -> float:
         chosen = distances[np.ix_(index, index)]
         different = index[:, None] != index
         return float(chosen[different].mean()) if different.any() else 0.0
 
-    return bootstrap_of(statistic, len(positions))
+    return bootstrap_statistic(statistic, len(positions))
 
 
 def _judged(rows: Sequence[ClipRow]) -> dict[str, list[frechet.Features]]:

@@ -13,8 +13,8 @@ import torch
 from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
-from model.evaluation.tables import Estimate, bootstrap_of, interval_of
-from model.metrics.reference_error import GESTURE_DIM, batches, pair_distances
+from model.evaluation.tables import Estimate, bootstrap_statistic, percentile_interval
+from model.metrics.reference_error import GESTURE_DIM, pair_distances, window_batches
 from model.motion.motion import Motion, face_units
 from model.networks.autoencoder import FrozenEncoder, input_vectors
 from model.systems.helpers.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
@@ -29,12 +29,14 @@ _ONE_THREAD = threadpool_limits.wrap(limits=1, user_api="blas")
 """Limit of numpy's BLAS to one thread: on matrices this small, several only wait for each other."""
 
 
-def left_out(judges: Mapping[str, FrozenEncoder], recorded: Iterable[Motion]) -> list[str]:
+def unavailable_encoders(
+    encoders: Mapping[str, FrozenEncoder], recorded: Iterable[Motion]
+) -> list[str]:
     """Format a sentence for each metric without its encoder, or without ARKit blendshapes."""
     sentences = [
         f"{measure.upper()} is left out: its encoder {name} is not among the weights."
         for measure, name in ENCODERS.items()
-        if measure not in judges
+        if measure not in encoders
     ]
     if any(motion.expression_basis != "arkit52" for motion in recorded):
         sentences.append(
@@ -59,7 +61,7 @@ def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
 
 
 @dataclass(frozen=True)
-class Moments:
+class FeatureMoments:
     """Moments of features: enough for a Fréchet distance without the features of the clips."""
 
     count: int
@@ -69,9 +71,9 @@ class Moments:
     """Sum of the outer products of the features."""
 
     @staticmethod
-    def of(features: Features) -> "Moments":
+    def of(features: Features) -> "FeatureMoments":
         """Compute the moments of one clip's features."""
-        return Moments(len(features), features.sum(0), features.T @ features)
+        return FeatureMoments(len(features), features.sum(0), features.T @ features)
 
     @property
     def mean(self) -> Float[np.ndarray, " dim"]:
@@ -85,10 +87,10 @@ class Moments:
 
 def frechet_distance(a: Features, b: Features) -> float:
     """Compute ``|m_a - m_b|^2 + tr(C_a + C_b - 2 (C_a C_b)^(1/2))`` of two sets of features."""
-    return distance_of(Moments.of(a), Moments.of(b))
+    return frechet_from_moments(FeatureMoments.of(a), FeatureMoments.of(b))
 
 
-def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
+def frechet_from_moments(a: FeatureMoments, b: FeatureMoments, offset: float = 0.0) -> float:
     """Compute `frechet_distance` from moments, with ``offset`` on the covariances' diagonals."""
     under = offset * np.eye(len(a.total))
     values, vectors = np.linalg.eigh(a.covariance + under)
@@ -99,18 +101,18 @@ def distance_of(a: Moments, b: Moments, offset: float = 0.0) -> float:
 
 
 @_ONE_THREAD
-def distance(recorded: Sequence[Features], generated: Sequence[Features]) -> Estimate:
+def frechet_with_interval(recorded: Sequence[Features], generated: Sequence[Features]) -> Estimate:
     """Compute the distance of all clips, with its interval (drawn in pairs; biased upwards)."""
 
-    def statistic(index: np.ndarray) -> float:
+    def statistic(index: Int[np.ndarray, " clips"]) -> float:
         chosen = [np.concatenate([clips[i] for i in index]) for clips in (recorded, generated)]
         return frechet_distance(*chosen)
 
-    return bootstrap_of(statistic, len(recorded), FRECHET_DRAWS)
+    return bootstrap_statistic(statistic, len(recorded), FRECHET_DRAWS)
 
 
 @_ONE_THREAD
-def split_half_floor(recorded: Sequence[Features]) -> Estimate:
+def split_half_baseline(recorded: Sequence[Features]) -> Estimate:
     """Compute the distance between random halves of the recorded clips: the score of equal motion.
 
     Halves hold half the clips, so the floor lies above that of two whole sets.
@@ -123,7 +125,7 @@ def split_half_floor(recorded: Sequence[Features]) -> Estimate:
         distances.append(
             frechet_distance(*(np.concatenate([recorded[i] for i in half]) for half in halves))
         )
-    return interval_of(float(np.mean(distances)), distances)
+    return percentile_interval(float(np.mean(distances)), distances)
 
 
 def window_diversity(clips: Sequence[Float[np.ndarray, "_ T _"]]) -> dict[str, Estimate]:
@@ -143,7 +145,7 @@ def _over_batches(
 ) -> Estimate:
     """Compute the mean over pairs, and its interval over clips."""
     sums, pairs = np.zeros((2, num_clips, num_clips))
-    for batch in batches(len(windows)):
+    for batch in window_batches(len(windows)):
         between = owner[batch][:, None], owner[batch]
         np.add.at(sums, between, pair_distances(windows[batch]))
         np.add.at(pairs, between, 1.0 - np.eye(len(batch)))
@@ -155,4 +157,4 @@ def _over_batches(
         total = pairs[chosen][counts].sum()
         return float(sums[chosen][counts].sum() / total) if total > 0 else 0.0
 
-    return bootstrap_of(statistic, num_clips)
+    return bootstrap_statistic(statistic, num_clips)

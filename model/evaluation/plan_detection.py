@@ -19,7 +19,7 @@ from torch import nn
 from tqdm import tqdm
 
 from conventions.rates import FPS
-from model.data.recordings import read_split, speaker_of
+from model.data.recordings import parse_speaker, read_split
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
 from model.motion.tracks import track_points, wrist_positions_in_chest
@@ -28,11 +28,11 @@ from model.plan.files import annotated_plan
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
 from model.storage.files import written_atomically
 
-WITHIN_S = 0.1
-MOMENT_S = 0.15
+BOUNDARY_TOLERANCE_S = 0.1
+POINT_TOLERANCE_S = 0.15
 """Largest distance (s) between a detected and an annotated nod or brow movement."""
 SHIFT_S = 0.5
-LEAST_OVERLAP = 0.3
+MIN_OVERLAP = 0.3
 """Smallest overlap of a detected and an annotated phase, as a share of their union."""
 FIT_EVERY = 6
 """Step through the train split's clips: every sixth is used."""
@@ -69,7 +69,9 @@ class DetectionCounts:
         }
 
 
-def near(detected: Sequence[float], annotated: Sequence[float], within_s: float) -> DetectionCounts:
+def match_points(
+    detected: Sequence[float], annotated: Sequence[float], within_s: float
+) -> DetectionCounts:
     """Match points in time one to one within a tolerance, and count them."""
     free = sorted(annotated)
     met = 0
@@ -81,15 +83,17 @@ def near(detected: Sequence[float], annotated: Sequence[float], within_s: float)
     return DetectionCounts(met, len(detected), len(annotated))
 
 
-def overlapping(found: Sequence[HandPhase], told: Sequence[HandPhase]) -> DetectionCounts:
-    """Match phases one to one that overlap by `LEAST_OVERLAP` or more, and count them."""
-    free, met = list(told), 0
-    for one in found:
+def match_intervals(
+    detected: Sequence[HandPhase], annotated: Sequence[HandPhase]
+) -> DetectionCounts:
+    """Match phases one to one that overlap by `MIN_OVERLAP` or more, and count them."""
+    free, met = list(annotated), 0
+    for one in detected:
         shares = [_overlap(one, other) for other in free]
-        if shares and max(shares) >= LEAST_OVERLAP:
+        if shares and max(shares) >= MIN_OVERLAP:
             free.pop(int(np.argmax(shares)))
             met += 1
-    return DetectionCounts(met, len(found), len(told))
+    return DetectionCounts(met, len(detected), len(annotated))
 
 
 def _overlap(one: HandPhase, other: HandPhase) -> float:
@@ -97,7 +101,7 @@ def _overlap(one: HandPhase, other: HandPhase) -> float:
     return shared / (max(one.end_s, other.end_s) - min(one.start_s, other.start_s))
 
 
-def with_long_holds(phases: Iterable[HandPhase]) -> list[HandPhase]:
+def merge_adjacent_holds(phases: Iterable[HandPhase]) -> list[HandPhase]:
     """Merge adjacent holds, which are annotated separately but cannot be distinguished."""
     joined: list[HandPhase] = []
     for phase in phases:
@@ -108,33 +112,41 @@ def with_long_holds(phases: Iterable[HandPhase]) -> list[HandPhase]:
     return joined
 
 
-def agreement(found: GesturePlan, told: GesturePlan) -> dict[str, DetectionCounts]:
+def agreement(detected: GesturePlan, annotated: GesturePlan) -> dict[str, DetectionCounts]:
     """Count matches of a detected plan with an annotated one, by metric."""
     counts: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     for side in SIDES:
-        own, true = found.hand(side), with_long_holds(told.hand(side))
+        own, true = detected.hand(side), merge_adjacent_holds(annotated.hand(side))
         for phase in PHASES:
             one, other = ([p for p in phases if p.phase == phase] for phases in (own, true))
-            counts[f"{phase}s"] += overlapping(one, other)
+            counts[f"{phase}s"] += match_intervals(one, other)
             if phase == "stroke":
                 ends = [p.end_s for p in one]
-                counts["ends of strokes"] += near(ends, [p.end_s for p in other], WITHIN_S)
+                counts["ends of strokes"] += match_points(
+                    ends, [p.end_s for p in other], BOUNDARY_TOLERANCE_S
+                )
         edges = [p.end_s for p in own[:-1]]
-        counts["boundaries of phases"] += near(edges, [p.end_s for p in true[:-1]], WITHIN_S)
-    counts["nods"] += near([n.time_s for n in found.nods], [n.time_s for n in told.nods], MOMENT_S)
-    for name, sign in (("brows up", 1), ("frowns", -1)):
-        ours = [b.time_s for b in found.brows if sign * b.height > 0]
-        theirs = [b.time_s for b in told.brows if sign * b.height > 0]
-        counts[name] += near(ours, theirs, MOMENT_S)
-    counts["blinks"] += near(
-        [b.time_s for b in found.blinks], [b.time_s for b in told.blinks], WITHIN_S
+        counts["boundaries of phases"] += match_points(
+            edges, [p.end_s for p in true[:-1]], BOUNDARY_TOLERANCE_S
+        )
+    counts["nods"] += match_points(
+        [n.time_s for n in detected.nods], [n.time_s for n in annotated.nods], POINT_TOLERANCE_S
     )
-    ours, theirs = ([s.start_s for s in p.stands if s.start_s > 0] for p in (found, told))
-    counts["shifts of weight"] += near(ours, theirs, SHIFT_S)
+    for name, sign in (("brows up", 1), ("frowns", -1)):
+        ours = [b.time_s for b in detected.brows if sign * b.height > 0]
+        theirs = [b.time_s for b in annotated.brows if sign * b.height > 0]
+        counts[name] += match_points(ours, theirs, POINT_TOLERANCE_S)
+    counts["blinks"] += match_points(
+        [b.time_s for b in detected.blinks],
+        [b.time_s for b in annotated.blinks],
+        BOUNDARY_TOLERANCE_S,
+    )
+    ours, theirs = ([s.start_s for s in p.stands if s.start_s > 0] for p in (detected, annotated))
+    counts["shifts of weight"] += match_points(ours, theirs, SHIFT_S)
     return dict(counts)
 
 
-def fit(folder: Path, names: Sequence[str], out: Path) -> None:
+def train_phase_network(folder: Path, names: Sequence[str], out: Path) -> None:
     """Train the phase network on clips, and write it for `model.plan.detection`."""
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
@@ -163,7 +175,7 @@ def fit(folder: Path, names: Sequence[str], out: Path) -> None:
         loss.backward()
         optimizer.step()
         schedule.step()
-    told = {"mean": mean, "std": std, **_usual(phases)}
+    told = {"mean": mean, "std": std, **_duration_statistics(phases)}
     for name, tensor in network.state_dict().items():
         array = tensor.numpy().astype(np.float16)
         told[name.replace("inner.", "inner")] = array[..., 0] if name == "last.weight" else array
@@ -200,17 +212,17 @@ def _drawn(
 
 def _joined(phases: Sequence[HandPhase]) -> list[tuple[int, float]]:
     """Return index and length (frames) of each phase, with equal neighbours merged."""
-    found: list[tuple[int, float]] = []
+    joined: list[tuple[int, float]] = []
     for phase in phases:
         state, lasts = PHASES.index(phase.phase), FPS * (phase.end_s - phase.start_s)
-        if found and found[-1][0] == state:
-            found[-1] = state, found[-1][1] + lasts
+        if joined and joined[-1][0] == state:
+            joined[-1] = state, joined[-1][1] + lasts
         else:
-            found.append((state, lasts))
-    return found
+            joined.append((state, lasts))
+    return joined
 
 
-def _usual(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[str, np.ndarray]:
+def _duration_statistics(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[str, np.ndarray]:
     """Compute the mean lengths of phases (frames) and the frequencies of their successors."""
     count = np.ones((len(PHASES), len(PHASES)))
     lasts: list[list[float]] = [[FPS / 2] for _ in PHASES]
@@ -225,7 +237,9 @@ def _usual(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[str, np.ndarray
     }
 
 
-def finding(folder: Path, clips: int | None, fits: bool) -> Iterator[dict[str, dict[str, float]]]:
+def evaluate_detection(
+    folder: Path, clips: int | None, fits: bool
+) -> Iterator[dict[str, dict[str, float]]]:
     """Run the protocol; yields the results of all clips so far by metric after each clip.
 
     Args:
@@ -237,14 +251,14 @@ def finding(folder: Path, clips: int | None, fits: bool) -> Iterator[dict[str, d
     split = read_split(folder)
     if fits:
         learned = [name for name, of in split.items() if of == "train"][::FIT_EVERY]
-        fit(folder, learned, WEIGHTS)
+        train_phase_network(folder, learned, WEIGHTS)
     for name in [name for name, of in split.items() if of == "test"][:clips]:
         motion = load_motion(folder / f"smplxflame_30/{name}.npz")
         told = annotated_plan(folder / f"textgrid/{name}.TextGrid")
         counts = agreement(plan_from_motion(motion, open_body_skeleton()), told)
         for question, one in counts.items():
             total[question] += one
-        speakers[speaker_of(name)[1]] += counts["strokes"]
+        speakers[parse_speaker(name)[1]] += counts["strokes"]
         by_speaker = {name: round(one.f1, 3) for name, one in sorted(speakers.items())}
         answers = {question: one.as_json() for question, one in total.items()}
         yield {**answers, "f1 of strokes": by_speaker}

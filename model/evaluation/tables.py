@@ -28,7 +28,7 @@ class Estimate:
         return f"{self.mean:.3g} [{self.low:.3g}, {self.high:.3g}]"
 
 
-def bootstrap_of(
+def bootstrap_statistic(
     statistic: Callable[[Int[np.ndarray, " n"]], float], num_clips: int, draws: int = DRAWS
 ) -> Estimate:
     """Compute a statistic of all clips, with its bootstrap interval over clips.
@@ -36,12 +36,12 @@ def bootstrap_of(
     Args:
         statistic: function of the indices of clips.
     """
-    values = [statistic(index) for index in drawn_clips(num_clips, draws)]
-    return interval_of(statistic(np.arange(num_clips)), values)
+    values = [statistic(index) for index in bootstrap_indices(num_clips, draws)]
+    return percentile_interval(statistic(np.arange(num_clips)), values)
 
 
 @lru_cache(maxsize=4)  # 16 MB each for 1,000 clips
-def drawn_clips(num_clips: int, draws: int) -> Int[np.ndarray, "draws n"]:
+def bootstrap_indices(num_clips: int, draws: int) -> Int[np.ndarray, "draws n"]:
     """Draw as many clips as there are, with replacement; the same for all callers."""
     rng = np.random.default_rng(0)
     drawn = np.stack([rng.integers(num_clips, size=num_clips) for _ in range(draws)])
@@ -49,7 +49,9 @@ def drawn_clips(num_clips: int, draws: int) -> Int[np.ndarray, "draws n"]:
     return drawn
 
 
-def interval_of(value: float, drawn: Sequence[float] | Float[np.ndarray, " draws"]) -> Estimate:
+def percentile_interval(
+    value: float, drawn: Sequence[float] | Float[np.ndarray, " draws"]
+) -> Estimate:
     """Make the estimate of a value from its bootstrap draws."""
     low, high = np.percentile(drawn, PERCENTILES)
     return Estimate(float(value), float(low), float(high))
@@ -58,15 +60,17 @@ def interval_of(value: float, drawn: Sequence[float] | Float[np.ndarray, " draws
 def bootstrap(values: Sequence[float]) -> Estimate:
     """Compute the mean over clips with its interval."""
     array = np.asarray(values, float)
-    drawn = array[drawn_clips(len(array), DRAWS)].mean(axis=1)
-    return interval_of(float(array.mean()), drawn)
+    drawn = array[bootstrap_indices(len(array), DRAWS)].mean(axis=1)
+    return percentile_interval(float(array.mean()), drawn)
 
 
 def bootstrap_ratio(values: Sequence[float], reference: Sequence[float]) -> Estimate:
     """Compute mean over mean of the same clips; clips are drawn in pairs."""
     a, b = np.asarray(values, float), np.asarray(reference, float)
-    index = drawn_clips(len(a), DRAWS)
-    return interval_of(float(a.mean() / b.mean()), a[index].mean(axis=1) / b[index].mean(axis=1))
+    index = bootstrap_indices(len(a), DRAWS)
+    return percentile_interval(
+        float(a.mean() / b.mean()), a[index].mean(axis=1) / b[index].mean(axis=1)
+    )
 
 
 COLUMNS = {

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from conventions.joints import FACE, HANDS, LOWER_BODY, UPPER_BODY
 from conventions.rates import FPS
 from model.metrics.posture import FEET
-from model.metrics.results import Measures, as_json
+from model.metrics.results import MotionMetrics, as_json
 from model.metrics.smoothness import angular_velocity
 from model.motion.motion import Motion
 from model.motion.runs import true_runs
@@ -31,7 +31,7 @@ class Evidence:
 
     motion: Motion
     tracks: Tracks
-    raw: Measures
+    raw: MotionMetrics
     point: str
     """Name of the tracked point, which the ``tip_`` metrics follow."""
     reference: Evidence | None = None
@@ -42,14 +42,14 @@ class Evidence:
         return self.motion.num_frames
 
     @cached_property
-    def turning(self) -> Float[np.ndarray, "T1 55 3"]:
+    def angular_velocity_rad_s(self) -> Float[np.ndarray, "T1 55 3"]:
         """Angular velocity (rad/s) of each joint against its parent, frame to frame."""
-        return angular_velocity(self.tracks.local_rot)
+        return angular_velocity(self.tracks.R_parent_joint)
 
     @cached_property
     def angular_speed_deg_s(self) -> Float[np.ndarray, "T1 55"]:
         """Angular speed of each joint against its parent (degrees/s)."""
-        return np.degrees(np.linalg.norm(self.turning, axis=-1))
+        return np.degrees(np.linalg.norm(self.angular_velocity_rad_s, axis=-1))
 
     @cached_property
     def lower_foot_m(self) -> Float[np.ndarray, " T"]:
@@ -57,13 +57,13 @@ class Evidence:
         return self.tracks.joints[:, list(FEET), 1].min(axis=1)
 
     @cached_property
-    def floor_m(self) -> float:
+    def usual_foot_height_m(self) -> float:
         """Median height of the lower foot (m), robust to frames with an impossible foot."""
         return float(np.median(self.lower_foot_m))
 
 
-MOST_STRETCHES = 20
-WRONG, SEEN, MEASURED = 3, 2, 1
+MAX_RANGES = 20
+IMPOSSIBLE, VISIBLE, MEASURABLE = 3, 2, 1
 """Gravities: no person moves so; visible in positions; visible in angles between neighbours or in
 numbers alone, which counts half."""
 
@@ -76,56 +76,60 @@ class Finding:
     """One or two sentences for the user."""
     numbers: dict[str, Any]
     """Values behind the sentence, by name."""
-    people: str = ""
+    reference_note: str = ""
     """Normal range, appended in brackets, and only once for several motions."""
-    excess: float = 1.0
+    limit_ratio: float = 1.0
     """Ratio of the value to its limit; 1 if there is no metric."""
-    span: float = 4.0
+    natural_ratio: float = 4.0
     """Largest ratio of this metric between two clips of people."""
     worst_frame: int | None = None
     """Frame at which the fault is worst; None if it is the same everywhere."""
     frame_ranges: tuple[tuple[int, int], ...] = ()
-    """First and last frame of up to `MOST_STRETCHES` places of the fault, the longest first; empty
+    """First and last frame of up to `MAX_RANGES` places of the fault, the longest first; empty
     if it is everywhere."""
-    gravity: int = SEEN
+    severity: int = VISIBLE
     kind: str = ""
-    """Kind of fault, set by the table like the gravity (`table.FAULTS`)."""
+    """Kind of fault, set by the table like the severity (`table.FAULTS`)."""
 
     @property
     def sentence(self) -> str:
-        return f"{self.message.removesuffix('.')} ({self.people})." if self.people else self.message
+        return (
+            f"{self.message.removesuffix('.')} ({self.reference_note})."
+            if self.reference_note
+            else self.message
+        )
 
     @property
-    def worst_s(self) -> float | None:
+    def worst_time_s(self) -> float | None:
         """Time of the worst frame from the start of the clip (s)."""
         return None if self.worst_frame is None else self.worst_frame / FPS
 
     @property
-    def severity(self) -> float:
+    def deviation(self) -> float:
         """Distance from what people do, in steps by which people differ."""
-        steps = np.log(max(self.excess, 1.0)) / np.log(self.span)
-        return float(steps) * (0.5 if self.gravity == MEASURED else 1.0)
+        steps = np.log(max(self.limit_ratio, 1.0)) / np.log(self.natural_ratio)
+        return float(steps) * (0.5 if self.severity == MEASURABLE else 1.0)
 
     def as_json(self) -> dict[str, Any]:
         return {
             "kind": self.kind,
             **as_json(self.numbers),
-            "gravity": self.gravity,
-            "excess": as_json(float(self.excess)),
+            "severity": self.severity,
+            "limit_ratio": as_json(float(self.limit_ratio)),
             "worst_frame": self.worst_frame,
-            "worst_s": as_json(self.worst_s),
+            "worst_time_s": as_json(self.worst_time_s),
             "frames": [list(stretch) for stretch in self.frame_ranges],
             "sentence": self.sentence,
         }
 
 
-def by_gravity(findings: Iterable[Finding]) -> list[Finding]:
+def by_severity(findings: Iterable[Finding]) -> list[Finding]:
     """Sort findings: first what no person does, then what is furthest from what people do."""
     return sorted(findings, key=_order)
 
 
 def _order(finding: Finding) -> tuple[bool, float]:
-    return finding.gravity != WRONG, -finding.severity
+    return finding.severity != IMPOSSIBLE, -finding.deviation
 
 
 def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
@@ -134,28 +138,28 @@ def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding
     Motions with the worst findings in sum come first; then all other findings, by severity.
     """
 
-    def badness(found: Sequence[Finding]) -> tuple[int, float]:
-        return sum(each.gravity == WRONG for each in found), sum(
-            (each.severity for each in found), 0.0
+    def badness(findings: Sequence[Finding]) -> tuple[int, float]:
+        return sum(each.severity == IMPOSSIBLE for each in findings), sum(
+            (each.deviation for each in findings), 0.0
         )
 
     order = sorted(findings, key=lambda name: badness(findings[name]), reverse=True)
-    told = [(name, by_gravity(findings[name])) for name in order]
+    told = [(name, by_severity(findings[name])) for name in order]
     first = [(name, finding) for name, found in told for finding in found[:1]]
     others = [(name, finding) for name, found in told for finding in found[1:]]
     return first + sorted(others, key=lambda other: _order(other[1]))
 
 
-def clock(frame: int) -> str:
+def format_time(frame: int) -> str:
     """Format a frame's time in the clip as a player does: 1:05.3."""
     tenths = round(10 * frame / FPS)
     return f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
 
 
 def true_ranges(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
-    """Return first and last frame of the longest `MOST_STRETCHES` runs of true, longest first."""
+    """Return first and last frame of the longest `MAX_RANGES` runs of true, longest first."""
     runs = sorted(true_runs(is_there), key=lambda run: run[0] - run[1])
-    return tuple((start, end - 1) for start, end in runs[:MOST_STRETCHES])
+    return tuple((start, end - 1) for start, end in runs[:MAX_RANGES])
 
 
 def worst_second(values: Float[np.ndarray, " N"], is_least: bool = False) -> int | None:

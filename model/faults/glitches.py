@@ -17,11 +17,11 @@ from model.faults.analysis import (
     UPPER_AND_HANDS,
     Evidence,
     Finding,
-    clock,
+    format_time,
     true_ranges,
 )
 from model.metrics.face import correlation
-from model.motion.tracks import point_words
+from model.motion.tracks import point_label
 
 NOISE_DEG = 0.4
 """Largest `joint_rotation_noise_deg`; clean: at most 0.26. Noise of 0.01 rad shows as 0.58."""
@@ -36,15 +36,15 @@ and 15.3, hence `SNAP_SPAN`."""
 SNAP_SPAN = 2.2
 COPY_DEG_S = 0.3
 """Speed of the fastest joint below which a frame is a copy; clean: over 1."""
-COPIES = 2
-LEAST_DEG_S = 3.0
+MIN_DUPLICATES = 2
+MIN_TURN_DEG_S = 3.0
 """Mean angular speed around a frame below which nothing is concluded from it."""
 SKIP_RATIO, SKIP_ALIKE = (1.6, 2.6), 0.9
 """Limits for a missing frame: ratio of a step to those around it, along them, and its cosine to
 them."""
-SKIPS, FRAMES_A_SKIP = 3, 300
+MIN_SKIPS, FRAMES_A_SKIP = 3, 300
 """Least skips, and most frames per skip, that are reported: people skip in 2 of 1,876 frames."""
-LEAST_RAD_S = 1e-3
+MIN_RAD_S = 1e-3
 HALF_RATE = 0.35
 """Median change of speed at the quieter of every two frames, over that at the other. Frames
 interpolated between others change no speed."""
@@ -59,7 +59,7 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     if not noise:
         return
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
-    named = join_names([f"{point_words(name)} ({noise[name]:.1f}°)" for name in worst])
+    named = join_names([f"{point_label(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
         where = f"{len(noise)} of the {len(JOINT_NAMES)} joints, most in {named}"
     else:
@@ -73,18 +73,18 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     if blamed in noise and shares[blamed] > 0.1:
         numbers |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
         said += (
-            f" Filtering the {point_words(blamed)} alone reduces the jerk of the "
-            f"{point_words(evidence.point)} by {100 * shares[blamed]:.0f} %."
+            f" Filtering the {point_label(blamed)} alone reduces the jerk of the "
+            f"{point_label(evidence.point)} by {100 * shares[blamed]:.0f} %."
         )
-    excess = max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG)
-    yield Finding(said, numbers, excess=excess)
+    limit_ratio = max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG)
+    yield Finding(said, numbers, limit_ratio=limit_ratio)
 
 
-def pops(evidence: Evidence) -> Iterator[Finding]:
+def single_frame_pops(evidence: Evidence) -> Iterator[Finding]:
     """Detect single frames far from both their neighbours, which are near each other."""
-    if len(evidence.turning) < 2:
+    if len(evidence.angular_velocity_rad_s) < 2:
         return
-    before, after = evidence.turning[:-1], evidence.turning[1:]
+    before, after = evidence.angular_velocity_rad_s[:-1], evidence.angular_velocity_rad_s[1:]
     off = np.linalg.norm(before - after, axis=-1) / 2
     across = np.linalg.norm(before + after, axis=-1)
     beyond = np.degrees(off - 2 * across)[:, list(BODY)] / FPS
@@ -98,9 +98,9 @@ def pops(evidence: Evidence) -> Iterator[Finding]:
     count = f"{len(frames)} frames" if len(frames) > 1 else "one frame"
     yield Finding(
         f"In {count} a joint jumps away and back; the largest jump is {degrees:.0f}° of the "
-        f"{point_words(name)} at {clock(int(frame) + 1)}.",
+        f"{point_label(name)} at {format_time(int(frame) + 1)}.",
         {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
-        excess=float(beyond.max() / POP_DEG),
+        limit_ratio=float(beyond.max() / POP_DEG),
         worst_frame=int(frame) + 1,
         frame_ranges=tuple((int(each), int(each)) for each in frames[:20]),
     )
@@ -108,7 +108,7 @@ def pops(evidence: Evidence) -> Iterator[Finding]:
 
 def snaps(evidence: Evidence) -> Iterator[Finding]:
     """Detect joints that jump to another angle from one frame to the next, and stay there."""
-    if len(evidence.turning) < 3:
+    if len(evidence.angular_velocity_rad_s) < 3:
         return
     steps = evidence.angular_speed_deg_s[:, list(BODY)] / FPS
     beside = np.pad(steps, ((1, 1), (0, 0)))
@@ -122,34 +122,34 @@ def snaps(evidence: Evidence) -> Iterator[Finding]:
     count = f"{len(frames)} times" if len(frames) > 1 else "once"
     yield Finding(
         f"A joint jumps to another angle within one frame, {count}; the largest jump is "
-        f"{steps[at, joint]:.0f}° of the {point_words(name)} at {clock(int(at) + 1)}.",
+        f"{steps[at, joint]:.0f}° of the {point_label(name)} at {format_time(int(at) + 1)}.",
         {"snaps": len(frames), "joint": name, "snap_deg": float(steps[at, joint])},
-        excess=float(beyond.max() / SNAP_DEG),
-        span=SNAP_SPAN,
+        limit_ratio=float(beyond.max() / SNAP_DEG),
+        natural_ratio=SNAP_SPAN,
         worst_frame=int(at) + 1,
         frame_ranges=tuple((int(each), int(each)) for each in frames[:20]),
     )
 
 
-def copied_frames(evidence: Evidence) -> Iterator[Finding]:
+def duplicate_frames(evidence: Evidence) -> Iterator[Finding]:
     """Detect frames that are copies of the one before while the body moves."""
     fastest = evidence.angular_speed_deg_s[:, list(BODY)].max(axis=1, initial=0.0)
     if len(fastest) < 3:
         return
     mean = evidence.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].mean(axis=1)
-    moves = np.maximum(np.roll(mean, 1), np.roll(mean, -1)) > LEAST_DEG_S
+    moves = np.maximum(np.roll(mean, 1), np.roll(mean, -1)) > MIN_TURN_DEG_S
     is_copy = (fastest < COPY_DEG_S) & moves
     is_copy[:1] = is_copy[-1:] = False  # clips are often filled up at their ends
     frames = np.flatnonzero(is_copy) + 1
-    if len(frames) < COPIES:
+    if len(frames) < MIN_DUPLICATES:
         return
     share = len(frames) / evidence.num_frames
     yield Finding(
         f"{len(frames)} frames ({100 * share:.1f} %) repeat the previous frame, first at "
-        f"{clock(int(frames[0]))}.",
+        f"{format_time(int(frames[0]))}.",
         {"copies": len(frames), "share": share},
         "recorded clips: none",
-        excess=len(frames) / COPIES,
+        limit_ratio=len(frames) / MIN_DUPLICATES,
         worst_frame=int(frames[0]),
         frame_ranges=true_ranges(np.concatenate([[False], is_copy])),
     )
@@ -157,7 +157,7 @@ def copied_frames(evidence: Evidence) -> Iterator[Finding]:
 
 def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     """Detect steps twice as long as those around them, in all joints and the same direction."""
-    turning = evidence.turning[:, list(UPPER_AND_HANDS)]
+    turning = evidence.angular_velocity_rad_s[:, list(UPPER_AND_HANDS)]
     if len(turning) < 3:
         return
     steps = turning.reshape(len(turning), -1)
@@ -165,21 +165,23 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     middle = steps[1:-1]
     usual, length = np.linalg.norm(around, axis=1), np.linalg.norm(middle, axis=1)
     along = (middle * around).sum(axis=1)
-    moves = evidence.angular_speed_deg_s[1:-1, list(UPPER_AND_HANDS)].mean(axis=1) > 2 * LEAST_DEG_S
+    moves = (
+        evidence.angular_speed_deg_s[1:-1, list(UPPER_AND_HANDS)].mean(axis=1) > 2 * MIN_TURN_DEG_S
+    )
     is_onward = (steps[:-2] * steps[2:]).sum(axis=1) > 0.0
     ratio = along / np.maximum(usual**2, 1e-12)
     cosine = along / np.maximum(usual * length, 1e-12)
     is_skip = moves & (ratio > SKIP_RATIO[0]) & (ratio < SKIP_RATIO[1])
     is_skip &= is_onward & (cosine > SKIP_ALIKE)
     frames = np.flatnonzero(is_skip) + 2
-    usual_skips = max(SKIPS, evidence.num_frames / FRAMES_A_SKIP)
+    usual_skips = max(MIN_SKIPS, evidence.num_frames / FRAMES_A_SKIP)
     if len(frames) < usual_skips:
         return
     yield Finding(
         f"Frames seem to be missing in {len(frames)} places: the whole body moves about twice as "
-        f"far as before and after, first at {clock(int(frames[0]))}.",
+        f"far as before and after, first at {format_time(int(frames[0]))}.",
         {"skips": len(frames)},
-        excess=len(frames) / usual_skips,
+        limit_ratio=len(frames) / usual_skips,
         worst_frame=int(frames[0]),
         frame_ranges=tuple((int(each) - 1, int(each)) for each in frames[:20]),
     )
@@ -187,11 +189,14 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
 
 def upsampled_rate(evidence: Evidence) -> Iterator[Finding]:
     """Detect motion of 15 fps stretched to 30: every second frame lies between its neighbours."""
-    turning = evidence.turning[:, list(BODY)]
+    turning = evidence.angular_velocity_rad_s[:, list(BODY)]
     if len(turning) <= FPS:
         return
     change = np.linalg.norm(np.diff(turning, axis=0), axis=-1).mean(axis=1)
-    ratio = min(_quieter(change), _quieter(np.linalg.norm(turning, axis=-1).mean(axis=1)))
+    ratio = min(
+        _alternating_ratio(change),
+        _alternating_ratio(np.linalg.norm(turning, axis=-1).mean(axis=1)),
+    )
     if not ratio < HALF_RATE:
         return
     yield Finding(
@@ -199,14 +204,14 @@ def upsampled_rate(evidence: Evidence) -> Iterator[Finding]:
         f"to 30 fps from 15 fps or less (movement, or its change, is {100 * ratio:.0f} % of that "
         "at the other frames). Jitter above 7.5 Hz cannot be in it.",
         {"change_ratio": ratio},
-        excess=HALF_RATE / max(ratio, 0.01),
+        limit_ratio=HALF_RATE / max(ratio, 0.01),
     )
 
 
-def _quieter(track: Float[np.ndarray, " N"]) -> float:
+def _alternating_ratio(track: Float[np.ndarray, " N"]) -> float:
     """Return the quieter half's median over the other's, of every two; 1 if all is still."""
     medians = sorted(float(np.median(track[start::2])) for start in (0, 1))
-    return medians[0] / medians[1] if medians[1] > LEAST_RAD_S else 1.0
+    return medians[0] / medians[1] if medians[1] > MIN_RAD_S else 1.0
 
 
 SEAM_CHANCE = 1e-3
@@ -214,10 +219,10 @@ SEAM_CHANCE = 1e-3
 s."""
 
 
-def seams(evidence: Evidence) -> Iterator[Finding]:
+def window_seams(evidence: Evidence) -> Iterator[Finding]:
     found = evidence.raw.seams.recurring_jerk
-    advance = evidence.raw.seams.folded_on_frames
-    if advance is None or found.phase_frame is None or found.chance > SEAM_CHANCE:
+    advance = evidence.raw.seams.fold_period_frames
+    if advance is None or found.phase_frame is None or found.p_value > SEAM_CHANCE:
         return
     joins = range(found.phase_frame, evidence.num_frames, advance)
     yield Finding(
@@ -228,24 +233,24 @@ def seams(evidence: Evidence) -> Iterator[Finding]:
             "phase_frame": found.phase_frame,
             "jerk_ratio": found.ratio,
         },
-        excess=found.ratio,
+        limit_ratio=found.ratio,
         worst_frame=joins[len(joins) // 2],
         frame_ranges=tuple((frame, frame) for frame in joins[:20]),
     )
 
 
-def period(evidence: Evidence) -> Iterator[Finding]:
+def periodic_jerk(evidence: Evidence) -> Iterator[Finding]:
     """Detect jerk that recurs after another number of frames than the known windows."""
     measured = evidence.raw.seams
-    found, windows = measured.period, measured.folded_on_frames
+    found, windows = measured.period, measured.fold_period_frames
     if found is None or (windows != found.frames and windows and found.frames % windows == 0):
         return
-    if windows == found.frames and any(seams(evidence)):
+    if windows == found.frames and any(window_seams(evidence)):
         return
     if found.kind == "pulses":
-        how = f"{found.peak_over_usual:.1f} times the median, at frame {found.phase_frame} of each"
+        how = f"{found.peak_over_median:.1f} times the median, at frame {found.phase_frame} of each"
     else:
-        how = f"{found.peak_over_least:.1f} times as high at one of them as at another"
+        how = f"{found.peak_over_minimum:.1f} times as high at one of them as at another"
     yield Finding(
         f"The jerk of the {found.part} peaks every {found.frames} frames "
         f"({found.frames / FPS:.2f} s), as at the seams of windows or codes: it is {how}.",
@@ -253,11 +258,11 @@ def period(evidence: Evidence) -> Iterator[Finding]:
             "period_frames": found.frames,
             "part": found.part,
             "phase_frame": found.phase_frame,
-            "peak_over_usual": found.peak_over_usual,
-            "peak_over_least": found.peak_over_least,
-            "chance": found.chance,
+            "peak_over_median": found.peak_over_median,
+            "peak_over_minimum": found.peak_over_minimum,
+            "p_value": found.p_value,
         },
-        excess=found.peak_over_usual,
+        limit_ratio=found.peak_over_median,
         worst_frame=found.worst_frames[0],
         frame_ranges=tuple((frame, frame) for frame in found.worst_frames),
     )
@@ -265,12 +270,12 @@ def period(evidence: Evidence) -> Iterator[Finding]:
 
 SAME_RAD = 1e-5
 MOST_LAG_FRAMES = 3 * FPS
-LEAST_LAG_FRAMES = 3
+MIN_LAG_FRAMES = 3
 COPY_CORRELATION = 0.85
 """Correlation of upper body speeds at the best lag; a copy has 1."""
-LEAST_SPEECH_LAG_FRAMES = 4
+MIN_SPEECH_LAG_FRAMES = 4
 """Smallest lag that is reported (frames); clean: faces are within a frame of the sound."""
-_LEAST_FRAMES = 10 * FPS
+_MIN_FRAMES = 10 * FPS
 
 
 def identical(evidence: Evidence) -> Iterator[Finding]:
@@ -286,9 +291,9 @@ def identical(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def shifted_reference(evidence: Evidence) -> Iterator[Finding]:
+def reference_lag(evidence: Evidence) -> Iterator[Finding]:
     """Detect the reference's movement, earlier or later."""
-    if evidence.reference is None or evidence.num_frames < _LEAST_FRAMES:
+    if evidence.reference is None or evidence.num_frames < _MIN_FRAMES:
         return
     own, theirs = (
         each.angular_speed_deg_s[:, list(UPPER_BODY)].mean(axis=1)
@@ -296,30 +301,31 @@ def shifted_reference(evidence: Evidence) -> Iterator[Finding]:
     )
     lags = range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1)
     best, lag = max((correlation(own, theirs, lag), lag) for lag in lags)
-    if abs(lag) < LEAST_LAG_FRAMES or best < COPY_CORRELATION:
+    if abs(lag) < MIN_LAG_FRAMES or best < COPY_CORRELATION:
         return
     yield Finding(
         f"This motion follows the reference {abs(lag) / FPS:.2f} s "
         f"{'later' if lag > 0 else 'earlier'}: shifted by that, their speeds correlate with "
         f"r = {best:.2f}.",
         {"against": "reference", "lag_frames": lag, "correlation": best},
-        excess=abs(lag) / LEAST_LAG_FRAMES,
+        limit_ratio=abs(lag) / MIN_LAG_FRAMES,
     )
 
 
-def shifted_speech(evidence: Evidence) -> Iterator[Finding]:
+def speech_lag(evidence: Evidence) -> Iterator[Finding]:
     """Detect motion that is late or early against the speech, constantly or increasingly."""
     lag = evidence.raw.lag
     if lag is None or not lag.is_known:
         return
-    is_apart = min(abs(lag.lag_low_s), abs(lag.lag_high_s)) * FPS >= LEAST_SPEECH_LAG_FRAMES - 0.5
+    is_apart = min(abs(lag.lag_low_s), abs(lag.lag_high_s)) * FPS >= MIN_SPEECH_LAG_FRAMES - 0.5
     if not lag.lag_drift_s and not (is_apart and lag.lag_low_s * lag.lag_high_s > 0):
         return
     numbers = {"against": "speech", "lag_frames": round(lag.lag_s * FPS), **vars(lag)}
     if not lag.lag_drift_s:
         most_s = lag.lag_s
         sentence = (
-            f"The {lag.lag_ground} moves {_apart(lag.lag_s)} relative to the speech (95 % interval "
+            f"The {lag.lag_source} moves {_format_lag(lag.lag_s)} relative to the speech (95 % "
+            "interval "
             f"{lag.lag_low_s:.2f} to {lag.lag_high_s:.2f} s); --assume lag={lag.lag_s:.2f} "
             "corrects it."
         )
@@ -327,13 +333,16 @@ def shifted_speech(evidence: Evidence) -> Iterator[Finding]:
         most_s = lag.lag_drift_s
         start, end = (lag.lag_s + sign * lag.lag_drift_s / 2 for sign in (-1, 1))
         sentence = (
-            f"The {lag.lag_ground} drifts relative to the speech, {_apart(start)} at the start and "
-            f"{_apart(end)} at the end, as if {lag.lag_rate:.4g} fps were read as {FPS}; --assume "
-            f"rate={lag.lag_rate:.4g} corrects it."
+            f"The {lag.lag_source} drifts relative to the speech, {_format_lag(start)} at the "
+            "start and "
+            f"{_format_lag(end)} at the end, as if {lag.lag_corrected_fps:.4g} fps were read as "
+            f"{FPS}; "
+            "--assume "
+            f"rate={lag.lag_corrected_fps:.4g} corrects it."
         )
-    excess = abs(most_s) * FPS / LEAST_SPEECH_LAG_FRAMES
-    yield Finding(sentence, numbers, excess=excess)
+    limit_ratio = abs(most_s) * FPS / MIN_SPEECH_LAG_FRAMES
+    yield Finding(sentence, numbers, limit_ratio=limit_ratio)
 
 
-def _apart(lag_s: float) -> str:
+def _format_lag(lag_s: float) -> str:
     return f"{abs(lag_s):.2f} s {'late' if lag_s > 0 else 'early'}"

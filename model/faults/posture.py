@@ -13,7 +13,7 @@ from model.faults.analysis import (
     UPPER_AND_HANDS,
     Evidence,
     Finding,
-    clock,
+    format_time,
     true_ranges,
     worst_second,
 )
@@ -21,7 +21,7 @@ from model.metrics.face import unit_columns
 from model.metrics.joints import FINGER_JOINT_NAMES
 from model.metrics.posture import FEET, FLOATING_M, GROUND_PERCENTILE, SINKING_M, WRISTS
 from model.metrics.smoothness import derivative_magnitudes
-from model.motion.tracks import point_words
+from model.motion.tracks import point_label
 
 LYING_DEG = 45.0
 """Mean tilt of the spine (degrees); clean: 12 at most."""
@@ -40,7 +40,7 @@ CONTACT_SHARE = 0.35
 """Least share of frames with ground contact; clean: at least 0.52 in 10 s, 0.97 in a whole clip."""
 
 
-def lying(evidence: Evidence) -> Iterator[Finding]:
+def lying_body(evidence: Evidence) -> Iterator[Finding]:
     tilt = evidence.raw.posture.spine_tilt_deg
     if not tilt.mean > LYING_DEG:
         return
@@ -48,15 +48,15 @@ def lying(evidence: Evidence) -> Iterator[Finding]:
         f"The spine is tilted by {tilt.mean:.0f}° on average: the body is lying, or the file's up "
         "axis is not y (for z-up files: --assume up=z).",
         {"spine_tilt_deg": tilt.mean},
-        excess=tilt.mean / LYING_DEG,
+        limit_ratio=tilt.mean / LYING_DEG,
     )
 
 
-def lifted(evidence: Evidence) -> Iterator[Finding]:
+def floor_offset(evidence: Evidence) -> Iterator[Finding]:
     """Detect feet that stand above or below those of the reference."""
     if evidence.reference is None:
         return
-    apart = evidence.floor_m - evidence.reference.floor_m
+    apart = evidence.usual_foot_height_m - evidence.reference.usual_foot_height_m
     if abs(apart) <= LIFT_M:
         return
     where = "above" if apart > 0 else "below"
@@ -64,7 +64,7 @@ def lifted(evidence: Evidence) -> Iterator[Finding]:
         f"The feet stand {100 * abs(apart):.0f} cm {where} the reference's.",
         {"height_m": apart},
         "recorded clips of one speaker: within 1 cm",
-        excess=abs(apart) / LIFT_M,
+        limit_ratio=abs(apart) / LIFT_M,
     )
 
 
@@ -80,7 +80,7 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
         f"Feet slide at {100 * slide:.0f} cm/s on average while on the ground{few}.",
         {"foot_slide_m_s": slide, "contact_share": contact},
         f"recorded clips: under {100 * FOOT_SLIDE_M_S:.0f} cm/s",
-        excess=slide / FOOT_SLIDE_M_S,
+        limit_ratio=slide / FOOT_SLIDE_M_S,
         worst_frame=worst_second(derivative_magnitudes(feet, 1).mean(axis=1)),
     )
 
@@ -90,7 +90,7 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
 
     The percentile may lie below the floor of a body that stands; see `feet_sink`.
     """
-    above = evidence.lower_foot_m - evidence.floor_m
+    above = evidence.lower_foot_m - evidence.usual_foot_height_m
     is_up, contact = above > FLOATING_M, _standing_share(evidence)
     if contact < STANDING_SHARE:
         above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
@@ -101,7 +101,7 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
     worst = int(above.argmax())
     found = (
         f"Both feet are above the floor by up to {100 * above[worst]:.0f} cm, worst at "
-        f"{clock(worst)}{f', {len(runs)} times in all' if len(runs) > 1 else ''}"
+        f"{format_time(worst)}{f', {len(runs)} times in all' if len(runs) > 1 else ''}"
         if runs
         else "The feet have no consistent floor height"
     )
@@ -113,7 +113,7 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
             "floating_share": evidence.raw.posture.foot_floating_share,
         },
         "recorded clips: in at least 97 %",
-        excess=max(float(above[worst]) / FLOATING_M, CONTACT_SHARE / max(contact, 0.01)),
+        limit_ratio=max(float(above[worst]) / FLOATING_M, CONTACT_SHARE / max(contact, 0.01)),
         worst_frame=worst,
         frame_ranges=tuple(runs),
     )
@@ -121,23 +121,24 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
 
 def _standing_share(evidence: Evidence) -> float:
     """Return the share of frames in which the lower foot is near its median height."""
-    return float(np.mean(abs(evidence.lower_foot_m - evidence.floor_m) < STANDING_M))
+    return float(np.mean(abs(evidence.lower_foot_m - evidence.usual_foot_height_m) < STANDING_M))
 
 
 def feet_sink(evidence: Evidence) -> Iterator[Finding]:
     """Detect a foot below the floor; a body that bobs or drifts has none, see `feet_float`."""
-    below = evidence.floor_m - evidence.lower_foot_m
+    below = evidence.usual_foot_height_m - evidence.lower_foot_m
     is_below = below > SINKING_M
     if is_below.sum() < SINKING_FRAMES or _standing_share(evidence) < STANDING_SHARE:
         return
     worst = int(below.argmax())
     share = float(np.mean(is_below))
     yield Finding(
-        f"A foot is up to {100 * below[worst]:.0f} cm below the floor, worst at {clock(worst)}, "
+        f"A foot is up to {100 * below[worst]:.0f} cm below the floor, worst at "
+        f"{format_time(worst)}, "
         f"and deeper than {100 * SINKING_M:.0f} cm in {100 * share:.1f} % of the frames (floor: "
         "median height of the lower foot).",
         {"depth_m": float(below[worst]), "share": share},
-        excess=float(below[worst]) / SINKING_M,
+        limit_ratio=float(below[worst]) / SINKING_M,
         worst_frame=worst,
         frame_ranges=true_ranges(is_below),
     )
@@ -161,7 +162,7 @@ _SPINE = ("pelvis", "spine1", "spine2", "spine3", "neck")
 _KNUCKLES = ("left_middle1", "right_middle1")
 
 
-def finger_range(evidence: Evidence) -> Iterator[Finding]:
+def finger_joint_limits(evidence: Evidence) -> Iterator[Finding]:
     share = evidence.raw.ranges.finger_angle_outside_share
     by_joint = evidence.raw.ranges.finger_angle_outside_by_joint
     worst = sorted(by_joint, key=lambda name: -by_joint[name])[:NAMED]
@@ -169,7 +170,7 @@ def finger_range(evidence: Evidence) -> Iterator[Finding]:
         return
     assert set(by_joint) == set(FINGER_JOINT_NAMES)
     named = join_names(
-        [f"{point_words(name)} ({100 * by_joint[name]:.0f} %)" for name in worst if by_joint[name]]
+        [f"{point_label(name)} ({100 * by_joint[name]:.0f} %)" for name in worst if by_joint[name]]
     )
     yield Finding(
         f"Fingers bend beyond human joint limits in {100 * share:.1f} % of frames and joints; most "
@@ -178,7 +179,7 @@ def finger_range(evidence: Evidence) -> Iterator[Finding]:
             "outside_share": share,
             "joints": {name: by_joint[name] for name in worst if by_joint[name]},
         },
-        excess=max(share / FINGERS_OUTSIDE, by_joint[worst[0]] / JOINT_OUTSIDE),
+        limit_ratio=max(share / FINGERS_OUTSIDE, by_joint[worst[0]] / JOINT_OUTSIDE),
     )
 
 
@@ -202,10 +203,11 @@ def hand_penetration(evidence: Evidence) -> Iterator[Finding]:
     is_left = place % 2 == 0 if place < len(knuckles) else place - len(knuckles) < 5
     side = "left" if is_left else "right"
     yield Finding(
-        f"The {side} hand penetrates the body at {clock(worst)}: it is {100 * distance[worst]:.0f} "
+        f"The {side} hand penetrates the body at {format_time(worst)}: it is "
+        f"{100 * distance[worst]:.0f} "
         f"cm from the spine's line, in {is_inside.sum()} frames.",
         {"side": side, "distance_m": float(distance[worst]), "frames": int(is_inside.sum())},
-        excess=INSIDE_M / max(float(distance[worst]), 0.005),
+        limit_ratio=INSIDE_M / max(float(distance[worst]), 0.005),
         worst_frame=worst,
         frame_ranges=true_ranges(is_inside),
     )
@@ -233,7 +235,7 @@ def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
                 "error_deg": errors.as_is,
                 "error_swapped_deg": error,
             },
-            excess=SWAPPED_ERROR_RATIO * errors.as_is / max(error, 0.1),
+            limit_ratio=SWAPPED_ERROR_RATIO * errors.as_is / max(error, 0.1),
         )
         return
     backwards = evidence.raw.ranges.elbow_backwards_share
@@ -244,7 +246,7 @@ def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
         "Left and right joints seem swapped: both elbows bend backwards in at"
         f" least {100 * share:.0f} % of the frames.",
         {"way": "swapped", "elbow_backwards_share": backwards},
-        excess=share / ELBOWS_BACKWARDS,
+        limit_ratio=share / ELBOWS_BACKWARDS,
     )
 
 
@@ -260,13 +262,13 @@ MOVING_FRAMES = 2 * FPS
 """Shortest clip for the check (frames): nobody's pelvis is bit-identical for two seconds."""
 
 
-def nothing_moves(evidence: Evidence) -> Iterator[Finding]:
+def still_motion(evidence: Evidence) -> Iterator[Finding]:
     if not evidence.raw.positions.joint_speed_m_s.max() < STILL_M_S:
         return
     yield Finding("No joint moves in this motion.", {})
 
 
-def freezes(evidence: Evidence) -> Iterator[Finding]:
+def frozen_body(evidence: Evidence) -> Iterator[Finding]:
     """Detect runs of `FROZEN_FRAMES` or more in which the whole upper body stops, fingers too."""
     fastest = evidence.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
     runs = [
@@ -281,10 +283,10 @@ def freezes(evidence: Evidence) -> Iterator[Finding]:
     total_s = sum(end - start for start, end in runs) / FPS
     yield Finding(
         f"Upper body and fingers freeze {times} for {(last - first) / FPS:.1f} s at"
-        f" {clock(first)}.",
+        f" {format_time(first)}.",
         {"times": len(runs), "longest_s": (last - first) / FPS, "total_s": total_s},
         "recorded clips: never for two frames in a row",
-        excess=(last - first) / FROZEN_FRAMES,
+        limit_ratio=(last - first) / FROZEN_FRAMES,
         worst_frame=first,
         frame_ranges=tuple(runs),
     )
@@ -296,7 +298,7 @@ def frozen_hands(evidence: Evidence) -> Iterator[Finding]:
             yield Finding(
                 f"The fingers of the {side} hand are frozen in {100 * share:.0f} % of the frames.",
                 {"side": side, "still_share": share},
-                excess=share / HAND_STILL,
+                limit_ratio=share / HAND_STILL,
             )
 
 
@@ -317,7 +319,7 @@ def translation_never_changes(evidence: Evidence) -> Iterator[Finding]:
 
 STILL_JAW_DEG = 0.05
 """Standard deviation of the jaw angle (degrees); clean: at least 0.57 in a stretch of 10 s."""
-STILL_UNIT = 1e-3
+STILL_COEFFICIENT = 1e-3
 """Standard deviation of the liveliest coefficient; clean: at least 0.11."""
 LEAST_FRAMES = 3 * FPS
 COPIED_SHARE = 0.5
@@ -334,14 +336,14 @@ def still_face(evidence: Evidence) -> Iterator[Finding]:
     jaw_unit = 0.0
     if motion.expression_basis == "arkit52":
         jaw_unit = float(motion.expressions[:, unit_columns("jawOpen")].std(axis=0).max())
-    is_jaw_still = jaw_deg < STILL_JAW_DEG and jaw_unit < STILL_UNIT
-    if is_jaw_still and unit < STILL_UNIT:
+    is_jaw_still = jaw_deg < STILL_JAW_DEG and jaw_unit < STILL_COEFFICIENT
+    if is_jaw_still and unit < STILL_COEFFICIENT:
         said = "The face never moves, neither jaw nor expression."
         if not (jaw.any() or motion.expressions.any()):
             said = "The motion has no face: jaw and expressions are zero in every frame."
     elif is_jaw_still:
         said = "The jaw never moves, though the expression does."
-    elif unit < STILL_UNIT:
+    elif unit < STILL_COEFFICIENT:
         value = "all zero" if not motion.expressions.any() else "the same in every frame"
         said = f"The expressions are {value}; only the jaw moves."
     else:
@@ -358,11 +360,11 @@ def copied_face(evidence: Evidence) -> Iterator[Finding]:
     recorded = {row.tobytes() for row in theirs if row.any()}
     is_copy = np.array([row.tobytes() in recorded for row in own])
     share = float(is_copy.mean())
-    if share <= COPIED_SHARE or own.std(axis=0).max() < STILL_UNIT:
+    if share <= COPIED_SHARE or own.std(axis=0).max() < STILL_COEFFICIENT:
         return
     yield Finding(
         f"The expressions are the reference's, bit for bit, in {100 * share:.0f} % of the frames: "
         "they were copied from the reference.",
         {"copied_share": share},
-        excess=share / COPIED_SHARE,
+        limit_ratio=share / COPIED_SHARE,
     )

@@ -15,7 +15,7 @@ import numpy as np
 
 from conventions.joints import UPPER_BODY
 from conventions.rates import FPS
-from model.faults.analysis import Evidence, Finding, clock, worst_second
+from model.faults.analysis import Evidence, Finding, format_time, worst_second
 from model.metrics.posture import WRISTS
 from model.metrics.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
 
@@ -66,32 +66,34 @@ class RangeCheck:
         if people is None or not np.isfinite(value := self.value_of(evidence)):
             return
         if reference is None:
-            is_low, span = value < people.low_limit, people.highest / people.lowest
-            excess = people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
+            is_low, natural_ratio = value < people.low_limit, people.highest / people.lowest
+            limit_ratio = (
+                people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
+            )
             lowest, highest = (self._told(each, False) for each in (people.lowest, people.highest))
             usual = f"recorded and procedural clips {people.lasts}: {lowest} to {highest}"
             beside = ""
             numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
         elif (recorded := self.value_of(reference)) > 0.0:
             ratio = value / recorded
-            is_low, span = ratio < 1.0, people.differ
-            excess = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
+            is_low, natural_ratio = ratio < 1.0, people.differ
+            limit_ratio = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
             beside = f", {_times(ratio)} the reference's {self._told(recorded, False)}"
             usual = f"recordings differ by a factor of at most {people.differ:g}"
             numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
         else:
             return
-        if excess <= 1.0:
+        if limit_ratio <= 1.0:
             return
         worst = _worst(self, evidence, is_low)
-        where = f", worst at {clock(worst)}" if worst is not None and not is_low else ""
+        where = f", worst at {format_time(worst)}" if worst is not None and not is_low else ""
         means = self.low_means if is_low else self.high_means
         yield Finding(
             f"{means}{where}: {self.title} {self._told(value)}{beside}.",
             {"unit": self.unit, "value": value, **numbers},
             usual,
-            excess=excess,
-            span=span,
+            limit_ratio=limit_ratio,
+            natural_ratio=natural_ratio,
             worst_frame=worst,
             frame_ranges=() if worst is None else ((max(0, worst - 15), worst + 15),),
         )
@@ -137,7 +139,7 @@ def amplitude_deg(evidence: Evidence) -> float:
     return float(np.degrees(np.sqrt((off**2).sum(axis=-1).mean())))
 
 
-def turning_speed_deg_s(evidence: Evidence) -> float:
+def angular_speed_deg_s(evidence: Evidence) -> float:
     """Return the mean angular speed of the upper body's local rotations (degrees/s)."""
     return float(evidence.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
 
@@ -178,7 +180,7 @@ SPEED = RangeCheck(
     "speed",
     "mean angular speed of the upper body's joints",
     "°/s",
-    turning_speed_deg_s,
+    angular_speed_deg_s,
     long=NaturalRange(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
     short=NaturalRange(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
     low_means="Little movement",

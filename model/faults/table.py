@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from conventions.joints import FACE, HANDS, JOINT_INDEX, BodyPart
 from model.faults import glitches, posture, range_checks
-from model.faults.analysis import MEASURED, SEEN, WRONG, Evidence, Finding, by_gravity
+from model.faults.analysis import IMPOSSIBLE, MEASURABLE, VISIBLE, Evidence, Finding, by_severity
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,7 @@ class FaultCheck:
     """A kind of fault with its detector."""
 
     kind: str
-    gravity: int
+    severity: int
     search: Callable[[Evidence], Iterable[Finding]]
     """Detector; no findings for clean motion, or if its inputs are missing."""
     needs: str = ""
@@ -26,61 +26,64 @@ class FaultCheck:
 
 SNAP = "snap"
 FAULTS: tuple[FaultCheck, ...] = (
-    FaultCheck("identical", WRONG, glitches.identical, "reference", ("copied_face",)),
-    FaultCheck("frozen", WRONG, posture.freezes, explains=("copied_frames",)),
+    FaultCheck("identical", IMPOSSIBLE, glitches.identical, "reference", ("copied_face",)),
+    FaultCheck("frozen", IMPOSSIBLE, posture.frozen_body, explains=("copied_frames",)),
     FaultCheck(
         "lying",
-        WRONG,
-        posture.lying,
+        IMPOSSIBLE,
+        posture.lying_body,
         explains=("lifted", "floating", "through_floor", "foot_slide"),
     ),
-    FaultCheck("swapped_sides", WRONG, posture.swapped_sides),
-    FaultCheck("lifted", WRONG, posture.lifted, "reference", required_parts=("place",)),
-    FaultCheck("time_shift", WRONG, glitches.shifted_reference, "reference"),
-    FaultCheck("time_shift", WRONG, glitches.shifted_speech, "speech"),
-    FaultCheck("pops", SEEN, glitches.pops),
-    FaultCheck(SNAP, SEEN, glitches.snaps),
-    FaultCheck("rotation_noise", MEASURED, glitches.rotation_noise, required_parts=("detail",)),
-    FaultCheck("seams", SEEN, glitches.seams),
-    FaultCheck("period", MEASURED, glitches.period, required_parts=("detail",)),
-    FaultCheck("copied_frames", SEEN, glitches.copied_frames),
-    FaultCheck("skipped_frames", SEEN, glitches.skipped_frames),
+    FaultCheck("swapped_sides", IMPOSSIBLE, posture.swapped_sides),
+    FaultCheck("lifted", IMPOSSIBLE, posture.floor_offset, "reference", required_parts=("place",)),
+    FaultCheck("time_shift", IMPOSSIBLE, glitches.reference_lag, "reference"),
+    FaultCheck("time_shift", IMPOSSIBLE, glitches.speech_lag, "speech"),
+    FaultCheck("pops", VISIBLE, glitches.single_frame_pops),
+    FaultCheck(SNAP, VISIBLE, glitches.snaps),
+    FaultCheck("rotation_noise", MEASURABLE, glitches.rotation_noise, required_parts=("detail",)),
+    FaultCheck("seams", VISIBLE, glitches.window_seams),
+    FaultCheck("period", MEASURABLE, glitches.periodic_jerk, required_parts=("detail",)),
+    FaultCheck("copied_frames", VISIBLE, glitches.duplicate_frames),
+    FaultCheck("skipped_frames", VISIBLE, glitches.skipped_frames),
     FaultCheck(
         "stretched_rate",
-        SEEN,
+        VISIBLE,
         glitches.upsampled_rate,
         explains=("period", "copied_frames"),
         required_parts=("detail",),
     ),
-    FaultCheck("foot_slide", SEEN, posture.feet_slide, required_parts=("place", "legs")),
-    FaultCheck("floating", SEEN, posture.feet_float, required_parts=("place", "legs")),
-    FaultCheck("through_floor", SEEN, posture.feet_sink, required_parts=("place", "legs")),
+    FaultCheck("foot_slide", VISIBLE, posture.feet_slide, required_parts=("place", "legs")),
+    FaultCheck("floating", VISIBLE, posture.feet_float, required_parts=("place", "legs")),
+    FaultCheck("through_floor", VISIBLE, posture.feet_sink, required_parts=("place", "legs")),
     FaultCheck(
-        "still_translation", SEEN, posture.translation_never_changes, required_parts=("place",)
+        "still_translation", VISIBLE, posture.translation_never_changes, required_parts=("place",)
     ),
-    FaultCheck("frozen_hand", SEEN, posture.frozen_hands, required_parts=("hands",)),
+    FaultCheck("frozen_hand", VISIBLE, posture.frozen_hands, required_parts=("hands",)),
     FaultCheck(
-        "finger_range", SEEN, posture.finger_range, required_parts=("hands", "finger_angles")
+        "finger_range",
+        VISIBLE,
+        posture.finger_joint_limits,
+        required_parts=("hands", "finger_angles"),
     ),
-    FaultCheck("hand_in_body", SEEN, posture.hand_penetration),
-    FaultCheck("still_face", SEEN, posture.still_face, required_parts=("face",)),
-    FaultCheck("copied_face", SEEN, posture.copied_face, "reference", required_parts=("face",)),
+    FaultCheck("hand_in_body", VISIBLE, posture.hand_penetration),
+    FaultCheck("still_face", VISIBLE, posture.still_face, required_parts=("face",)),
+    FaultCheck("copied_face", VISIBLE, posture.copied_face, "reference", required_parts=("face",)),
     FaultCheck(
         "jerk",
-        SEEN,
+        VISIBLE,
         range_checks.JERK.search,
         explains=("high_frequency",),
         required_parts=("detail",),
     ),
     FaultCheck(
-        "high_frequency", SEEN, range_checks.HIGH_FREQUENCY.search, required_parts=("detail",)
+        "high_frequency", VISIBLE, range_checks.HIGH_FREQUENCY.search, required_parts=("detail",)
     ),
-    FaultCheck("amplitude", MEASURED, range_checks.AMPLITUDE.search),
-    FaultCheck("speed", MEASURED, range_checks.SPEED.search),
+    FaultCheck("amplitude", MEASURABLE, range_checks.AMPLITUDE.search),
+    FaultCheck("speed", MEASURABLE, range_checks.SPEED.search),
 )
 _PARTS: dict[str, BodyPart] = {"legs": "feet", "hands": "hands", "face": "face"}
 """Body part that shows a fault, by the part of a motion file that its detector needs."""
-STILL = FaultCheck("still", WRONG, posture.nothing_moves)
+STILL = FaultCheck("still", IMPOSSIBLE, posture.still_motion)
 """Detector that runs first: if nothing moves, no other finding is reported."""
 
 
@@ -92,7 +95,7 @@ def find_faults(evidence: Evidence) -> list[Finding]:
     found = [finding for fault in FAULTS for finding in _found(fault, evidence)]
     kinds = {finding.kind for finding in found}
     explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.explains}
-    return by_gravity(finding for finding in found if finding.kind not in explained)
+    return by_severity(finding for finding in found if finding.kind not in explained)
 
 
 def body_part(finding: Finding) -> BodyPart:
@@ -110,7 +113,7 @@ def body_part(finding: Finding) -> BodyPart:
 
 def _found(fault: FaultCheck, evidence: Evidence) -> list[Finding]:
     return [
-        replace(finding, kind=fault.kind, gravity=fault.gravity)
+        replace(finding, kind=fault.kind, severity=fault.severity)
         for finding in fault.search(evidence)
     ]
 

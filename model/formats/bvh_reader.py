@@ -16,41 +16,41 @@ from scipy.spatial.transform import Rotation
 from conventions.humanoid import BONES, JointMap, JointTree, NoHumanoidError, nearest_axis
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.names import join_names
-from model.formats.bvh_text import Joint, read_text
+from model.formats.bvh_text import Joint, parse_bvh
 from model.formats.motion_draft import Draft
-from model.formats.reading import AXES, METRES, Confidence, Kind, axis_of
+from model.formats.reading import AXES, METRES, Confidence, Kind, axis_vector
 from model.motion.kinematics import open_body_skeleton
-from model.motion.tracks import point_words
+from model.motion.tracks import point_label
 from model.storage.npz import MotionError
 
-_STEEP_DEG = 60.0
+_MAX_REST_TILT_DEG = 60.0
 """Angle from our rest direction above which a limb's twist is uncertain (degrees)."""
 
 
-def read_bvh(path: Path, told: dict[str, str]) -> Draft:
+def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
     """Read a motion with the joints that the file has; the face stays at rest.
 
     Raises:
-        MotionError: for damaged files, and skeletons that are no person's.
+        MotionError: for damaged files, and skeletons that are not a person's.
     """
-    text = read_text(path)
+    text = parse_bvh(path)
     skeleton = _Skeleton(text.joints, path.name)
     found, is_ours = skeleton.identify_joints()
-    draft = Draft(path.name, told, np.zeros((1, NUM_JOINTS, 3)), is_scaled=True)
+    draft = Draft(path.name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_scaled=True)
     for what in text.notes:
         draft.assume("frames", str(len(text.rows)), what)
     world = skeleton.world_rotations(text.rows)
-    pelvis = skeleton.way(found["pelvis"][0], text.rows, world)
+    pelvis = skeleton.joint_path(found["pelvis"][0], text.rows, world)
     is_posed = not is_ours and not skeleton.is_standing(found)
     if is_posed:
-        world = skeleton.begin_at_rest(text.rows, world)
+        world = skeleton.use_first_frame_as_rest(text.rows, world)
         found, _ = skeleton.identify_joints()
-        why = (
+        reason = (
             "its rest pose is not a human pose; the first frame was used instead, so limbs may "
             "twist"
         )
-        draft.assume("layout", "first frame", why, "unsure")
-    turn = Rotation.identity() if is_ours else skeleton.to_ours(found, draft)
+        draft.assume("layout", "first frame", reason, "unsure")
+    turn = Rotation.identity() if is_ours else skeleton.axes_to_ours(found, draft)
     places = skeleton.rest @ turn.as_matrix().T
     turns = {} if is_ours else _rest_turns(places, found)
     turns |= _trunk_turns(places, found) if is_posed else {}
@@ -63,39 +63,45 @@ def read_bvh(path: Path, told: dict[str, str]) -> Draft:
         draft.missing_parts.add("place")
         draft.assume("place", "none", "no joint has positions; the body has no translation")
     if not is_ours:
-        _tell(draft, skeleton, found, turns)
+        _add_assumptions(draft, skeleton, found, turns)
     draft.missing_parts.add("face")
     draft.assume("face", "none", "a BVH file has no face; it stays at rest", is_usual=is_ours)
     draft.set_frame_rate(round(1 / text.frame_s, 3), "as the file says", "stated")
     return draft
 
 
-def _tell(draft: Draft, skeleton: _Skeleton, found: JointMap, turns: dict[str, Rotation]) -> None:
-    without = sum(not found.get(name) for name in JOINT_NAMES)
+def _add_assumptions(
+    draft: Draft, skeleton: _Skeleton, joint_map: JointMap, turns: dict[str, Rotation]
+) -> None:
+    without = sum(not joint_map.get(name) for name in JOINT_NAMES)
     count = len(skeleton.rest)
-    unused = count - sum(len(theirs) for theirs in found.values())
+    unused = count - sum(len(theirs) for theirs in joint_map.values())
     how = "names and hierarchy"
     if skeleton.doubts:
         doubts = join_names(list(dict.fromkeys(skeleton.doubts)))
         how = f"hierarchy, as their names do not say which joint is the {doubts}"
-    why = (
+    reason = (
         f"mapped onto SMPL-X by their {how}; {unused} are not used, {without} SMPL-X joints stay "
         "at rest"
     )
-    draft.assume("joints", str(count), why, "unsure" if skeleton.doubts else "sure")
+    draft.assume("joints", str(count), reason, "unsure" if skeleton.doubts else "sure")
     degrees = {name: float(np.degrees(turn.magnitude())) for name, turn in turns.items()}
     if degrees and all(each.kind != "layout" for each in draft.assumptions):
         most = max(degrees, key=lambda name: degrees[name])
         limbs = [value for name, value in degrees.items() if not name[-1].isdigit()]
-        sure: Confidence = "unsure" if max(limbs, default=0.0) > _STEEP_DEG else "sure"
-        why = (
-            f"its rest pose differs from ours, by up to {degrees[most]:.0f}° "
-            f"({point_words(most)}); limbs and fingers were turned to point as they do there"
+        confidence: Confidence = (
+            "unsure" if max(limbs, default=0.0) > _MAX_REST_TILT_DEG else "sure"
         )
-        draft.assume("layout", "rest pose", why, sure)
-    if not any(name[-1].isdigit() and found.get(f"left_{name}") for name in ("index1", "middle1")):
+        reason = (
+            f"its rest pose differs from ours, by up to {degrees[most]:.0f}° "
+            f"({point_label(most)}); limbs and fingers were turned to point as they do there"
+        )
+        draft.assume("layout", "rest pose", reason, confidence)
+    if not any(
+        name[-1].isdigit() and joint_map.get(f"left_{name}") for name in ("index1", "middle1")
+    ):
         draft.missing_parts.add("hands")
-    if not found.get("left_hip"):
+    if not joint_map.get("left_hip"):
         draft.missing_parts.add("legs")
 
 
@@ -116,7 +122,7 @@ class _Skeleton(JointTree):
         """Return the assignment of joints, and whether all joints have our names.
 
         Raises:
-            MotionError: if they are no body's.
+            MotionError: if they are not a body's.
         """
         exact = {joint.name: index for index, joint in enumerate(self._joints)}
         if all(name in exact for name in JOINT_NAMES):
@@ -126,7 +132,7 @@ class _Skeleton(JointTree):
         except NoHumanoidError as error:
             raise MotionError(str(error)) from error
 
-    def begin_at_rest(
+    def use_first_frame_as_rest(
         self, rows: Float[np.ndarray, "T C"], world: list[Rotation]
     ) -> list[Rotation]:
         """Use the first frame as the rest pose, and return rotations relative to it."""
@@ -137,9 +143,9 @@ class _Skeleton(JointTree):
             self.rest[index] = step if up < 0 else self.rest[up] + world[up][0].apply(step)
         return [each * each[0].inv() for each in world]
 
-    def to_ours(self, found: JointMap, draft: Draft) -> Rotation:
+    def axes_to_ours(self, joint_map: JointMap, draft: Draft) -> Rotation:
         """Return the rotation, in quarter turns, from the file's axes to ours: y up, facing z."""
-        up, across, hang = self.upright(found)
+        up, across, hang = self.upright(joint_map)
         if hang < 0.5:
             raise MotionError(
                 f"{self.source}: neither in its rest pose nor in its first frame do legs hang"
@@ -150,8 +156,8 @@ class _Skeleton(JointTree):
         x = nearest_axis(across - y * (across @ y))
         told = draft.overrides.get("up"), draft.overrides.get("facing")
         if told[0] is not None or told[1] in AXES:
-            y = y if told[0] is None else axis_of(told[0])
-            z = np.cross(x, y) if told[1] not in AXES else axis_of(told[1])
+            y = y if told[0] is None else axis_vector(told[0])
+            z = np.cross(x, y) if told[1] not in AXES else axis_vector(told[1])
             x = np.cross(y, z)
             if not np.linalg.norm(x):
                 raise MotionError(f"{self.source} cannot face the way that is up.")
@@ -160,18 +166,20 @@ class _Skeleton(JointTree):
         stands, faces = (
             ("-" if axis.sum() < 0 else "") + "xyz"[int(np.abs(axis).argmax())] for axis in (y, z)
         )
-        by_rest: Confidence = "sure" if "left_hip" in found else "unsure"
+        by_rest: Confidence = "sure" if "left_hip" in joint_map else "unsure"
         tells: tuple[tuple[Kind, str, str, bool], ...] = (
             ("up", stands, stands + faces, stands == "y"),
             ("facing", faces, "xyz".replace(stands[-1], ""), faces == "z" or stands != "y"),
         )
         for kind, value, axes, is_ours in tells:
-            others = tuple(axis for axis in AXES if axis[-1] in axes)  # possible together with it
+            alternatives = tuple(
+                axis for axis in AXES if axis[-1] in axes
+            )  # possible together with it
             if draft.overrides.get(kind) in AXES:
-                draft.assume(kind, value, "as you say", "told", others)
+                draft.assume(kind, value, "as you say", "user", alternatives)
             elif by_rest == "unsure" or not is_ours:
                 turned = "" if is_ours else "; turned"
-                draft.assume(kind, value, f"by its rest pose{turned}", by_rest, others)
+                draft.assume(kind, value, f"by its rest pose{turned}", by_rest, alternatives)
         return Rotation.from_matrix(np.stack([x, y, z]))
 
     def world_rotations(self, rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
@@ -187,7 +195,7 @@ class _Skeleton(JointTree):
             world.append(turn if joint.parent < 0 else world[joint.parent] * turn)
         return world
 
-    def way(
+    def joint_path(
         self, index: int, rows: Float[np.ndarray, "T C"], world: list[Rotation]
     ) -> Float[np.ndarray, "T 3"] | None:
         """Compute a joint's positions from position channels up to it; None without any."""
@@ -223,14 +231,14 @@ class _Skeleton(JointTree):
 
 
 def _poses(
-    world: list[Rotation], found: JointMap, turns: dict[str, Rotation], axes: Rotation
+    world: list[Rotation], joint_map: JointMap, turns: dict[str, Rotation], axes: Rotation
 ) -> Float[np.ndarray, "T 55 3"]:
     """Compute our joints' local rotations; one that the file lacks follows its parent."""
     ours: list[Rotation] = []
     poses = np.zeros((len(world[0]), NUM_JOINTS, 3))
     for joint, parent in enumerate(PARENTS):
         name = JOINT_NAMES[joint]
-        theirs = found.get(name)
+        theirs = joint_map.get(name)
         if not theirs:
             ours.append(ours[parent])
             continue
@@ -242,12 +250,12 @@ def _poses(
     return poses
 
 
-def _rest_turns(places: Float[np.ndarray, "J 3"], found: JointMap) -> dict[str, Rotation]:
+def _rest_turns(places: Float[np.ndarray, "J 3"], joint_map: JointMap) -> dict[str, Rotation]:
     """Return rotations from the rest direction of each limb's bone of ours to the file's."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     turns: dict[str, Rotation] = {}
     for start, end in BONES.items():
-        first, last = found.get(start), found.get(end)
+        first, last = joint_map.get(start), joint_map.get(end)
         if not first or not last:
             continue
         theirs = places[last[0]] - places[first[0]]
@@ -263,10 +271,10 @@ def _rest_turns(places: Float[np.ndarray, "J 3"], found: JointMap) -> dict[str, 
     return turns
 
 
-def _trunk_turns(places: Float[np.ndarray, "J 3"], found: JointMap) -> dict[str, Rotation]:
+def _trunk_turns(places: Float[np.ndarray, "J 3"], joint_map: JointMap) -> dict[str, Rotation]:
     """Return rotations from the rest pose of our trunk and head to the file's."""
     rest = open_body_skeleton().rest_joints.double().numpy()
-    theirs = {name: places[at[0]] for name, at in found.items() if at}
+    theirs = {name: places[at[0]] for name, at in joint_map.items() if at}
     ours = {name: rest[JOINT_INDEX[name]] for name in theirs}
     turns = {}
     for part, names in (
@@ -283,22 +291,22 @@ def _trunk_turns(places: Float[np.ndarray, "J 3"], found: JointMap) -> dict[str,
     return turns
 
 
-def _scale(places: Float[np.ndarray, "J 3"], found: JointMap, draft: Draft) -> float:
+def _scale(places: Float[np.ndarray, "J 3"], joint_map: JointMap, draft: Draft) -> float:
     """Return the factor that makes the legs as long as ours."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     limb, parts = "legs", ("left_hip", "left_knee", "left_ankle")
-    if not found.get(parts[0]):
+    if not joint_map.get(parts[0]):
         limb, parts = "arms", ("left_shoulder", "left_elbow", "left_wrist")
 
-    def length(limb: np.ndarray) -> float:
+    def length(limb: Float[np.ndarray, "J 3"]) -> float:
         return float(np.linalg.norm(np.diff(limb, axis=0), axis=1).sum())
 
-    theirs = length(places[[found[part][0] for part in parts]])
+    theirs = length(places[[joint_map[part][0] for part in parts]])
     scale = length(rest[[JOINT_INDEX[part] for part in parts]]) / max(theirs, 1e-9)
     is_ours = abs(scale - 1.0) < 0.005
     unit = min(METRES, key=lambda each: abs(np.log(METRES[each] / scale)))
-    why = f"by its {limb}; lengths multiplied by {scale:.3g}, so that they are as long as ours"
-    told = draft.settled_as("units", unit, why, "sure", tuple(METRES), is_ours)
+    reason = f"by its {limb}; lengths multiplied by {scale:.3g}, so that they are as long as ours"
+    told = draft.resolve("units", unit, reason, "sure", tuple(METRES), is_ours)
     if "units" in draft.overrides:
         return METRES[told]
     return 1.0 if is_ours else scale

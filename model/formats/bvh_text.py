@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from model.motion.motion import check_length
+from model.motion.motion import check_num_frames
 from model.storage.npz import MotionError, check_size
 
 MAX_JOINTS = 400
@@ -47,11 +47,11 @@ class BvhFile:
     """Repairs that were made, each half a sentence."""
 
 
-def read_text(path: Path) -> BvhFile:
+def parse_bvh(path: Path) -> BvhFile:
     """Read the joints, the duration of a frame (s) and the rows of a file.
 
     Raises:
-        MotionError: if it is no BVH; the message names the line and the reason.
+        MotionError: if it is not a BVH; the message names the line and the reason.
     """
     check_size(path)
     try:
@@ -75,15 +75,15 @@ class _Reader:
         joints = self._largest_skeleton(joints)
         own = sum(len(joint.channels) for joint in joints)
         if not own:
-            raise self._wrong("no joint has channels")
+            raise self._error("no joint has channels")
         lines = self._lines()
         frames, frame_s = self._head(next(lines, ""), next(lines, ""))
         rows = self._rows(lines, frames, channels, own if joints[0].first == 0 else channels)
         return BvhFile(joints, frame_s, rows, self._said)
 
-    def _wrong(self, why: str) -> MotionError:
+    def _error(self, reason: str) -> MotionError:
         line = 1 + self._text.count("\n", 0, self._at)
-        return MotionError(f"{self._name} is no readable BVH file: line {line}, {why}.")
+        return MotionError(f"{self._name} is not a readable BVH file: line {line}, {reason}.")
 
     def _words(self) -> Iterator[str]:
         """Yield the words of the hierarchy, up to ``MOTION``."""
@@ -93,7 +93,7 @@ class _Reader:
                 self._at = found.end()
                 return
             yield found[0][:MAX_WORD]
-        raise self._wrong("there is no MOTION")
+        raise self._error("there is no MOTION")
 
     def _lines(self) -> Iterator[str]:
         """Yield the remaining lines that are not empty."""
@@ -108,7 +108,7 @@ class _Reader:
         current, width = -1, 0
         words = self._words()
         if next(words, "").lstrip("\ufeff\xef\xbb\xbf").upper() != "HIERARCHY":
-            raise self._wrong("it does not begin with HIERARCHY")
+            raise self._error("it does not begin with HIERARCHY")
         for word in words:
             match word.upper():
                 case "ROOT" | "JOINT" | "END":
@@ -120,33 +120,33 @@ class _Reader:
                     blocks.append(parent if current < 0 else current)
                 case "}":
                     if not blocks:
-                        raise self._wrong("a } has no {")
+                        raise self._error("a } has no {")
                     blocks.pop()
                     current = blocks[-1] if blocks else -1
                 case "OFFSET":
                     offset = tuple(self._number(next(words, "")) for _ in range(3))
                     if not np.abs(offset).max() < MAX_LENGTH:
-                        raise self._wrong(f"an offset must be under {MAX_LENGTH:g}")
+                        raise self._error(f"an offset must be under {MAX_LENGTH:g}")
                     if current >= 0:
                         joints[current].offset = offset
                 case "CHANNELS" if current >= 0:
                     if joints[current].channels:
-                        raise self._wrong("a joint has CHANNELS twice")
+                        raise self._error("a joint has CHANNELS twice")
                     count = next(words, "")
                     if not count.isdigit() or int(count) > 6:
-                        raise self._wrong(f"a joint cannot have {count[:20]!r} channels")
+                        raise self._error(f"a joint cannot have {count[:20]!r} channels")
                     names = [next(words, "").lower() for _ in range(int(count))]
                     if not set(names) <= set(_CHANNELS) or len(set(names)) < len(names):
-                        raise self._wrong(f"these are no channels: {' '.join(names)[:80]}")
+                        raise self._error(f"these are not channels: {' '.join(names)[:80]}")
                     joints[current].channels = [_CHANNELS[each] for each in names]
                     joints[current].first = width
                     width += len(names)
                 case _:
-                    raise self._wrong(f"{word[:40]!r} is none of ROOT, JOINT, OFFSET, CHANNELS")
+                    raise self._error(f"{word[:40]!r} is none of ROOT, JOINT, OFFSET, CHANNELS")
             if len(joints) > MAX_JOINTS:
-                raise self._wrong(f"it has over {MAX_JOINTS} joints")
+                raise self._error(f"it has over {MAX_JOINTS} joints")
         if not joints:
-            raise self._wrong("it has no joints")
+            raise self._error("it has no joints")
         return joints
 
     def _name_before_brace(self, words: Iterator[str]) -> str:
@@ -157,21 +157,21 @@ class _Reader:
             label.append(word)
             if len(label) > 20:
                 break
-        raise self._wrong("a joint has no {")
+        raise self._error("a joint has no {")
 
     def _head(self, counted: str, timed: str) -> tuple[int, float]:
         frames = re.match(r"(?i)frames\s*:?\s*(\d+)\s*$", counted)
         if frames is None:
-            raise self._wrong(f"'Frames: N' is expected; found {counted[:40]!r}")
+            raise self._error(f"'Frames: N' is expected; found {counted[:40]!r}")
         time = re.match(r"(?i)frame\s*time\s*:?\s*(\S+)", timed)
         if time is None:
-            raise self._wrong(f"'Frame Time: S' is expected; found {timed[:40]!r}")
+            raise self._error(f"'Frame Time: S' is expected; found {timed[:40]!r}")
         frame_s = self._number(time[1])
         if not 0 < frame_s < 1e3:
-            raise self._wrong(f"a frame cannot last {frame_s:g} s")
+            raise self._error(f"a frame cannot last {frame_s:g} s")
         if int(frames[1]) == 0:
-            raise self._wrong("it has no frames")
-        check_length(int(frames[1]), self._name)
+            raise self._error("it has no frames")
+        check_num_frames(int(frames[1]), self._name)
         return int(frames[1]), frame_s
 
     def _rows(self, lines: Iterator[str], frames: int, channels: int, own: int) -> np.ndarray:
@@ -189,7 +189,7 @@ class _Reader:
             if is_by_line and (rest or len(words) > channels):
                 self._at = at if rest else self._at
                 short = f"a row of {len(rest or words)} numbers; the joints have {channels}"
-                raise self._wrong(short)
+                raise self._error(short)
             at, words = self._at, rest + words
             whole = len(words) // channels * channels
             for start in range(0, min(whole, (frames - found) * channels), channels):
@@ -199,11 +199,13 @@ class _Reader:
             if found == frames:
                 break
         if not found:
-            raise self._wrong(f"the only row has {len(rest)} numbers; the joints have {channels}")
+            raise self._error(f"the only row has {len(rest)} numbers; the joints have {channels}")
         if rest and found < frames:
-            self._say(f"row {found + 1} of {frames} is cut ({len(rest)} of {channels} numbers)")
+            self._add_note(
+                f"row {found + 1} of {frames} is cut ({len(rest)} of {channels} numbers)"
+            )
         elif found < frames:
-            self._say(f"it says {frames} frames and holds {found}")
+            self._add_note(f"it says {frames} frames and holds {found}")
         bad = np.flatnonzero(~np.isfinite(rows[:found]).all(axis=1))
         if len(bad):
             raise MotionError(
@@ -225,7 +227,7 @@ class _Reader:
         """Split numbers that run together at their signs."""
         if not any(_FUSED.search(word) for word in words):
             return words
-        self._say("numbers that ran together were taken apart at their signs")
+        self._add_note("numbers that ran together were taken apart at their signs")
         return [each for word in words for each in _FUSED.sub(" -", word).split()]
 
     def _number(self, word: str) -> float:
@@ -236,13 +238,13 @@ class _Reader:
         try:
             value = float(word.replace(",", "."))
         except ValueError:
-            raise self._wrong(f"{word[:40]!r} is no number") from None
-        self._say("it has decimal commas, which were taken as points")
+            raise self._error(f"{word[:40]!r} is not a number") from None
+        self._add_note("it has decimal commas, which were taken as points")
         return value
 
-    def _say(self, what: str) -> None:
-        if what not in self._said:
-            self._said.append(what)
+    def _add_note(self, note: str) -> None:
+        if note not in self._said:
+            self._said.append(note)
 
     def _largest_skeleton(self, joints: list[Joint]) -> list[Joint]:
         """Return the largest of several skeletons, with its channels unchanged."""
@@ -251,7 +253,7 @@ class _Reader:
             return joints
         ends = [*roots[1:], len(joints)]
         start, end = max(zip(roots, ends, strict=True), key=lambda pair: pair[1] - pair[0])
-        self._say(f"it has {len(roots)} roots, and {joints[start].name[:40]!r} was taken")
+        self._add_note(f"it has {len(roots)} roots, and {joints[start].name[:40]!r} was taken")
         kept = joints[start:end]
         for joint in kept:
             joint.parent = joint.parent - start if joint.parent >= 0 else -1

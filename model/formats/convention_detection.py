@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
 from conventions.rates import FPS
 from model.formats.motion_draft import Draft, at_30_fps
-from model.formats.reading import AXES, METRES, ImportedMotion, Kind, axis_of
+from model.formats.reading import AXES, METRES, ImportedMotion, Kind, axis_vector
 from model.motion.kinematics import open_body_skeleton
-from model.motion.motion import Motion, in_step
+from model.motion.motion import Motion, shift_by_lag
 from model.motion.tracks import Tracks, track_points
 from model.storage.npz import MotionError
 
@@ -29,7 +29,7 @@ RELAXED_HANDS: Float[np.ndarray, "30 3"] = np.concatenate(
     [np.array(_LEFT_RELAXED), np.array(_LEFT_RELAXED) * (1, -1, -1)]
 )
 """Axis-angle (30, 3) of our own relaxed hands, a substitute for the licensed mean hand pose."""
-_UNIT = {axis: axis_of(axis) for axis in AXES}
+_UNIT = {axis: axis_vector(axis) for axis in AXES}
 _UPRIGHT = {
     "y": Rotation.identity(),
     "-y": Rotation.from_euler("x", 180, degrees=True),
@@ -44,11 +44,11 @@ _FORWARD_DEG = {"z": 0, "x": -90, "-z": 180, "-x": 90}
 CURL_FLAT, CURL_OFFSET = 0.18, 0.08
 """Mean bend of long fingers (rad) above which hands are relative to the flat hand (recordings .22
 and more), and below which they are relative to the mean hand pose."""
-SLIDES_M_S = 0.8
+MAX_FOOT_SLIDE_M_S = 0.8
 """Median speed of the slower foot that no motion in metres reaches (worst published one: .4)."""
 FAR = 20.0
 """Distance from the origin (m) that no recording reaches, but coordinates in centimetres do."""
-_LOOKED_AT = 1800
+_MAX_INSPECTED_FRAMES = 1800
 """Number of first frames by which feet are judged."""
 LOWEST_FPS, HIGHEST_FPS = 12.0, 240.0
 _FILLED_IN = (
@@ -59,7 +59,9 @@ _SAMPLES = range(2, 21)
 _JUMP = 2.5
 
 
-def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) -> ImportedMotion:
+def finish_import(
+    draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None
+) -> ImportedMotion:
     """Convert a draft to our conventions, with all that was assumed.
 
     Args:
@@ -68,7 +70,7 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
     Raises:
         MotionError: for rates that cannot be resampled, and impossible values from the user.
     """
-    _samples(draft)
+    _split_joined_samples(draft)
     _hands(draft, mean_hands)
     _units(draft)
     _up_and_facing(draft)
@@ -81,36 +83,36 @@ def finished(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None) 
     if abs(draft.fps - FPS) >= 0.01:
         what = f"; resampled to {FPS}" if draft.fps > FPS - 1.0 else _FILLED_IN % (draft.fps / 2)
         draft.assumptions = [
-            replace(each, why=each.why + what) if each.kind == "rate" else each
+            replace(each, reason=each.reason + what) if each.kind == "rate" else each
             for each in draft.assumptions
         ]
     if draft.fps <= FPS - 1.0:
         draft.missing_parts.add("detail")
-    motion = _in_step(draft, motion)
-    known = {each.kind for each in draft.assumptions if each.sure == "told"} | {"frames"}
+    motion = _shift_by_lag(draft, motion)
+    known = {each.kind for each in draft.assumptions if each.confidence == "user"} | {"frames"}
     for kind in sorted(draft.overrides.keys() - known):
         draft.assume(
-            cast(Kind, kind), draft.overrides[kind], "which does not apply to this file", "told"
+            cast(Kind, kind), draft.overrides[kind], "which does not apply to this file", "user"
         )
     return ImportedMotion(
         motion, tuple(draft.assumptions), draft.name, frozenset(draft.missing_parts)
     )
 
 
-def _in_step(draft: Draft, motion: Motion) -> Motion:
+def _shift_by_lag(draft: Draft, motion: Motion) -> Motion:
     """Shift the motion by the lag that the user states."""
     told = draft.overrides.get("lag")
     if told is None:
         return motion
     try:
-        moved = in_step(motion, float(told))
+        moved = shift_by_lag(motion, float(told))
     except (ValueError, OverflowError) as error:
         raise MotionError(f"{draft.name}: --assume lag={told}: {error}") from error
-    draft.assume("lag", told, "as you say; moved by so many seconds", "told")
+    draft.assume("lag", told, "as you say; moved by so many seconds", "user")
     return moved
 
 
-def _samples(draft: Draft) -> None:
+def _split_joined_samples(draft: Draft) -> None:
     """Detect samples of one clip that were joined, by jumps of the body at equal distances."""
     poses = draft.poses[:, :22].reshape(len(draft.poses), -1)
     jumps = np.linalg.norm(np.diff(poses, axis=0), axis=1)
@@ -126,15 +128,15 @@ def _samples(draft: Draft) -> None:
         return
     choice = draft.overrides.get("motion", "all")
     numbers = tuple(str(number) for number in range(1, count + 1))
-    why = f"the body jumps every {length} frames: {count} samples seem to be concatenated"
+    reason = f"the body jumps every {length} frames: {count} samples seem to be concatenated"
     if choice in numbers:
         draft.select_frames(slice(length * (int(choice) - 1), length * int(choice)))
-        draft.assume("motion", choice, f"as you say of {count}", "told", (*numbers, "all"))
+        draft.assume("motion", choice, f"as you say of {count}", "user", (*numbers, "all"))
     else:
-        draft.assume("motion", "all", why, "unsure", numbers)
+        draft.assume("motion", "all", reason, "unsure", numbers)
 
 
-def curl(poses: Float[np.ndarray, "T 55 3"]) -> float:
+def mean_finger_bend(poses: Float[np.ndarray, "T 55 3"]) -> float:
     """Compute the mean bend of the long fingers (rad), of hands that are not all zero."""
     hands = ((LEFT_HAND, -1.0), (RIGHT_HAND, 1.0))
     bends = [sign * poses[:, list(hand[:12]), 2] for hand, sign in hands if poses[:, hand].any()]
@@ -147,15 +149,15 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
     hands = draft.poses[:, list(HANDS)]
     if "hands" in draft.missing_parts or (draft.is_scaled and told is None):
         return
-    bend, moves = curl(draft.poses), bool(np.abs(hands).max(initial=0.0) > 1e-5)
+    bend, moves = mean_finger_bend(draft.poses), bool(np.abs(hands).max(initial=0.0) > 1e-5)
     thumbs = float(draft.poses[:, [LEFT_HAND[12], RIGHT_HAND[12]], 0].mean())
     if told is not None:
-        value, why, sure = told, "as you say", "told"
+        value, reason, confidence = told, "as you say", "user"
     elif draft.is_offset:
         is_flat = bend > CURL_FLAT and moves
         value = "flat" if is_flat else "mean"
-        sure = "unsure" if bend > CURL_OFFSET and moves else "likely"
-        why = (
+        confidence = "unsure" if bend > CURL_OFFSET and moves else "likely"
+        reason = (
             f"fingers bend by {bend:z.2f} rad, as from the flat hand, though files of"
             " this layout are told from the mean one"
             if is_flat
@@ -163,23 +165,25 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
             "fingers agrees"
         )
     elif draft.is_offset is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
-        value, sure = "mean", "unsure"
-        why = f"fingers bend by {bend:z.2f} rad, which no flat hand does"
+        value, confidence = "mean", "unsure"
+        reason = f"fingers bend by {bend:z.2f} rad, which no flat hand does"
     elif not moves:
         draft.missing_parts.add("hands")
         draft.assume("hands", "flat", "they never move", "likely", ("mean",), is_usual=True)
         return
     else:
-        value, sure = "flat", "sure" if bend > CURL_FLAT else "likely"
-        why = f"fingers bend by {bend:z.2f} rad"
+        value, confidence = "flat", "sure" if bend > CURL_FLAT else "likely"
+        reason = f"fingers bend by {bend:z.2f} rad"
     if value == "mean":
         offset = RELAXED_HANDS if mean_hands is None else mean_hands
         draft.poses = draft.poses.copy()
         draft.poses[:, list(HANDS)] += offset
         if mean_hands is None:
             draft.missing_parts.add("finger_angles")
-            why += "; our relaxed hand is used instead (--body uses the licensed one)"
-    draft.assume("hands", value, why, sure, ("flat", "mean"), is_usual=value == "flat" and not told)
+            reason += "; our relaxed hand is used instead (--body uses the licensed one)"
+    draft.assume(
+        "hands", value, reason, confidence, ("flat", "mean"), is_usual=value == "flat" and not told
+    )
 
 
 def _units(draft: Draft) -> None:
@@ -189,11 +193,11 @@ def _units(draft: Draft) -> None:
     told = draft.overrides.get("units")
     if told is not None:
         draft.trans = draft.trans * METRES[told]
-        draft.assume("units", told, "as you say", "told", tuple(METRES))
+        draft.assume("units", told, "as you say", "user", tuple(METRES))
         return
-    still = Draft(draft.name, {}, draft.poses[:_LOOKED_AT]).motion()
+    still = Draft(draft.name, {}, draft.poses[:_MAX_INSPECTED_FRAMES]).motion()
     feet = _tracks(still).joints[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]]
-    trans = draft.trans[:_LOOKED_AT]
+    trans = draft.trans[:_MAX_INSPECTED_FRAMES]
 
     def slide(scale: float) -> float:
         """Return the median speed of the slower foot (m/s)."""
@@ -204,25 +208,31 @@ def _units(draft: Draft) -> None:
 
     far = float(np.abs(np.median(trans, axis=0)).max())
     is_still = np.ptp(trans, axis=0).max() < 1e-6
-    stands = slide(1.0) < max(SLIDES_M_S, 2 * slide(0.0))  # or its legs alone go as fast
+    stands = slide(1.0) < max(MAX_FOOT_SLIDE_M_S, 2 * slide(0.0))  # or its legs alone go as fast
     if far < FAR and (is_still or stands):
-        unit, sure, why = "m", "sure", "feet do not slide at this scale"
+        unit, confidence, reason = "m", "sure", "feet do not slide at this scale"
     elif not is_still and stands:
-        unit, sure = "m", "unsure"
-        why = f"though the body stands {far:.0f} away, at that scale its feet stand"
+        unit, confidence = "m", "unsure"
+        reason = f"though the body stands {far:.0f} away, at that scale its feet stand"
     else:
         steps = np.linalg.norm(np.diff(trans, axis=0), axis=-1)
         speed = float(np.median(steps) * draft.fps) if len(steps) else 0.0
-        odd = {unit: _oddness(METRES[unit] * far, METRES[unit] * speed) for unit in ("cm", "mm")}
+        odd = {
+            unit: _implausibility(METRES[unit] * far, METRES[unit] * speed) for unit in ("cm", "mm")
+        }
         unit = min(odd, key=lambda each: odd[each])
-        sure = "likely" if abs(odd["cm"] - odd["mm"]) > 1.0 else "unsure"
-        why = f"in metres it would stand {far:.0f} away and its feet slide at {slide(1.0):.1f} m/s"
+        confidence = "likely" if abs(odd["cm"] - odd["mm"]) > 1.0 else "unsure"
+        reason = (
+            f"in metres it would stand {far:.0f} away and its feet slide at {slide(1.0):.1f} m/s"
+        )
     if unit != "m":
         draft.trans = draft.trans * METRES[unit]
-    draft.assume("units", unit, why, sure, ("m", "cm", "mm"), unit == "m" and sure == "sure")
+    draft.assume(
+        "units", unit, reason, confidence, ("m", "cm", "mm"), unit == "m" and confidence == "sure"
+    )
 
 
-def _oddness(far_m: float, speed_m_s: float) -> float:
+def _implausibility(far_m: float, speed_m_s: float) -> float:
     """Return how implausible a pelvis's distance and speed are for a person."""
     return abs(np.log(max(far_m, 0.3))) + abs(np.log(max(speed_m_s, 1e-4) / 0.08))
 
@@ -231,7 +241,7 @@ def _tracks(motion: Motion) -> Tracks:
     return track_points(motion, open_body_skeleton())
 
 
-def posture(motion: Motion) -> dict[str, float]:
+def uprightness(motion: Motion) -> dict[str, float]:
     """Compute how upright a body is along each axis, -1 to 1, by spine, head, shanks and soles."""
     some = motion.part(np.arange(0, motion.num_frames, max(1, motion.num_frames // 100)))
     tracks = _tracks(some)
@@ -241,9 +251,9 @@ def posture(motion: Motion) -> dict[str, float]:
         return (bone / np.maximum(np.linalg.norm(bone, axis=-1, keepdims=True), 1e-9)).mean(axis=0)
 
     spine = mean_bone("pelvis", "neck")
-    head = tracks.global_rot[:, JOINT_INDEX["head"], :, 1].mean(axis=0)
+    head = tracks.R_world_joint[:, JOINT_INDEX["head"], :, 1].mean(axis=0)
     shanks = (mean_bone("left_ankle", "left_knee") + mean_bone("right_ankle", "right_knee")) / 2
-    feet = tracks.global_rot[:, [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]], :, 1]
+    feet = tracks.R_world_joint[:, [JOINT_INDEX["left_ankle"], JOINT_INDEX["right_ankle"]], :, 1]
     up = (2 * spine + head + shanks + feet.mean(axis=(0, 1))) / 5
     return {axis: float(up @ unit) for axis, unit in _UNIT.items()}
 
@@ -251,23 +261,23 @@ def posture(motion: Motion) -> dict[str, float]:
 def _up_and_facing(draft: Draft) -> None:
     if "up" in draft.decided:
         return
-    scores = posture(draft.motion())
+    scores = uprightness(draft.motion())
     ranked = sorted(scores, key=lambda axis: -scores[axis])
     best, second = ranked[0], ranked[1]
     up = draft.overrides.get("up", best)
     margin = scores[best] - scores[second]
     if "up" in draft.overrides:
-        why, sure = "as you say", "told"
+        reason, confidence = "as you say", "user"
     elif draft.is_scaled and best == "y":
-        why, sure = "its rest pose stands along it", "sure"
+        reason, confidence = "its rest pose stands along it", "sure"
     else:
-        why = "spine, head, shanks and soles stand along it" + ("; turned" if up != "y" else "")
-        sure = "unsure" if margin < 0.2 else "likely" if margin < 0.5 else "sure"
+        reason = "spine, head, shanks and soles stand along it" + ("; turned" if up != "y" else "")
+        confidence = "unsure" if margin < 0.2 else "likely" if margin < 0.5 else "sure"
     if up != "y":
         _turn(draft, _UPRIGHT[up])
-    is_usual = up == "y" and sure in ("sure", "likely")
+    is_usual = up == "y" and confidence in ("sure", "likely")
     if up != "y" or all(each.kind != "up" for each in draft.assumptions):
-        draft.assume("up", up, why, sure, tuple(ranked), is_usual)
+        draft.assume("up", up, reason, confidence, tuple(ranked), is_usual)
     _facing(draft)
 
 
@@ -283,17 +293,17 @@ def _facing(draft: Draft) -> None:
     if told is not None:
         if told in _FORWARD_DEG:
             _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[told], degrees=True))
-        draft.assume("facing", told, "as you say", "told", (*_FORWARD_DEG, "as-is"))
+        draft.assume("facing", told, "as you say", "user", (*_FORWARD_DEG, "as-is"))
     elif abs(degrees) > 60 and np.hypot(x, z) > 0.9 and quarter != "z":
         _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[quarter], degrees=True))
-        why = f"hips face {degrees:.0f}° from z throughout; turned"
-        draft.assume("facing", quarter, why, "likely", (*_FORWARD_DEG, "as-is"))
+        reason = f"hips face {degrees:.0f}° from z throughout; turned"
+        draft.assume("facing", quarter, reason, "likely", (*_FORWARD_DEG, "as-is"))
     elif all(each.kind != "facing" for each in draft.assumptions):
         is_z = quarter == "z" and np.hypot(x, z) > 0.9
-        value, why = (
+        value, reason = (
             ("z", f"hips face {degrees:.0f}° from it") if is_z else ("as-is", "not one way")
         )
-        draft.assume("facing", value, why, "sure", (*_FORWARD_DEG, "as-is"), is_usual=True)
+        draft.assume("facing", value, reason, "sure", (*_FORWARD_DEG, "as-is"), is_usual=True)
 
 
 def _turn(draft: Draft, turn: Rotation) -> None:

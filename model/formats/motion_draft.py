@@ -6,20 +6,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Num, Shaped
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
-from model.formats.reading import USUAL_RATES, Assumption, Confidence, Kind, Part, Rotations
+from model.formats.reading import COMMON_FRAME_RATES, Assumption, Confidence, Kind, Part, Rotations
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import NUM_BETAS, NUM_EXPRESSIONS, ExpressionBasis, Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_rot6d
-from model.motion.transforms import motion_at_speed
+from model.motion.transforms import change_motion_speed
 from model.storage.npz import MotionError
 
-WIDTHS: dict[int, tuple[Rotations, ...]] = {
+FORMATS_BY_WIDTH: dict[int, tuple[Rotations, ...]] = {
     3: ("axis-angle",),
     6: ("6d", "6d-columns", "6d-interleaved"),
     4: ("quaternion-wxyz", "quaternion-xyzw"),
@@ -37,9 +37,9 @@ JOINT_SETS: dict[int, tuple[int, ...]] = {
 """Our joints by the number of joints in files; SMPL's last two of 24 are hands without fingers, and
 are ignored."""
 SET_NAMES = {55: "SMPL-X", 52: "SMPL-H", 53: "SMPL-H and the jaw", 24: "SMPL", 22: "SMPL's body"}
-MOST_RADIANS = 4 * np.pi
+MAX_RADIANS = 4 * np.pi
 """Largest plausible angle, two full turns; above it, angles are in degrees."""
-_MIXED = [0, 2, 4, 1, 3, 5]
+_INTERLEAVED_6D = [0, 2, 4, 1, 3, 5]
 """Column order that separates two interleaved axes."""
 
 
@@ -61,7 +61,7 @@ class Draft:
     is_offset: bool | None = None
     """True if hands of this layout are usually offsets from the mean hand pose; None if they are
     known not to be."""
-    chosen: int = 1
+    motion_number: int = 1
     """Number of the motion in a batch, from 1."""
     decided: set[Kind] = field(default_factory=set)
     """Properties that the reader has set as the user states, not to be applied again."""
@@ -72,46 +72,50 @@ class Draft:
         self,
         kind: Kind,
         value: str,
-        why: str,
-        sure: Confidence = "sure",
-        others: tuple[str, ...] = (),
+        reason: str,
+        confidence: Confidence = "sure",
+        alternatives: tuple[str, ...] = (),
         is_usual: bool = False,
     ) -> None:
         """Record an assumption."""
-        self.assumptions.append(Assumption(kind, value, why, sure, others, is_usual))
+        self.assumptions.append(Assumption(kind, value, reason, confidence, alternatives, is_usual))
 
     def set_frame_rate(
-        self, fps: float, why: str, sure: Confidence, others: tuple[str, ...] = USUAL_RATES
+        self,
+        fps: float,
+        reason: str,
+        confidence: Confidence,
+        alternatives: tuple[str, ...] = COMMON_FRAME_RATES,
     ) -> None:
         """Set the frame rate, unless the user states another."""
-        is_ours = sure == "stated" and abs(fps - FPS) < 0.01
-        told = self.settled_as("rate", f"{fps:g}", why, sure, others, is_ours)
+        is_ours = confidence == "stated" and abs(fps - FPS) < 0.01
+        told = self.resolve("rate", f"{fps:g}", reason, confidence, alternatives, is_ours)
         self.fps = float(told) if "rate" in self.overrides else fps
 
     def turns(
         self, rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...]
     ) -> Float[np.ndarray, "T J 3"]:
         """Convert rotations to axis-angle, and record the format assumed."""
-        form = _form_of(rows, joints, self.name, self.overrides.get("rotations"))
+        form = _rotation_format(rows, joints, self.name, self.overrides.get("rotations"))
         if form not in self.assumptions:
             self.assumptions.append(form)
         return _decoded(rows, form.value, self.name)
 
-    def settled_as(
+    def resolve(
         self,
         kind: Kind,
-        found: str,
-        why: str,
-        sure: Confidence,
-        others: tuple[str, ...],
+        detected: str,
+        reason: str,
+        confidence: Confidence,
+        alternatives: tuple[str, ...],
         is_usual: bool = False,
     ) -> str:
         """Return the user's value of a property, or else the one detected, and record it."""
         told = self.overrides.get(kind)
         if told is None:
-            self.assume(kind, found, why, sure, others, is_usual)
-            return found
-        self.assume(kind, told, "as you say", "told", others)
+            self.assume(kind, detected, reason, confidence, alternatives, is_usual)
+            return detected
+        self.assume(kind, told, "as you say", "user", alternatives)
         return told
 
     def select_frames(self, frames: slice) -> None:
@@ -142,15 +146,15 @@ class RotationLayout:
     width: int
     is_transposed: bool = False
 
-    def rows(self, array: np.ndarray) -> Float[np.ndarray, "B T J width"]:
+    def rows(self, array: Shaped[np.ndarray, " ..."]) -> Float[np.ndarray, "B T J width"]:
         """Reshape an array to this layout."""
         array = array.T if self.is_transposed else array
         return array.reshape(self.batch, self.frames, self.joints, self.width)
 
 
-def shape_of(shape: tuple[int, ...]) -> RotationLayout | None:
+def rotation_layout(shape: tuple[int, ...]) -> RotationLayout | None:
     """Return the layout of rotations in an array by its shape; None if it fits none."""
-    pairs = {(joints, width) for joints in JOINT_SETS for width in WIDTHS}
+    pairs = {(joints, width) for joints in JOINT_SETS for width in FORMATS_BY_WIDTH}
     flat = {joints * width: (joints, width) for joints, width in pairs}
     match shape:
         case (frames, columns) if columns in flat:
@@ -173,7 +177,7 @@ def shape_of(shape: tuple[int, ...]) -> RotationLayout | None:
     return None
 
 
-def laid_out(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> np.ndarray:
+def scatter_joints(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> np.ndarray:
     """Return poses of 55 joints with these ones; the others stay at rest."""
     whole = np.zeros((len(poses), NUM_JOINTS, 3))
     whole[:, list(joints)] = poses[:, : len(joints)]
@@ -182,7 +186,7 @@ def laid_out(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> np.n
 
 def are_positions(rows: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> bool:
     """Check whether rows are positions, by constant bones in the proportions of a body."""
-    places = laid_out(rows[:: max(1, len(rows) // 100)], joints)
+    places = scatter_joints(rows[:: max(1, len(rows) // 100)], joints)
     bones = [joint for joint in joints[1:] if PARENTS[joint] in joints]
     lengths = np.linalg.norm(
         places[:, bones] - places[:, [PARENTS[joint] for joint in bones]], axis=-1
@@ -196,7 +200,7 @@ def are_positions(rows: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> 
     return bool(np.corrcoef(mean, ours)[0, 1] > 0.85 and varies < 0.1)
 
 
-def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> float:
+def natural_bend_score(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -> float:
     """Score how joints bend: positive as people's arms, knees and fingers do, or negative."""
     curls = [f"{finger}{i}" for finger in ("index", "middle", "ring") for i in (1, 2, 3)]
     signs = {"left_knee": (0, 0.7), "right_knee": (0, 0.7)}
@@ -212,7 +216,7 @@ def as_people_bend(poses: Float[np.ndarray, "T J 3"], joints: tuple[int, ...]) -
     )
 
 
-def _form_of(
+def _rotation_format(
     rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...], name: str, override: str | None
 ) -> Assumption:
     """Decide the format of rotations.
@@ -221,52 +225,56 @@ def _form_of(
         MotionError: if they cannot have the format that the user states.
     """
     width = rows.shape[-1]
-    forms = WIDTHS[width]
+    forms = FORMATS_BY_WIDTH[width]
     if override is not None:
         if override not in forms:
             raise MotionError(
                 f"{name} has {width} numbers for a joint, which are none of {override}; say "
                 f"{' or '.join(forms)}."
             )
-        return Assumption("rotations", override, "as you say", "told")
+        return Assumption("rotations", override, "as you say", "user")
     if width == 6:
-        return _form_of_6d(rows, joints, name)
+        return _rotation_format_6d(rows, joints, name)
     if width == 4:
         first, last = (float(np.abs(rows[..., at]).mean()) for at in (0, 3))
-        sure = "sure" if abs(first - last) > 0.1 else "unsure"
-        why = f"w is the {'first' if first >= last else 'last'} number, by which joints turn least"
-        return Assumption("rotations", forms[int(first < last)], why, sure, forms)
-    why = f"{width} numbers for a joint"
-    return Assumption("rotations", forms[0], why, is_default=forms[0] == "axis-angle")
+        confidence = "sure" if abs(first - last) > 0.1 else "unsure"
+        reason = (
+            f"w is the {'first' if first >= last else 'last'} number, by which joints turn least"
+        )
+        return Assumption("rotations", forms[int(first < last)], reason, confidence, forms)
+    reason = f"{width} numbers for a joint"
+    return Assumption("rotations", forms[0], reason, is_default=forms[0] == "axis-angle")
 
 
-def _form_of_6d(rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name: str) -> Assumption:
+def _rotation_format_6d(
+    rows: Float[np.ndarray, "T J 6"], joints: tuple[int, ...], name: str
+) -> Assumption:
     """Decide whether 6D rotations are sequential or interleaved, and rows or columns."""
 
-    def apart(six: np.ndarray) -> float:
+    def apart(six: Num[np.ndarray, "*batch 6"]) -> float:
         a, b = six[..., :3], six[..., 3:]
         unit = [np.abs(np.linalg.norm(each, axis=-1) - 1).mean() for each in (a, b)]
         return float(sum(unit) + np.abs((a * b).sum(axis=-1)).mean())
 
-    forms = WIDTHS[6]
-    if apart(rows[..., _MIXED]) < 0.5 * apart(rows):
-        why = "only as two columns, number by number, are they of length 1"
-        return Assumption("rotations", "6d-interleaved", why, "sure", forms)
-    natural = as_people_bend(_decoded(rows, "6d", name), joints)
-    form, why = "6d", "the first two rows, by which joints bend as people's do"
+    forms = FORMATS_BY_WIDTH[6]
+    if apart(rows[..., _INTERLEAVED_6D]) < 0.5 * apart(rows):
+        reason = "only as two columns, number by number, are they of length 1"
+        return Assumption("rotations", "6d-interleaved", reason, "sure", forms)
+    natural = natural_bend_score(_decoded(rows, "6d", name), joints)
+    form, reason = "6d", "the first two rows, by which joints bend as people's do"
     if natural < -0.3:
-        form, why = "6d-columns", "as rows, elbows and hands bend backwards"
-    sure: Confidence = (
+        form, reason = "6d-columns", "as rows, elbows and hands bend backwards"
+    confidence: Confidence = (
         "sure" if abs(natural) > 1.0 else "likely" if abs(natural) > 0.3 else "unsure"
     )
-    return Assumption("rotations", form, why, sure, forms)
+    return Assumption("rotations", form, reason, confidence, forms)
 
 
 def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.ndarray:
     shape = (*rows.shape[:2], 3)
     if form == "axis-angle":
         largest = float(np.linalg.norm(rows, axis=-1).max(initial=0.0))
-        if largest > MOST_RADIANS:
+        if largest > MAX_RADIANS:
             raise MotionError(
                 f"{name} turns a joint by {largest:.0f}; its rotations must be in radians, not"
                 " degrees: multiply them by pi/180."
@@ -275,12 +283,12 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
     if form.startswith("quaternion"):
         if np.abs(np.linalg.norm(rows, axis=-1) - 1).max() > 0.1:
             raise MotionError(
-                f"{name} has 4 numbers for a joint, which are no unit quaternions; save rotations."
+                f"{name} has 4 numbers for a joint, which are not unit quaternions; save rotations."
             )
         xyzw = rows if form == "quaternion-xyzw" else np.roll(rows, -1, axis=-1)
         return Rotation.from_quat(xyzw.reshape(-1, 4)).as_rotvec().reshape(shape)
     if form.startswith("6d"):
-        six = rows[..., _MIXED] if form == "6d-interleaved" else rows
+        six = rows[..., _INTERLEAVED_6D] if form == "6d-interleaved" else rows
         rotmat = matrix_from_rot6d(torch.from_numpy(np.ascontiguousarray(six)).double())
         poses = axis_angle_from_matrix(rotmat).numpy()
         return poses if form == "6d" else -poses
@@ -288,7 +296,7 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
     apart = rotmat @ rotmat.mT - torch.eye(3, dtype=rotmat.dtype)
     if float(apart.abs().max()) > 0.05:
         raise MotionError(
-            f"{name} has 9 numbers for a joint, which are no rotation matrices; save rotations."
+            f"{name} has 9 numbers for a joint, which are not rotation matrices; save rotations."
         )
     return axis_angle_from_matrix(rotmat).numpy()
 
@@ -302,23 +310,25 @@ def at_30_fps(motion: Motion, fps: float) -> Motion:
     if abs(fps - FPS) < 0.01:
         return motion
     if fps > FPS - 1.0:
-        return motion_at_speed(motion, fps / FPS)
+        return change_motion_speed(motion, fps / FPS)
     at = np.arange(int((motion.num_frames - 1) * FPS / fps + 1e-6) + 1) * fps / FPS
     known = np.arange(motion.num_frames)
     rotmat = motion.local_rotations().double().numpy()[..., :2, :]
-    rows = _along(rotmat.reshape(len(known), -1), known, at)
+    rows = _resample(rotmat.reshape(len(known), -1), known, at)
     turned = matrix_from_rot6d(torch.from_numpy(rows).unflatten(-1, (NUM_JOINTS, 6)))
     return replace(
         motion,
         poses=axis_angle_from_matrix(turned).flatten(1).float().numpy(),
-        trans=_along(motion.trans, known, at).astype(np.float32),
-        expressions=_along(motion.expressions, known, at).astype(np.float32),
+        trans=_resample(motion.trans, known, at).astype(np.float32),
+        expressions=_resample(motion.expressions, known, at).astype(np.float32),
     )
 
 
-def _along(
-    rows: Float[np.ndarray, "T C"], known: np.ndarray, at: np.ndarray
+def _resample(
+    rows: Float[np.ndarray, "T C"],
+    from_times: Num[np.ndarray, " T"],
+    to_times: Num[np.ndarray, " S"],
 ) -> Float[np.ndarray, "S C"]:
-    if len(known) < 2:
-        return np.repeat(rows, len(at), axis=0).astype(np.float64)
-    return CubicSpline(known, rows.astype(np.float64), axis=0)(at)
+    if len(from_times) < 2:
+        return np.repeat(rows, len(to_times), axis=0).astype(np.float64)
+    return CubicSpline(from_times, rows.astype(np.float64), axis=0)(to_times)

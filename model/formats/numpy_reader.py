@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Bool, Shaped
 from scipy.spatial.transform import Rotation, Slerp
 
 from conventions.joints import FACE, HANDS, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS
@@ -16,14 +17,14 @@ from conventions.names import join_names, printable
 from conventions.rates import FPS
 from model.formats.motion_draft import (
     BODY,
+    FORMATS_BY_WIDTH,
     JOINT_SETS,
     SET_NAMES,
-    WIDTHS,
     Draft,
     RotationLayout,
     are_positions,
-    laid_out,
-    shape_of,
+    rotation_layout,
+    scatter_joints,
 )
 from model.formats.parameters import (
     EXPRESSIONS,
@@ -38,7 +39,7 @@ from model.formats.parameters import (
     split_key,
 )
 from model.formats.reading import Assumption, Confidence, Part
-from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_length, read_basis
+from model.motion.motion import MAX_FRAMES, NUM_BETAS, NUM_EXPRESSIONS, check_num_frames, read_basis
 from model.motion.runs import true_runs
 from model.storage.npz import (
     MAX_ABS_VALUE,
@@ -46,7 +47,7 @@ from model.storage.npz import (
     Header,
     MotionError,
     check_size,
-    opened_archive,
+    open_archive,
     read_array,
     read_headers,
     read_npy_file,
@@ -120,7 +121,7 @@ COLUMNS: dict[int, ColumnLayout] = {
     ),
 }  # fmt: skip
 """Layouts by the number of columns."""
-NOT_READ = {
+UNSUPPORTED_LAYOUTS = {
     104: "is of Audio2Photoreal's form: 104 angles of a skeleton that is told only by the model "
     "that comes with its checkpoints, with no public list of which angle turns which joint, so "
     "they cannot be laid onto SMPL-X's joints",
@@ -138,7 +139,8 @@ NOT_READ = {
     **dict.fromkeys(
         (29, 36),
         "holds a motion of Unitree's G1 by its width (29 joint angles, with or without 7 numbers "
-        "of the root); a robot's hinges are no person's joints: give the human motion that it was "
+        "of the root); a robot's hinges are not a person's joints: give the human motion that it "
+        "was "
         "retargeted from (SMPL-X or BVH)",
     ),
     **dict.fromkeys((80, 128), "holds a mel spectrogram, by its width, and no motion"),
@@ -157,7 +159,7 @@ JOINTS_NOT_READ = {
 }
 """Reasons why a skeleton is not read, by its number of joints."""
 _PARAMETER_WIDTHS = (3, 10, 16, 45, 63, 300)
-CONVERT = (
+CONVERT_PICKLE_COMMAND = (
     'python -c "import numpy as n,sys; f=lambda d,p=str(): {k: v for a,b in d.items() for k,v in '
     "(f(b,p+str(a)+'/') if hasattr(b,'items') else {p+str(a): n.asarray(b)}).items()}; "
     "d=n.load(sys.argv[1],allow_pickle=True); d=dict(d) if hasattr(d,'files') else d; "
@@ -166,9 +168,9 @@ CONVERT = (
     "n.savez('motion.npz', **{k: v for k,v in f(d).items() if v.dtype!=object})\" FILE"
 )
 """Command for users who trust a file of pickled objects: loading runs any code in them."""
-_FARTHEST = 1e5
+_MAX_TRANSLATION = 1e5
 """Largest coordinate: a hundred metres in millimetres."""
-_READS = (
+_SUPPORTED_SHAPES = (
     "rotations are (frames, 165), (frames, 55, 3) or of 53, 52, 24 or 22 joints, 3, 4, 6 or 9"
     " numbers each"
 )
@@ -178,28 +180,28 @@ _IN_A_FOLDER = (
 )
 
 
-def read_npz(path: Path, told: dict[str, str]) -> Draft:
+def read_npz(path: Path, overrides: dict[str, str]) -> Draft:
     """Read a BEAT2 npz, or a variant that can be converted.
 
     Raises:
         MotionError: for all else; one sentence that names the file.
     """
-    with opened_archive(path) as archive:
-        return _Archive(archive, path.name, told).read()
+    with open_archive(path) as archive:
+        return _Archive(archive, path.name, overrides).read()
 
 
-def _read_parameter_files(files: Mapping[str, Path], name: str, told: dict[str, str]) -> Draft:
+def _read_parameter_files(files: Mapping[str, Path], name: str, overrides: dict[str, str]) -> Draft:
     if sum(file.stat().st_size for file in files.values()) > MAX_FILE_BYTES:
         raise MotionError(f"The files of {name} have over {MAX_FILE_BYTES // 2**20} MiB together.")
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         for part, file in files.items():
             archive.writestr(f"{part}.npy", file.read_bytes())
-    with opened_archive(next(iter(files.values())), content) as archive:
-        return _Archive(archive, name, told).read()
+    with open_archive(next(iter(files.values())), content) as archive:
+        return _Archive(archive, name, overrides).read()
 
 
-def read_npy(path: Path, told: dict[str, str]) -> Draft:
+def read_npy(path: Path, overrides: dict[str, str]) -> Draft:
     """Read a motion from one array, or from a file for each parameter.
 
     Raises:
@@ -207,43 +209,47 @@ def read_npy(path: Path, told: dict[str, str]) -> Draft:
     """
     check_size(path)
     if files := parameter_files(path):
-        return _read_parameter_files(files, path.name, told)
+        return _read_parameter_files(files, path.name, overrides)
     try:
         array = read_npy_file(path)
     except OSError as error:
         raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
     if array is not None and array.dtype.kind in "fiub" and array.ndim < 2:
         raise MotionError(
-            f"{path.name} has the shape {array.shape}, one number a frame; {_READS}. {_IN_A_FOLDER}"
+            f"{path.name} has the shape {array.shape}, one number a frame; {_SUPPORTED_SHAPES}. "
+            f"{_IN_A_FOLDER}"
         )
     if array is None or array.dtype.kind not in "fiu":
         raise MotionError(
-            f"{path.name} is no plain array of numbers with a row for each frame; pickled objects"
-            f" are never loaded: if you trust it, convert it yourself: {CONVERT}."
+            f"{path.name} is not a plain array of numbers with a row for each frame; pickled "
+            "objects"
+            f" are never loaded: if you trust it, convert it yourself: {CONVERT_PICKLE_COMMAND}."
         )
-    draft = _of_array(array.astype(np.float32), path.name, told)
+    draft = _of_array(array.astype(np.float32), path.name, overrides)
     _rate(draft, {})
-    _complete(draft)
+    _note_missing(draft)
     return draft
 
 
-def _of_array(array: np.ndarray, name: str, told: dict[str, str], key: str = "") -> Draft:
+def _of_array(
+    array: Shaped[np.ndarray, " ..."], name: str, overrides: dict[str, str], key: str = ""
+) -> Draft:
     """Read a motion from one array that holds everything."""
     named = f"`{key}` of {name}" if key else name
     width = array.shape[-1]
-    shape = shape_of(array.shape)
-    if shape is not None and shape.is_transposed and width in (*COLUMNS, *NOT_READ):
+    shape = rotation_layout(array.shape)
+    if shape is not None and shape.is_transposed and width in (*COLUMNS, *UNSUPPORTED_LAYOUTS):
         shape = None
-    if shape is None and array.ndim < 4 and width in NOT_READ:
-        raise MotionError(f"{named} {NOT_READ[width]}.")
+    if shape is None and array.ndim < 4 and width in UNSUPPORTED_LAYOUTS:
+        raise MotionError(f"{named} {UNSUPPORTED_LAYOUTS[width]}.")
     if shape is None and array.ndim in (2, 3) and width in COLUMNS:
-        return _of_columns(array, COLUMNS[width], name, told)
+        return _of_columns(array, COLUMNS[width], name, overrides)
     if shape is None:
-        if why := not_read(array.shape):
-            raise MotionError(f"{named} {why}.")
+        if reason := not_read(array.shape):
+            raise MotionError(f"{named} {reason}.")
         folder = f" {_IN_A_FOLDER}" if width in _PARAMETER_WIDTHS and not key else ""
-        raise MotionError(f"{named} has the shape {array.shape}; {_READS}.{folder}")
-    return _of_rotations(array, shape, name, told)
+        raise MotionError(f"{named} has the shape {array.shape}; {_SUPPORTED_SHAPES}.{folder}")
+    return _of_rotations(array, shape, name, overrides)
 
 
 def not_read(shape: tuple[int, ...]) -> str:
@@ -251,19 +257,26 @@ def not_read(shape: tuple[int, ...]) -> str:
     match shape:
         case (*_, joints, 3, 3) if joints in JOINTS_NOT_READ:
             pass
-        case (_, joints, width) if joints in JOINTS_NOT_READ and width in WIDTHS and joints != 30:
+        case (_, joints, width) if (
+            joints in JOINTS_NOT_READ and width in FORMATS_BY_WIDTH and joints != 30
+        ):
             pass  # 30 joints of 3 numbers are two hands
         case _:
             return ""
     return JOINTS_NOT_READ[joints].format(joints=joints)
 
 
-def _of_columns(array: np.ndarray, layout: ColumnLayout, name: str, told: dict[str, str]) -> Draft:
-    draft = Draft(name, told, np.zeros((1, NUM_JOINTS, 3)), is_offset=layout.is_offset)
+def _of_columns(
+    array: Shaped[np.ndarray, "*batch T C"],
+    layout: ColumnLayout,
+    name: str,
+    overrides: dict[str, str],
+) -> Draft:
+    draft = Draft(name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_offset=layout.is_offset)
     draft.assume("layout", str(array.shape[-1]), f"as {layout.name}")
-    rows = _one_of(draft, array.reshape(-1, *array.shape[-2:]))
-    check_length(len(rows), name)
-    _check_finite(draft, "the array", rows, most=_FARTHEST)
+    rows = _select_motion(draft, array.reshape(-1, *array.shape[-2:]))
+    check_num_frames(len(rows), name)
+    _check_finite(draft, "the array", rows, most=_MAX_TRANSLATION)
     poses = np.zeros((len(rows), NUM_JOINTS, 3))
     start = 0
     for what, count in layout.blocks:
@@ -285,14 +298,14 @@ def _of_columns(array: np.ndarray, layout: ColumnLayout, name: str, told: dict[s
 
 
 def _of_rotations(
-    array: np.ndarray, shape: RotationLayout, name: str, told: dict[str, str]
+    array: Shaped[np.ndarray, " ..."], shape: RotationLayout, name: str, overrides: dict[str, str]
 ) -> Draft:
-    check_length(shape.frames, name)
-    draft = Draft(name, told, np.zeros((1, NUM_JOINTS, 3)), is_offset=False)
-    rows = _one_of(draft, shape.rows(array))
+    check_num_frames(shape.frames, name)
+    draft = Draft(name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_offset=False)
+    rows = _select_motion(draft, shape.rows(array))
     if shape.is_transposed:
-        why = f"frames lie along the second axis of {array.shape}"
-        draft.assume("layout", "transposed", why, "unsure")
+        reason = f"frames lie along the second axis of {array.shape}"
+        draft.assume("layout", "transposed", reason, "unsure")
     _check_finite(draft, "rotations", rows)
     joints = JOINT_SETS[shape.joints]
     if shape.width == 3 and are_positions(rows, joints):
@@ -301,12 +314,12 @@ def _of_rotations(
             "Fit SMPL-X to them (for instance with joints2smpl or SMPLify-X), or save the "
             "rotations."
         )
-    draft.poses = laid_out(draft.turns(rows[:, : len(joints)], joints), joints)
-    _tell_joints(draft, joints, f"{SET_NAMES[shape.joints]}, by {shape.joints} joints")
+    draft.poses = scatter_joints(draft.turns(rows[:, : len(joints)], joints), joints)
+    _assume_joints(draft, joints, f"{SET_NAMES[shape.joints]}, by {shape.joints} joints")
     return draft
 
 
-def _tell_joints(draft: Draft, joints: tuple[int, ...], why: str) -> None:
+def _assume_joints(draft: Draft, joints: tuple[int, ...], reason: str) -> None:
     if not set(HANDS) & set(joints):
         draft.missing_parts.add("hands")
     lacking = [
@@ -315,10 +328,10 @@ def _tell_joints(draft: Draft, joints: tuple[int, ...], why: str) -> None:
         if not set(of) & set(joints)
     ]
     rest = f"; {', '.join(lacking)} stay at rest" if lacking else ""
-    draft.assume("joints", str(len(set(joints))), why + rest, "stated", (), not lacking)
+    draft.assume("joints", str(len(set(joints))), reason + rest, "stated", (), not lacking)
 
 
-def _one_of(draft: Draft, batch: np.ndarray) -> np.ndarray:
+def _select_motion(draft: Draft, batch: Shaped[np.ndarray, " N *motion"]) -> np.ndarray:
     """Return the motion of a batch that the user chose, or the first."""
     count = len(batch)
     if count == 1:
@@ -328,15 +341,17 @@ def _one_of(draft: Draft, batch: np.ndarray) -> np.ndarray:
         raise MotionError(
             f"{draft.name} holds {count} motions (say --assume motion=1 to motion={count})."
         )
-    others = tuple(str(number) for number in range(1, count + 1))
-    why = f"the file holds a batch of {count} motions"
-    sure = "told" if "motion" in draft.overrides else "unsure"
-    draft.assume("motion", choice, why, sure, others)
-    draft.chosen = int(choice)
-    return batch[draft.chosen - 1]
+    alternatives = tuple(str(number) for number in range(1, count + 1))
+    reason = f"the file holds a batch of {count} motions"
+    confidence = "user" if "motion" in draft.overrides else "unsure"
+    draft.assume("motion", choice, reason, confidence, alternatives)
+    draft.motion_number = int(choice)
+    return batch[draft.motion_number - 1]
 
 
-def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_ABS_VALUE) -> None:
+def _check_finite(
+    draft: Draft, noun: str, rows: Shaped[np.ndarray, "T ..."], most: float = MAX_ABS_VALUE
+) -> None:
     """Refuse frames that are not finite, or interpolate them in place if the user wants it.
 
     Raises:
@@ -348,21 +363,24 @@ def _check_finite(draft: Draft, what: str, rows: np.ndarray, most: float = MAX_A
         good = np.flatnonzero(~bad)
         for column in range(flat.shape[1]):
             flat[bad, column] = np.interp(np.flatnonzero(bad), good, flat[good, column])
-        draft.assume("frames", "bridge", f"frames {stretches(bad)} of {what} were drawn", "told")
+        draft.assume(
+            "frames", "bridge", f"frames {format_frame_ranges(bad)} of {noun} were drawn", "user"
+        )
     elif bad.any():
         raise MotionError(
-            f"{draft.name} holds NaN or infinite values in {what}, frames {stretches(bad)}; repair "
+            f"{draft.name} holds NaN or infinite values in {noun}, frames "
+            f"{format_frame_ranges(bad)}; repair "
             "it (or say --assume frames=bridge)."
         )
     largest = float(np.abs(flat).max(initial=0.0))
     if largest > most:
         raise MotionError(
-            f"{draft.name} holds {largest:.3g} in {what}, beyond {most:g}; radians and metres are "
+            f"{draft.name} holds {largest:.3g} in {noun}, beyond {most:g}; radians and metres are "
             "expected."
         )
 
 
-def stretches(marks: np.ndarray) -> str:
+def format_frame_ranges(marks: Shaped[np.ndarray, " T"]) -> str:
     """Format the ranges of set marks, for example ``3, 40-45``."""
     pairs = true_runs(marks.astype(bool))
     named = [f"{a}-{b - 1}" if b - a > 1 else str(a) for a, b in pairs[:8]]
@@ -396,7 +414,7 @@ class _Archive:
         if draft.trans is None and (key := self._find(TRANSLATIONS)):
             trans = self._array(draft, key, 3)
             self.lengths[key] = len(trans)
-            _check_finite(draft, f"`{key}`", trans, most=_FARTHEST)
+            _check_finite(draft, f"`{key}`", trans, most=_MAX_TRANSLATION)
             draft.trans = trans.astype(np.float64)
         if draft.expressions is None and (key := self._find(EXPRESSIONS)):
             self._expressions(draft, key)
@@ -407,7 +425,7 @@ class _Archive:
         if _BEAT2 <= set(self.plain) and self.headers[self.plain["poses"]][0][-1:] == (165,):
             draft.is_offset = None
         draft.basis = read_basis(self.archive, self.headers, self.name)
-        _complete(draft)
+        _note_missing(draft)
         return draft
 
     def _of_one_length(self, draft: Draft) -> None:
@@ -450,7 +468,9 @@ class _Archive:
                 for key, (shape, dtype) in self.headers.items()
                 if dtype.kind in "fiu" and _is_motion(shape)
             ]
-            usable = [key for key in usable if self.headers[key][0][-1] not in NOT_READ] or usable
+            usable = [
+                key for key in usable if self.headers[key][0][-1] not in UNSUPPORTED_LAYOUTS
+            ] or usable
             if len(usable) != 1:
                 raise MotionError(self._nothing())
             found = {"": usable[0]}
@@ -465,12 +485,12 @@ class _Archive:
                     f" them (say --assume motion={names[0]})."
                 )
             before = choice if choice in found else list(found)[numbers.index(choice)]
-            self.choice = Assumption("motion", choice, "as you say", "told", tuple(names))
+            self.choice = Assumption("motion", choice, "as you say", "user", tuple(names))
         elif len(found) > 1:
             before = ""
-            others = tuple(each for each in found if each)
-            why = f"`{found['']}`, beside {', '.join(others)}"
-            self.choice = Assumption("motion", printable(found[""]), why, "likely", others)
+            alternatives = tuple(each for each in found if each)
+            reason = f"`{found['']}`, beside {', '.join(alternatives)}"
+            self.choice = Assumption("motion", printable(found[""]), reason, "likely", alternatives)
         for own in (False, True):  # arrays of no other motion, then those of this one
             for key in self.headers:
                 prefix, plain = split_key(key)
@@ -483,14 +503,16 @@ class _Archive:
         if objects:
             return (
                 f"{self.name} holds pickled Python objects in {self._listed(objects)}, which are"
-                f" never loaded; if you trust it, convert it yourself: {CONVERT}."
+                f" never loaded; if you trust it, convert it yourself: {CONVERT_PICKLE_COMMAND}."
             )
         for shape, _ in self.headers.values():
-            if why := not_read(shape) or (len(shape) == 2 and NOT_READ.get(shape[-1], "")):
-                return f"{self.name} {why}."
+            if reason := not_read(shape) or (
+                len(shape) == 2 and UNSUPPORTED_LAYOUTS.get(shape[-1], "")
+            ):
+                return f"{self.name} {reason}."
         return (
             f"{self.name} lacks poses, or `global_orient` with `body_pose`: it holds"
-            f" {self._listed(list(self.headers)) or 'nothing'}; {_READS}."
+            f" {self._listed(list(self.headers)) or 'nothing'}; {_SUPPORTED_SHAPES}."
         )
 
     def _listed(self, keys: list[str]) -> str:
@@ -509,11 +531,12 @@ class _Archive:
             return self._of_parts()
         if not _is_motion(shape):
             raise MotionError(
-                f"{self.name}: `{printable(key)}` has the shape {shape}; {_READS}. The file holds"
+                f"{self.name}: `{printable(key)}` has the shape {shape}; {_SUPPORTED_SHAPES}. The "
+                "file holds"
                 f" {self._listed(list(self.headers))}."
             )
         if max(shape[:2]) > MAX_FRAMES:
-            check_length(max(shape[:2]), self.name)
+            check_num_frames(max(shape[:2]), self.name)
         array = self._numbers(key)
         draft = _of_array(array, self.name, self.told, printable(key))
         self.lengths["poses"] = len(draft.poses)
@@ -524,50 +547,50 @@ class _Archive:
     def _of_parts(self) -> Draft:
         """Read a motion from separate SMPL-X parameters; missing ones stay at rest."""
         draft = Draft(self.name, self.told, np.zeros((1, NUM_JOINTS, 3)), is_offset=True)
-        found: dict[tuple[int, ...], np.ndarray] = {}
+        parts: dict[tuple[int, ...], np.ndarray] = {}
         keys = []
         for part, joints in PARTS.items():
             if part not in self.plain or not self._is_number(part):
                 continue
             rows = self._part_rows(part, self._filled(part), len(joints))
-            check_length(len(rows), self.name)
+            check_num_frames(len(rows), self.name)
             _check_finite(draft, f"`{part}`", rows)
-            found[joints] = rows
+            parts[joints] = rows
             keys.append(part)
             self.lengths[part] = len(rows)
         frames = _num_frames(self.lengths)
-        if not set(BODY[1:]) <= {joint for joints in found for joint in joints}:
+        if not set(BODY[1:]) <= {joint for joints in parts for joint in joints}:
             raise MotionError(f"{self.name} has `global_orient` and no `body_pose`; both needed.")
-        joints = tuple(joint for of in found for joint in of)
+        joints = tuple(joint for of in parts for joint in of)
         poses = np.zeros((frames, NUM_JOINTS, 3))
-        widths = {rows.shape[-1] for rows in found.values()}
-        groups = [list(found)] if len(widths) == 1 else [[of] for of in found]
+        widths = {rows.shape[-1] for rows in parts.values()}
+        groups = [list(parts)] if len(widths) == 1 else [[of] for of in parts]
         for group in groups:
             these = tuple(joint for of in group for joint in of)
-            rows = np.concatenate([_of_length(found[of], frames) for of in group], axis=1)
+            rows = np.concatenate([_of_length(parts[of], frames) for of in group], axis=1)
             poses[:, list(these)] = draft.turns(rows, these)
         draft.poses = poses
         draft.assume("layout", "parts", f"{', '.join(keys)}, laid side by side", "stated")
-        _tell_joints(draft, joints, "SMPL-X's parameters")
+        _assume_joints(draft, joints, "SMPL-X's parameters")
         return draft
 
-    def _part_rows(self, part: str, array: np.ndarray, joints: int) -> np.ndarray:
+    def _part_rows(self, part: str, array: Shaped[np.ndarray, "N ..."], joints: int) -> np.ndarray:
         """Reshape a part to (T, joints, numbers)."""
         each, over = divmod(int(np.prod(array.shape[1:])), joints)
-        if len(array) == 1 and array.ndim > 2 and (over or each not in WIDTHS):
+        if len(array) == 1 and array.ndim > 2 and (over or each not in FORMATS_BY_WIDTH):
             return self._part_rows(part, array[0], joints)
         smpl = array.reshape(len(array), -1)
         if part in ("body_pose", "pose_body") and smpl.shape[1] == 69:
             return smpl[:, :63].reshape(len(array), 21, 3)
-        if over or each not in WIDTHS:
-            why = (
+        if over or each not in FORMATS_BY_WIDTH:
+            reason = (
                 " Hands as principal components need the licensed model: save them with"
                 " use_pca=False, or turn num_pca_comps numbers into 45 with its hand components."
             )
-            why = why if "hand" in part else ""
+            reason = reason if "hand" in part else ""
             raise MotionError(
                 f"{self.name}: `{part}` must have {3 * joints} numbers a frame (or 4, 6 or 9 for "
-                f"each of {joints} joints); it has the shape {array.shape}.{why}"
+                f"each of {joints} joints); it has the shape {array.shape}.{reason}"
             )
         return smpl.reshape(len(array), joints, each)
 
@@ -592,7 +615,7 @@ class _Archive:
         array = self._filled(plain)
         shape = array.shape
         if array.ndim == 3 and array.shape[1] != 1:
-            array = array[min(draft.chosen, len(array)) - 1]
+            array = array[min(draft.motion_number, len(array)) - 1]
         if array.ndim == 2 and array.shape[1] != columns and array.shape[0] == columns:
             array = array.T
         array = array.reshape(len(array), -1)
@@ -600,15 +623,15 @@ class _Archive:
             raise MotionError(
                 f"{self.name}: `{plain}` must have the shape (frames, {columns}); it has {shape}."
             )
-        check_length(len(array), self.name)
+        check_num_frames(len(array), self.name)
         return array
 
     def _expressions(self, draft: Draft, plain: str) -> None:
         shape, dtype = self.headers[self.plain[plain]]
         columns = shape[-1] if shape else 0
         if dtype.kind not in "fiu" or len(shape) < 2 or not 0 < columns <= NUM_EXPRESSIONS:
-            why = f"`{plain}` {shape} are none of FLAME's up to {NUM_EXPRESSIONS} coefficients"
-            draft.assume("face", "none", f"{why}; it stays at rest")
+            reason = f"`{plain}` {shape} are none of FLAME's up to {NUM_EXPRESSIONS} coefficients"
+            draft.assume("face", "none", f"{reason}; it stays at rest")
             return
         face = self._array(draft, plain, columns)
         self.lengths[plain] = len(face)
@@ -622,7 +645,7 @@ class _Archive:
             return
         shape, dtype = self.headers[self.plain["betas"]]
         if dtype.kind not in "fiu" or 0 in shape or not shape or shape[-1] > NUM_BETAS:
-            draft.assume("shape", "mean", f"`betas` {shape} of {dtype} are no shape of a body")
+            draft.assume("shape", "mean", f"`betas` {shape} of {dtype} are not a body shape")
             return
         given = self._numbers(self.plain["betas"]).reshape(-1, shape[-1])[0]
         if not np.isfinite(given).all() or np.abs(given).max() > MAX_ABS_VALUE:
@@ -649,20 +672,22 @@ class _Archive:
         marks = np.zeros(len(draft.poses), dtype=bool)
         values = read_array(self.archive, self.plain[key]).reshape(-1)[: len(marks)]
         marks[: len(values)] = values == 0
-        sure: Confidence = "stated"
+        confidence: Confidence = "stated"
         if key == MISSING and marks.mean() > 0.5:  # then zero rather means that nothing is missing
             marks[: len(values)] = values != 0
-            sure = "unsure"
+            confidence = "unsure"
         told = self.told.get("frames", "bridge" if key == MISSING else "refuse")
         if not marks.any() or marks.all():
             return
-        which = f"`{key}` marks frames {stretches(marks)} as invalid"
+        which = f"`{key}` marks frames {format_frame_ranges(marks)} as invalid"
         if told == "bridge":
             _bridge(draft, marks)
-            draft.assume("frames", "bridge", f"{which}; they were interpolated", sure)
+            draft.assume("frames", "bridge", f"{which}; they were interpolated", confidence)
         else:
-            why = f"{which}; they were kept as they are (--assume frames=bridge interpolates them)"
-            draft.assume("frames", "as-is", why, sure)
+            reason = (
+                f"{which}; they were kept as they are (--assume frames=bridge interpolates them)"
+            )
+            draft.assume("frames", "as-is", reason, confidence)
 
 
 def _num_frames(lengths: Mapping[str, int]) -> int:
@@ -670,11 +695,11 @@ def _num_frames(lengths: Mapping[str, int]) -> int:
     return min((length for length in lengths.values() if length > 1), default=1)
 
 
-def _of_length(rows: np.ndarray, frames: int) -> np.ndarray:
+def _of_length(rows: Shaped[np.ndarray, "T ..."], frames: int) -> np.ndarray:
     return np.repeat(rows, frames, axis=0) if len(rows) == 1 else rows[:frames]
 
 
-def _bridge(draft: Draft, marks: np.ndarray) -> None:
+def _bridge(draft: Draft, marks: Bool[np.ndarray, " T"]) -> None:
     """Interpolate marked frames from their neighbours; the nearest is repeated at the ends."""
     good, bad = np.flatnonzero(~marks), np.flatnonzero(marks)
     at = bad.clip(good[0], good[-1])
@@ -690,7 +715,9 @@ def _bridge(draft: Draft, marks: np.ndarray) -> None:
 
 
 def _is_motion(shape: tuple[int, ...]) -> bool:
-    known = shape_of(shape) or (len(shape) in (2, 3) and shape[-1] in (*COLUMNS, *NOT_READ))
+    known = rotation_layout(shape) or (
+        len(shape) in (2, 3) and shape[-1] in (*COLUMNS, *UNSUPPORTED_LAYOUTS)
+    )
     return bool(known)
 
 
@@ -704,8 +731,8 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
             continue
     values = {f"{value:g}" for value in numbers.values()}
     if not numbers:
-        why = "the file tells none" if not stated else f"`{next(iter(stated))}` is no number"
-        draft.set_frame_rate(float(FPS), why, "unsure")
+        reason = "the file tells none" if not stated else f"`{next(iter(stated))}` is not a number"
+        draft.set_frame_rate(float(FPS), reason, "unsure")
         return
     key, fps = next(iter(numbers.items()))
     if len(values) > 1:
@@ -715,7 +742,7 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
         draft.set_frame_rate(fps, f"as `{key}` says", "stated")
 
 
-def _complete(draft: Draft) -> None:
+def _note_missing(draft: Draft) -> None:
     """Record which parts are missing."""
     if draft.expressions is None:
         draft.missing_parts.add("face")

@@ -8,15 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from model.formats.bvh_reader import read_bvh
-from model.formats.convention_detection import finished
-from model.formats.numpy_reader import CONVERT, read_npy, read_npz
+from model.formats.convention_detection import finish_import
+from model.formats.numpy_reader import CONVERT_PICKLE_COMMAND, read_npy, read_npz
 from model.formats.reading import ImportedMotion, ImportOverrides
-from model.storage.npz import MotionError, opened_archive, read_array, read_headers
+from model.storage.npz import MotionError, open_archive, read_array, read_headers
 
 ENDINGS = (".npz", ".npy", ".bvh")
 PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".p", ".joblib", ".ckpt")
 _MAGIC = {b"PK\x03\x04": ".npz", b"\x93NUMPY": ".npy", b"HIERARCHY": ".bvh"}
-_WAYS = {
+_CONVERSION_HINTS = {
     ".fbx": "export it as BVH from Blender",
     ".glb": "export it as BVH from Blender",
     ".gltf": "export it as BVH from Blender",
@@ -44,12 +44,19 @@ def read_any_motion(
 
     Raises:
         MotionError: for all else; one sentence that names the file.
+
+    Example:
+        >>> imported = read_any_motion("examples/procedural_speaker/a_procedural_speaker.npz")
+        >>> imported.motion.num_frames, imported.rate
+        (420, 30.0)
+        >>> print(imported.assumptions[0].sentence("speaker"))
+        speaker: rotations axis-angle, 3 numbers for a joint.
     """
     path = Path(path)
-    said = (overrides or ImportOverrides()).for_file(path.name, path.stem, *names)
+    of_file = (overrides or ImportOverrides()).for_file(path.name, path.stem, *names)
     hands = mean_hands(body)
     try:
-        return read_unguarded(path, said, hands)
+        return read_unguarded(path, of_file, hands)
     except MotionError as error:
         if path.name in str(error):
             raise
@@ -62,11 +69,11 @@ def read_any_motion(
 
 
 def read_unguarded(
-    path: Path, said: dict[str, str], hands: Float[np.ndarray, "30 3"] | None = None
+    path: Path, overrides: dict[str, str], hands: Float[np.ndarray, "30 3"] | None = None
 ) -> ImportedMotion:
     """Read a motion file; unexpected content raises errors that are not for users."""
     reader = {".npy": read_npy, ".bvh": read_bvh, ".npz": read_npz}[_kind(path)]
-    return finished(reader(path, said), hands)
+    return finish_import(reader(path, overrides), hands)
 
 
 def _kind(path: Path) -> str:
@@ -79,7 +86,7 @@ def _kind(path: Path) -> str:
     if ending in PICKLES:
         raise MotionError(
             f"{path.name} is a pickle file, which could run code when read, so it is never loaded. "
-            f"If you trust it, convert it with: {CONVERT}."
+            f"If you trust it, convert it with: {CONVERT_PICKLE_COMMAND}."
         )
     if ending in ENDINGS or not path.is_file():
         kind = ending if ending in ENDINGS else ".npz"
@@ -90,9 +97,9 @@ def _kind(path: Path) -> str:
         start = file.read(16)
     kind = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
     if kind is None:
-        way = _WAYS.get(ending, "save it as one of these")
+        way = _CONVERSION_HINTS.get(ending, "save it as one of these")
         raise MotionError(
-            f"{path.name} is no motion file that can be read; {', '.join(ENDINGS)} are: {way}."
+            f"{path.name} is not a motion file that can be read; {', '.join(ENDINGS)} are: {way}."
         )
     return kind
 
@@ -105,7 +112,7 @@ def mean_hands(body: Path | None) -> Float[np.ndarray, "30 3"] | None:
     """
     if body is None or body.suffix.lower() != ".npz":
         return None
-    with opened_archive(body) as archive:
+    with open_archive(body) as archive:
         headers = read_headers(archive, body.name, names_objects=True)
         keys = ("hands_meanl", "hands_meanr")
         if any(key not in headers or headers[key][1].kind != "f" for key in keys):

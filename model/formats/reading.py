@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -20,14 +20,14 @@ Kind = Literal[
     "frames", "face", "shape", "lag",
 ]  # fmt: skip
 """Kinds of assumptions about a file; no file contains `lag`, which is against the speech."""
-Confidence = Literal["told", "stated", "sure", "likely", "unsure"]
+Confidence = Literal["user", "stated", "sure", "likely", "unsure"]
 """Certainty: stated by the user, stated by the file, evident from the motion, likely, or a
 guess."""
 Part = Literal["hands", "finger_angles", "face", "legs", "place", "detail"]
 """Parts that a motion may lack: `finger_angles` if our hand replaces the mean hand pose, `place`
 for its translation, `detail` if frames were interpolated."""
 
-LACKS: dict[Part, tuple[str, str]] = {
+MISSING_PART_TEXTS: dict[Part, tuple[str, str]] = {
     "detail": ("was upsampled from a lower frame rate", "jerk and jitter"),
     "finger_angles": ("has hands relative to an unknown mean pose", "finger angles"),
     "hands": ("has no finger motion", "fingers"),
@@ -41,9 +41,9 @@ Rotations = Literal[
     "matrix",
 ]  # fmt: skip
 AXES = ("y", "-y", "z", "-z", "x", "-x")
-USUAL_RATES = ("15", "20", "24", "25", "30", "50", "60", "120")
+COMMON_FRAME_RATES = ("15", "20", "24", "25", "30", "50", "60", "120")
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-TELLABLE: dict[str, tuple[str, ...]] = {
+OVERRIDE_VALUES: dict[str, tuple[str, ...]] = {
     "up": AXES,
     "facing": (*AXES[2:], "as-is"),
     "units": tuple(METRES),
@@ -63,7 +63,7 @@ _SAID = re.compile("[^=]+=[^,]*|[^=]+$")
 _FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
 
 
-def axis_of(name: str) -> np.ndarray:
+def axis_vector(name: str) -> np.ndarray:
     """Return the unit vector of one of `AXES`."""
     return np.eye(3)["xyz".index(name[-1])] * (-1 if name[0] == "-" else 1)
 
@@ -75,34 +75,47 @@ class Assumption:
     kind: Kind
     value: str
     """Value, as for `--assume` if that has this kind."""
-    why: str
+    reason: str
     """Reason, half a sentence."""
-    sure: Confidence = "sure"
-    others: tuple[str, ...] = ()
+    confidence: Confidence = "sure"
+    alternatives: tuple[str, ...] = ()
     """Alternative values."""
     is_default: bool = False
     """True if it is as in our own files, so that users need no note."""
 
     def __post_init__(self) -> None:
-        others = tuple(each for each in self.others if each != self.value)
-        object.__setattr__(self, "others", others)
+        alternatives = tuple(each for each in self.alternatives if each != self.value)
+        object.__setattr__(self, "alternatives", alternatives)
 
     def sentence(self, name: str) -> str:
         """Format a note that names the file."""
         way = ""
-        if self.others and self.sure in ("likely", "unsure") and self.kind in TELLABLE:
-            way = f" (if not, say --assume {self.kind}={'|'.join(self.others[:6])})"
-        return f"{name}: {self.kind} {self.value}, {self.why}{way}."
+        if (
+            self.alternatives
+            and self.confidence in ("likely", "unsure")
+            and self.kind in OVERRIDE_VALUES
+        ):
+            way = f" (if not, say --assume {self.kind}={'|'.join(self.alternatives[:6])})"
+        return f"{name}: {self.kind} {self.value}, {self.reason}{way}."
 
     def as_json(self) -> dict[str, object]:
         """Return the assumption for JSON."""
         return {
-            "what": self.kind,
+            "kind": self.kind,
             "value": self.value,
-            "why": self.why,
-            "sure": self.sure,
-            "others": list(self.others),
+            "reason": self.reason,
+            "confidence": self.confidence,
+            "alternatives": list(self.alternatives),
         }
+
+
+_FORMER_KEYS = {"what": "kind", "why": "reason", "sure": "confidence", "others": "alternatives"}
+
+
+def current_assumption(assumption: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the JSON of an assumption with the present keys, also that of earlier versions."""
+    found = {_FORMER_KEYS.get(key, key): value for key, value in assumption.items()}
+    return found | ({"confidence": "user"} if found.get("confidence") == "told" else {})
 
 
 @dataclass(frozen=True)
@@ -132,7 +145,7 @@ class ImportedMotion:
         return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_default)
 
 
-def apart(readings: Mapping[str, ImportedMotion]) -> list[str]:
+def differing_assumptions(readings: Mapping[str, ImportedMotion]) -> list[str]:
     """Return notes on differences between motions that make comparisons unfair."""
     sentences = []
     kinds: dict[Kind, str] = {"rate": "frame rate", "hands": "mean hand pose"}
@@ -143,7 +156,7 @@ def apart(readings: Mapping[str, ImportedMotion]) -> list[str]:
             sentences.append(
                 f"The motions differ in {words} ({said}), which may affect the metrics."
             )
-    for part, (words, what) in LACKS.items():
+    for part, (words, what) in MISSING_PART_TEXTS.items():
         without = [name for name, each in readings.items() if part in each.missing_parts]
         if without and len(without) < len(readings):
             said = ", ".join(without[:6])
@@ -179,7 +192,9 @@ def length_notes(
         if speech_s > 0
     ]
     fitting = [
-        rate for rate in USUAL_RATES if fits and all(abs(f / float(rate) - 1) < 0.01 for f in fits)
+        rate
+        for rate in COMMON_FRAME_RATES
+        if fits and all(abs(f / float(rate) - 1) < 0.01 for f in fits)
     ]
     hint = ""
     if fitting:
@@ -246,13 +261,13 @@ def parse_import_overrides(written: str) -> ImportOverrides:
     says = []
     for part in filter(None, (part.strip(" ,") for part in _SAID.findall(written))):
         found = _FLAG.match(part)
-        if found is None or found["kind"] not in TELLABLE:
+        if found is None or found["kind"] not in OVERRIDE_VALUES:
             raise MotionError(
                 f"{part[:60]!r} is not a valid override; use WHAT=VALUE or NAME:WHAT=VALUE with "
-                f"WHAT one of {', '.join(TELLABLE)}."
+                f"WHAT one of {', '.join(OVERRIDE_VALUES)}."
             )
         kind, value = found["kind"], found["value"].strip()
-        known = TELLABLE[kind]
+        known = OVERRIDE_VALUES[kind]
         if kind in ("rate", "lag") and not _NUMBER.match(value):
             raise MotionError(f"{kind} must be a number; found {value[:40]!r}.")
         if known and value not in known:

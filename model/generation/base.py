@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from model.motion.motion import ExpressionBasis, Motion
@@ -23,7 +23,7 @@ from model.plan.annotation_files import Interval
 from model.sampling.flow import ClassifierFreeGuidance, seeded_noise
 from model.sampling.samplers import Sampler, Sampling, UnknownNameError
 from model.speech.encoder import SpeechEncoder
-from model.storage.cards import Card
+from model.storage.cards import WeightsCard
 
 
 def num_windows(num_frames: int, window: int, overlap: int) -> int:
@@ -41,7 +41,7 @@ def fade_weights(overlap: int) -> Float[Tensor, " overlap"]:
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
-def fade(
+def crossfade(
     older: Float[Tensor, "*batch S C"], newer: Float[Tensor, "*batch S C"]
 ) -> Float[Tensor, "*batch S C"]:
     """Blend the shared frames of two windows in channels that may be mixed linearly."""
@@ -62,7 +62,7 @@ class SpeechWindow:
         wanted = torch.arange(first - context, first + frames + context)
         return SpeechWindow(features[wanted.clamp(0, len(features) - 1)])
 
-    def around(self, context: int, window: int) -> Float[Tensor, "heard speech_dim"]:
+    def with_context(self, context: int, window: int) -> Float[Tensor, "heard speech_dim"]:
         """Return the middle ``window`` frames with ``context`` frames before and after."""
         spare = (len(self.speech) - window) // 2 - context
         return self.speech[spare : len(self.speech) - spare]
@@ -196,14 +196,47 @@ class MotionConstraint(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class System(ABC):
-    """Trained generator with its name, model card, speakers and samplers."""
+    """Trained generator with its name, model card, speakers and samplers.
+
+    Example:
+        A system that stands still in the rest pose; `model.generation.windows` joins its windows.
+
+        >>> from model.speech.features import MelEncoder
+        >>> class StillSystem(System):
+        ...     def window(self, speech, before, draw):
+        ...         shape = (draw.samples, self.windowing.frames)
+        ...         return Window(
+        ...             rotmat=torch.eye(3).expand(*shape, 55, 3, 3),
+        ...             root=torch.zeros(*shape, 3),
+        ...             expression=torch.zeros(*shape, 52),
+        ...         )
+        >>> system = StillSystem(
+        ...     name="still",
+        ...     card=WeightsCard({}, "still"),
+        ...     sha256s={},
+        ...     speakers={"ada": 0},
+        ...     encoder=MelEncoder(),
+        ...     windowing=Windowing(frames=64, overlap=8),
+        ...     samplers=(Sampler("euler", steps=8, guidance=1.5),),
+        ...     frame="parent",
+        ...     root_motion="velocity",
+        ... )
+        >>> system.resolve_sampling(Sampling(steps=4))
+        Sampling(sampler='euler', steps=4, guidance=1.5)
+        >>> speech = SpeechWindow(torch.zeros(64, system.encoder.dim))
+        >>> spec = WindowSpec(
+        ...     speaker=0, seed=0, samples=2, index=0, sampler="euler", steps=4, guidance=1.5
+        ... )
+        >>> system.window(speech, None, spec).rotmat.shape
+        torch.Size([2, 64, 55, 3, 3])
+    """
 
     window_type: ClassVar[type[Window]] = Window
     """Type of the windows that `window` returns."""
     condition_type: ClassVar[type | None] = None
     """Type of the condition besides speech, speaker and seed; None for a system without one."""
     name: str
-    card: Card
+    card: WeightsCard
     sha256s: Mapping[str, str]
     """Digest of each file of weights that it uses, its own first."""
     speakers: Mapping[str, int]
@@ -248,8 +281,8 @@ class System(ABC):
         """Return a generator of the condition for speech that is still being spoken."""
         raise ValueError(f"{self.name} follows speech alone.")
 
-    def follower(
-        self, condition: Any, kept: Mapping[str, Tensor] | None = None
+    def make_constraint(
+        self, condition: Any, kept: Mapping[str, Shaped[Tensor, " ..."]] | None = None
     ) -> MotionConstraint | None:
         """Return the follower of one sample's motion; None leaves the motion to the network.
 
@@ -265,7 +298,7 @@ class System(ABC):
         """Encode whole speech for the windows, with silence after its end."""
         return torch.from_numpy(self.encoder.encode(waveform, num_frames))
 
-    def resolve_sampling(self, asked: Sampling) -> Sampling:
+    def resolve_sampling(self, options: Sampling) -> Sampling:
         """Return the sampling options with this system's defaults filled in.
 
         Raises:
@@ -273,24 +306,24 @@ class System(ABC):
             ValueError: if the guidance scale is not 1 for a system without guidance.
         """
         known = {sampler.name: sampler for sampler in self.samplers}
-        name = self.samplers[0].name if asked.sampler is None else asked.sampler
+        name = self.samplers[0].name if options.sampler is None else options.sampler
         if name not in known:
             has = ", ".join(known)
             raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {has}.")
         usual = 1.0 if self.guidance is None else self.guidance
-        strength = usual if asked.guidance is None else asked.guidance
+        strength = usual if options.guidance is None else options.guidance
         if self.guidance is None and strength != 1:
             raise ValueError(f"{self.name} does not support guidance; omit it, or set it to 1.")
-        steps = asked.steps or known[name].steps
+        steps = options.steps or known[name].steps
         return Sampling(sampler=name, steps=steps, guidance=strength)
 
-    def supported_sampling(self, asked: Sampling) -> Sampling:
+    def supported_sampling(self, options: Sampling) -> Sampling:
         """Return the options that this system supports; the others become its defaults."""
-        has_it = any(sampler.name == asked.sampler for sampler in self.samplers)
+        has_it = any(sampler.name == options.sampler for sampler in self.samplers)
         return replace(
-            asked,
-            sampler=asked.sampler if has_it else None,
-            guidance=None if self.guidance is None else asked.guidance,
+            options,
+            sampler=options.sampler if has_it else None,
+            guidance=None if self.guidance is None else options.guidance,
         )
 
     @abstractmethod
@@ -312,8 +345,8 @@ class System(ABC):
         weight = fade_weights(shared).to(older.root)[:, None]
         joined = {
             "rotmat": interpolate_rotations(older.rotmat, first.rotmat, weight),
-            "root": fade(older.root, first.root),
-            "expression": fade(older.expression, first.expression),
+            "root": crossfade(older.root, first.root),
+            "expression": crossfade(older.expression, first.expression),
         }
         return replace(
             newer,

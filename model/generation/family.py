@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from conventions.names import file_stem
 from model.sampling.samplers import Sampler
-from model.storage.cards import Card, load_card
+from model.storage.cards import WeightsCard, load_card
 
 if TYPE_CHECKING:
     from model.data.prepared import PreparedData
@@ -212,11 +212,11 @@ class Family:
         """Check the named files; empty without any. Never raises."""
         return ()
 
-    def card(self, name: str, folder: Path) -> Card:
+    def card(self, name: str, folder: Path) -> WeightsCard:
         """Load the model card of a generator's or helper's weights."""
         return load_card(self.home_of(name, folder), self.weights_of(name))
 
-    def fields_of(self, name: str, card: Card) -> "dict[str, Any]":
+    def fields_of(self, name: str, card: WeightsCard) -> "dict[str, Any]":
         """Return the fields of `System` that follow from the family and the model card."""
         from model.speech.encoders import make_encoder
 

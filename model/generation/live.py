@@ -27,7 +27,7 @@ from model.generation.windows import (
 )
 from model.motion.motion import Motion
 
-KNOWN_AFTER = 12
+CONDITION_MARGIN = 12
 """Frames after a window for which there is still a condition."""
 
 
@@ -37,7 +37,7 @@ class Pace:
 
     hop: int = 9
     """Fewest new frames per window; speech features arrive three at a time."""
-    heard_ahead: int = 9
+    look_ahead: int = 9
     """Look-ahead: frames of speech after the last final frame, at least the overlap of windows."""
 
 
@@ -51,9 +51,9 @@ class LiveMotion:
 
     def __init__(self, system: System, options: GenerateOptions, pace: Pace = Pace()) -> None:
         cut = system.windowing
-        if not cut.overlap <= pace.hop <= cut.advance or pace.heard_ahead < cut.overlap:
+        if not cut.overlap <= pace.hop <= cut.advance or pace.look_ahead < cut.overlap:
             raise ValueError(
-                f"hop is {pace.hop} and heard_ahead {pace.heard_ahead}; {system.name} needs "
+                f"hop is {pace.hop} and look_ahead {pace.look_ahead}; {system.name} needs "
                 f"{cut.overlap} to {cut.advance} and at least {cut.overlap}."
             )
         self._cut, self._pace = cut, pace
@@ -65,7 +65,7 @@ class LiveMotion:
         self._follower: MotionConstraint | None = None
         if system.condition_type is not None:
             self._stream = system.condition_stream(first_window_spec(system, options))
-            self._follower = system.follower(None)
+            self._follower = system.make_constraint(None)
         self._motion = PiecewiseMotion(system, follower=self._follower)
         self._speech: Float[Tensor, "kept dim"] = torch.zeros(0, system.encoder.dim)
         self._first = 0
@@ -79,14 +79,14 @@ class LiveMotion:
         return self._first + len(self._speech)
 
     @property
-    def waiting(self) -> int:
+    def num_ready(self) -> int:
         """Frames that could become final at once; with fewer than the pace's hop, none do."""
-        return self.num_frames_in - self._pace.heard_ahead - self.next_frame
+        return self.num_frames_in - self._pace.look_ahead - self.next_frame
 
     @property
     def is_due(self) -> bool:
         """True if enough speech is there for the next window."""
-        return self.waiting >= self._pace.hop
+        return self.num_ready >= self._pace.hop
 
     def add_features(self, features: Float[Tensor, "_ dim"]) -> None:
         """Append the next frames of features of ``system.encoder``."""
@@ -98,11 +98,11 @@ class LiveMotion:
         They are all waiting frames, but no more than a window's advance.
         """
         assert self.is_due
-        hop = min(self.waiting, self._cut.advance)
+        hop = min(self.num_ready, self._cut.advance)
         final = self._window(hop).part(slice(hop))
         self.next_frame += hop
         self._forget_before(self.next_frame - 2 * (self._cut.frames + self._cut.context))
-        return self._motion.go_on(final)
+        return self._motion.append(final)
 
     def set_style(self, manner: Any) -> None:
         """Use conditions of another style from now on.
@@ -122,7 +122,7 @@ class LiveMotion:
         if self._stream is None:
             return self._chain.window(SpeechWindow(heard), hop)
         margin = 0 if self._follower is None else self._follower.margin
-        final, ends = start + hop + margin, start + cut.frames + KNOWN_AFTER
+        final, ends = start + hop + margin, start + cut.frames + CONDITION_MARGIN
         ahead = self.ahead = self._stream.advance(self._heard_from, first, final, ends)
         heard, at = self._stream.conditioning(heard, ahead, first), start - ahead.origin
         if self._follower is not None:

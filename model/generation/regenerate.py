@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
@@ -21,7 +21,7 @@ from model.generation.windows import (
     PiecewiseMotion,
     WindowChain,
     first_window_spec,
-    one_thread,
+    single_threaded,
 )
 from model.motion.motion import Motion, concatenate
 from model.motion.rotations import interpolate_rotations
@@ -30,11 +30,11 @@ from model.storage.files import written_atomically
 from processes.job import Cancelled
 
 OnPiece = Callable[[Motion], None]
-SAME = 1e-3
+CONDITION_TOLERANCE = 1e-3
 """Largest difference of features of an unchanged condition: soft edges of far events."""
 
 
-class KeptError(ValueError):
+class StateError(ValueError):
     """Error for a stored motion that no longer exists; the message is one sentence for the user."""
 
 
@@ -77,15 +77,15 @@ def regenerate(
         raise ValueError(f"{system.name} tells how the body travels, not where it is.")
     cut, draw = system.windowing, first_window_spec(system, options)
     kept = None if before is None else before.followed
-    follower = system.follower(options.conditions[0], kept)
+    follower = system.make_constraint(options.conditions[0], kept)
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
-    with one_thread():
+    with single_threaded():
         heard = system.conditioning(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
         chain = WindowChain(system, options)
-        made: list[Window] = []
+        windows: list[Window] = []
         fresh: list[range] = []
         pieces: list[Motion] = []
-        told: PiecewiseMotion | None = None
+        regenerated: PiecewiseMotion | None = None
         leads_here, left = False, speech.num_frames
         for k in range(count):
             where = k * cut.advance, cut.frames, cut.context
@@ -95,46 +95,48 @@ def regenerate(
                 window, SpeechWindow.of(before.conditioning, *where)
             )
             if old is not None and is_same and not leads_here:
-                made.append(old)
+                windows.append(old)
             else:
                 if should_cancel is not None and should_cancel():
                     raise Cancelled
                 new = chain.made(window)
                 leads_here = old is None or not is_same
                 if old is None or leads_here:
-                    made.append(new)
+                    windows.append(new)
                 else:
-                    made.append(_returning(new, old, cut.advance))
+                    windows.append(_blend_back(new, old, cut.advance))
                 stop = (k + 1) * cut.advance
                 if leads_here and k == count - 1:  # then the frames it shares with none are new
                     stop = speech.num_frames
                 fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
-            joined = chain.joined(made[-1])
-            origin = (made if before is None else before.made)[0]
-            told = told or PiecewiseMotion(system, origin.root[:, :1], follower)
+            joined = chain.joined(windows[-1])
+            origin = (windows if before is None else before.made)[0]
+            regenerated = regenerated or PiecewiseMotion(system, origin.root[:, :1], follower)
             length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
             if length:  # a last window may hold only frames beyond the speech
-                pieces += told.go_on(joined.part(slice(length)))
+                pieces += regenerated.append(joined.part(slice(length)))
                 left -= length
                 on_piece(pieces[-1])
     motion = concatenate(pieces)
     followed = {} if follower is None else follower.state()
     (condition,) = options.conditions
-    return GenerationState(motion, condition, tuple(_runs(fresh)), tuple(made), heard, followed)
+    return GenerationState(
+        motion, condition, tuple(_merge_ranges(fresh)), tuple(windows), heard, followed
+    )
 
 
 def _same(one: SpeechWindow, other: SpeechWindow) -> bool:
-    return bool((one.speech - other.speech).abs().max() < SAME)
+    return bool((one.speech - other.speech).abs().max() < CONDITION_TOLERANCE)
 
 
-def _returning(new: Window, old: Window, advance: int) -> Window:
+def _blend_back(new: Window, old: Window, advance: int) -> Window:
     """Blend a window from the new to the old one, which it equals where the next window starts."""
     weight = torch.ones(new.root.shape[1])
     weight[:advance] = fade_weights(advance)
     weight = weight.to(new.root)
     is_old = weight[:, None] == 1
 
-    def faded(one: Tensor, other: Tensor) -> Tensor:
+    def faded(one: Float[Tensor, "T C"], other: Float[Tensor, "T C"]) -> Tensor:
         return torch.where(is_old, other, torch.lerp(one, other, weight[:, None]))
 
     rotmat = interpolate_rotations(new.rotmat, old.rotmat, weight[:, None])
@@ -146,22 +148,22 @@ def _returning(new: Window, old: Window, advance: int) -> Window:
     )
 
 
-def _runs(frames: Sequence[range]) -> list[range]:
+def _merge_ranges(frames: Sequence[range]) -> list[range]:
     """Merge ranges that adjoin or overlap."""
-    found: list[range] = []
+    merged: list[range] = []
     for one in frames:
-        if found and found[-1].stop >= one.start:
-            found[-1] = range(found[-1].start, max(one.stop, found[-1].stop))
+        if merged and merged[-1].stop >= one.start:
+            merged[-1] = range(merged[-1].start, max(one.stop, merged[-1].stop))
         elif len(one):
-            found.append(one)
-    return found
+            merged.append(one)
+    return merged
 
 
-ENDING = ".windows"
+STATE_SUFFIX = ".windows"
 _HEARD, _FOLLOWED = "heard", "followed."
 
 
-def save_performance(performance: GenerationState, path: Path) -> None:
+def save_state(performance: GenerationState, path: Path) -> None:
     """Write the windows and their input features, bit-exact; the rest has separate files."""
     fields = [window.fields_of(slice(None)) for window in performance.made]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
@@ -171,11 +173,11 @@ def save_performance(performance: GenerationState, path: Path) -> None:
         part.write_bytes(save({_HEARD: heard, **followed, **tensors}))
 
 
-def load_performance(path: Path, system: System, condition: Any, motion: Motion) -> GenerationState:
-    """Load a system's motion under a condition, as written by `save_performance`.
+def load_state(path: Path, system: System, condition: Any, motion: Motion) -> GenerationState:
+    """Load a system's motion under a condition, as written by `save_state`.
 
     Raises:
-        KeptError: if the file is missing or damaged.
+        StateError: if the file is missing or damaged.
     """
     try:
         tensors = load(path.read_bytes())
@@ -184,10 +186,10 @@ def load_performance(path: Path, system: System, condition: Any, motion: Motion)
         heard = tensors.pop(_HEARD)
         return GenerationState(motion, condition, (), _windows(system, tensors), heard, followed)
     except (OSError, SafetensorError, KeyError, TypeError) as error:
-        raise KeptError("This version has expired. Generate the motion again.") from error
+        raise StateError("This version has expired. Generate the motion again.") from error
 
 
-def _windows(system: System, tensors: Mapping[str, Tensor]) -> tuple:
+def _windows(system: System, tensors: Mapping[str, Shaped[Tensor, "windows ..."]]) -> tuple:
     count = len(next(iter(tensors.values())))
     return tuple(
         system.window_type(**{name: stacked[k] for name, stacked in tensors.items()})

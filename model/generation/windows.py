@@ -35,7 +35,7 @@ _HORIZONTAL = torch.tensor([1.0, 0.0, 1.0])
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
+def single_threaded() -> Iterator[None]:
     """Limit torch to one thread inside the block, and restore the previous number after it.
 
     Windows are small: a second thread saves a fifth on an idle machine, and on a busy one both wait
@@ -84,7 +84,7 @@ def generate_motion(
     """Generate one motion for each sample, exactly ``speech.num_frames`` frames at 30 fps.
 
     Speech shorter than a window is padded with silence, and the motion cut again. Torch uses one
-    thread meanwhile (`one_thread`).
+    thread meanwhile (`single_threaded`).
 
     Args:
         should_cancel: called before each window.
@@ -94,12 +94,12 @@ def generate_motion(
         ValueError: if the system does not support the guidance scale.
         Cancelled: if ``should_cancel`` returns true.
     """
-    found: dict[int, list[Motion]] = {}
-    with one_thread():
+    motions: dict[int, list[Motion]] = {}
+    with single_threaded():
         for piece in motion_pieces(system, speech, options, should_cancel):
             for sample, motion in enumerate(piece.motions, start=piece.first_sample):
-                found.setdefault(sample, []).append(motion)
-    return [concatenate(found[sample]) for sample in range(options.samples)]
+                motions.setdefault(sample, []).append(motion)
+    return [concatenate(motions[sample]) for sample in range(options.samples)]
 
 
 def generation_ms(system: System, speech: Speech, steps: int, samples: int = 1) -> float:
@@ -151,7 +151,7 @@ def motion_pieces(
 
 def draw_conditions(system: System, speech: Speech, options: GenerateOptions) -> tuple[Any, ...]:
     """Draw the conditions that a system uses by default, one for each sample."""
-    with one_thread():
+    with single_threaded():
         return tuple(_drawn(system, speech, options))
 
 
@@ -172,7 +172,7 @@ def _made(
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     num_frames = cut.frames + (count - 1) * cut.advance
     features = system.conditioning(speech.waveform, num_frames, first_window_spec(system, options))
-    follower = system.follower(options.conditions[0]) if options.conditions else None
+    follower = system.make_constraint(options.conditions[0]) if options.conditions else None
     told, chain = PiecewiseMotion(system, follower=follower), WindowChain(system, options)
     left = speech.num_frames
     for index in range(count):
@@ -181,7 +181,7 @@ def _made(
         heard = SpeechWindow.of(features, index * cut.advance, cut.frames, cut.context)
         length = min(left, cut.frames if index == count - 1 else cut.advance)
         left -= length
-        motions = told.go_on(chain.window(heard).part(slice(length)))
+        motions = told.append(chain.window(heard).part(slice(length)))
         yield MotionPiece(motions, 0, (index + 1) / count)
 
 
@@ -247,7 +247,7 @@ class PiecewiseMotion:
         self._follower = follower
         self._travelled = None if origin is None else origin * _HORIZONTAL
 
-    def go_on(self, piece: Window) -> list[Motion]:
+    def append(self, piece: Window) -> list[Motion]:
         """Return the motion of the frames after those of the piece before, one for each sample."""
         root, travelled = piece.root, self._travelled
         if self._system.root_motion == "place":

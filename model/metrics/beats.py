@@ -28,7 +28,7 @@ from model.storage.npz import MotionError
 ONSET_HOP = 512
 """Hop of the onset detection (samples); BeatAlign is defined with it."""
 BEAT_JOINTS = list(UPPER_BODY)
-NEIGHBOURS = 7
+MINIMUM_ORDER = 7
 SPEED_THRESHOLD = 0.3
 SIGMA_AUDIO_TO_MOTION_S = 0.3
 SIGMA_MOTION_TO_AUDIO_S = 0.1
@@ -84,7 +84,7 @@ def motion_beats(
     """
     beats = []
     for speed, mean in zip(speeds.T, mean_speed, strict=True):
-        (minima,) = argrelextrema(speed, np.less, order=NEIGHBOURS)
+        (minima,) = argrelextrema(speed, np.less, order=MINIMUM_ORDER)
         beats.append(minima[speed[minima] > SPEED_THRESHOLD * mean] / FPS)
     return beats
 
@@ -99,22 +99,28 @@ def _nearness(
     return float(np.exp(-(distance**2) / (2 * sigma_s**2)).mean())
 
 
-def audio_to_motion(onsets: Float[np.ndarray, " n"], beats: Sequence[np.ndarray]) -> float:
+def audio_to_motion(
+    onsets: Float[np.ndarray, " n"], beats: Sequence[Float[np.ndarray, " _"]]
+) -> float:
     """Compute BeatAlign in EMAGE's direction, onsets to motion beats (0 to 1)."""
     return float(np.mean([_nearness(onsets, joint, SIGMA_AUDIO_TO_MOTION_S) for joint in beats]))
 
 
-def motion_to_audio(onsets: Float[np.ndarray, " n"], beats: Sequence[np.ndarray]) -> float:
+def motion_to_audio(
+    onsets: Float[np.ndarray, " n"], beats: Sequence[Float[np.ndarray, " _"]]
+) -> float:
     """Compute BeatAlign in AsynFusion's direction, beats of all joints to onsets (0 to 1)."""
     return _nearness(np.concatenate(list(beats)), onsets, SIGMA_MOTION_TO_AUDIO_S)
 
 
-def counted(onsets: Float[np.ndarray, " n"], duration_s: float) -> Float[np.ndarray, " m"]:
+def onsets_within_margins(
+    onsets: Float[np.ndarray, " n"], duration_s: float
+) -> Float[np.ndarray, " m"]:
     """Return the onsets that are further than `MARGIN_S` from both ends."""
     return onsets[(onsets >= MARGIN_S) & (onsets < duration_s - MARGIN_S)]
 
 
-def beats_of(
+def joint_beats(
     positions: Float[np.ndarray, "T J 3"], mean_speed: Float[np.ndarray, " 13"]
 ) -> list[Float[np.ndarray, " beats"]]:
     """Return the times (s) of the motion beats of each of `BEAT_JOINTS`.
@@ -125,14 +131,14 @@ def beats_of(
     return motion_beats(joint_speeds(positions[:, BEAT_JOINTS]), mean_speed)
 
 
-def with_chance(
-    score: Callable[[np.ndarray, Sequence[np.ndarray]], float],
+def score_and_chance(
+    score: Callable[[Float[np.ndarray, " n"], Sequence[Float[np.ndarray, " _"]]], float],
     onsets: Float[np.ndarray, " n"],
-    beats: Sequence[np.ndarray],
+    beats: Sequence[Float[np.ndarray, " _"]],
     duration_s: float,
 ) -> tuple[float, Float[np.ndarray, " shifts"]]:
     """Return the score of one direction, and the scores of the circularly shifted onsets."""
-    inside = counted(onsets, duration_s)
+    inside = onsets_within_margins(onsets, duration_s)
     return score(inside, beats), np.array([score(s, beats) for s in _shifted(inside, duration_s)])
 
 
@@ -141,11 +147,11 @@ def beat_scores(
     onsets: Float[np.ndarray, " n"],
     mean_speed: Float[np.ndarray, " 13"],
 ) -> dict[str, float]:
-    """Compute the scores of both directions and their mean chance levels; see `beats_of`."""
-    beats, scores = beats_of(positions, mean_speed), {}
+    """Compute the scores of both directions and their mean chance levels; see `joint_beats`."""
+    beats, scores = joint_beats(positions, mean_speed), {}
     for score in (audio_to_motion, motion_to_audio):
         name = f"beat_align_{score.__name__}"
-        scores[name], chance = with_chance(score, onsets, beats, len(positions) / FPS)
+        scores[name], chance = score_and_chance(score, onsets, beats, len(positions) / FPS)
         scores[f"{name}_chance"] = float(chance.mean())
     return scores
 

@@ -33,7 +33,7 @@ from model.motion.kinematics import (
 )
 from model.motion.motion import Motion
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
-from model.motion.tracks import POINT_NAMES, moving_chain, point_words
+from model.motion.tracks import POINT_NAMES, moving_chain, point_label
 
 NOISE_RAD = 0.02
 """Standard deviation of the noise about each axis (rad); about 1.1 degrees."""
@@ -48,9 +48,9 @@ class ErrorGrowth:
 
     points: tuple[str, ...]
     """Names of the chain's points, from the joint after the pelvis to the tracked point."""
-    local_spread_m: Float64[np.ndarray, " points"]
+    local_rms_m: Float64[np.ndarray, " points"]
     """Spread (m) with noise on the local rotations."""
-    global_spread_m: Float64[np.ndarray, " points"]
+    global_rms_m: Float64[np.ndarray, " points"]
     predicted_local_spread_m: Float64[np.ndarray, " points"]
     """Spread predicted in closed form, with the lever arms of the clip's poses (m)."""
     predicted_global_spread_m: Float64[np.ndarray, " points"]
@@ -62,7 +62,7 @@ class ErrorGrowth:
     @property
     def ratio(self) -> float:
         """Spread of the tracked point with local noise over that with global noise."""
-        return float(self.local_spread_m[-1] / self.global_spread_m[-1])
+        return float(self.local_rms_m[-1] / self.global_rms_m[-1])
 
     @property
     def predicted_ratio(self) -> float:
@@ -90,33 +90,33 @@ def measure_error_growth(
         raise ValueError(f"No rotation moves the {point}; follow a joint further from it.")
     skeleton = RestSkeleton(skeleton.rest_joints.double(), skeleton.tip_offsets.double())
     joints = list(chain)
-    local_rot = motion.local_rotations()[:MAX_FRAMES].double()
-    global_rot = global_from_local(local_rot)
-    clean = _points(global_rot, point, skeleton)
+    R_parent_joint = motion.local_rotations()[:MAX_FRAMES].double()
+    R_world_joint = global_from_local(R_parent_joint)
+    clean = _points(R_world_joint, point, skeleton)
     generator = torch.Generator().manual_seed(seed)
     moved_local, moved_global, recovered, jerks = [], [], [], []
     for _ in range(DRAWS):
-        turn = torch.zeros(local_rot.shape[:-1], dtype=torch.float64)
+        turn = torch.zeros(R_parent_joint.shape[:-1], dtype=torch.float64)
         turn[:, joints] = (
             noise_rad * torch.randn((len(turn), len(chain), 3), generator=generator).double()
         )
         noise = matrix_from_axis_angle(turn)
-        noisy_global = global_rot @ noise
+        noisy_global = R_world_joint @ noise
         by_form = [
             _points(rotations, point, skeleton)
-            for rotations in (global_from_local(local_rot @ noise), noisy_global)
+            for rotations in (global_from_local(R_parent_joint @ noise), noisy_global)
         ]
         for moved, points in zip((moved_local, moved_global), by_form, strict=True):
             moved.append((points - clean).square().sum(-1).mean(0))
         jerks.append([_mean_jerk(points[:, -1]) for points in by_form])
-        back = geodesic_angle(local_from_global(noisy_global), local_rot)[:, joints[1:]]
+        back = geodesic_angle(local_from_global(noisy_global), R_parent_joint)[:, joints[1:]]
         recovered.append(back.square().mean() / turn[:, joints[1:]].square().sum(-1).mean())
     jerk_local, jerk_global = np.mean(jerks, axis=0)
     predicted_local, predicted_global = _predicted(clean, noise_rad)
     return ErrorGrowth(
         points=(*(JOINT_NAMES[joint] for joint in chain[1:]), point),
-        local_spread_m=torch.stack(moved_local).mean(0).sqrt().numpy(),
-        global_spread_m=torch.stack(moved_global).mean(0).sqrt().numpy(),
+        local_rms_m=torch.stack(moved_local).mean(0).sqrt().numpy(),
+        global_rms_m=torch.stack(moved_global).mean(0).sqrt().numpy(),
         predicted_local_spread_m=predicted_local.numpy(),
         predicted_global_spread_m=predicted_global.numpy(),
         jerk_m_s3={
@@ -128,11 +128,11 @@ def measure_error_growth(
     )
 
 
-def growth_sentence(growth: ErrorGrowth, noise_rad: float) -> str:
+def error_growth_summary(growth: ErrorGrowth, noise_rad: float) -> str:
     """Format the result of the experiment as one sentence."""
-    local, world = (100 * float(s[-1]) for s in (growth.local_spread_m, growth.global_spread_m))
+    local, world = (100 * float(s[-1]) for s in (growth.local_rms_m, growth.global_rms_m))
     return (
-        f"Noise of {noise_rad:g} rad on every joint moves the {point_words(growth.points[-1])} by"
+        f"Noise of {noise_rad:g} rad on every joint moves the {point_label(growth.points[-1])} by"
         f" {local:.1f} cm when it is put on local rotations and by {world:.1f} cm on global ones:"
         f" {growth.ratio:.1f} times as far (predicted from lever arms:"
         f" {growth.predicted_ratio:.1f})."
@@ -140,11 +140,11 @@ def growth_sentence(growth: ErrorGrowth, noise_rad: float) -> str:
 
 
 def _points(
-    global_rot: Float[Tensor, "T 55 3 3"], point: str, skeleton: RestSkeleton
+    R_world_joint: Float[Tensor, "T 55 3 3"], point: str, skeleton: RestSkeleton
 ) -> Float[Tensor, "T chain 3"]:
     """Compute root-relative positions of the chain's joints and, last, of the tracked point."""
-    joints = joint_positions_from_global(global_rot, skeleton)
-    points = torch.cat([fingertip_positions(global_rot, joints, skeleton), joints], dim=1)
+    joints = joint_positions_from_global(R_world_joint, skeleton)
+    points = torch.cat([fingertip_positions(R_world_joint, joints, skeleton), joints], dim=1)
     way = [len(FINGERTIP_NAMES) + joint for joint in moving_chain(point)[1:]]
     return points[:, [*way, POINT_NAMES.index(point)]] - joints[:, :1]
 

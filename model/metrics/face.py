@@ -2,7 +2,7 @@
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Num
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
@@ -64,7 +64,7 @@ def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -
     return max(correlation(a, b, lag) for lag in lags)
 
 
-def correlation(a: np.ndarray, b: np.ndarray, lag: int = 0) -> float:
+def correlation(a: Num[np.ndarray, " T"], b: Num[np.ndarray, " T"], lag: int = 0) -> float:
     """Compute the correlation of ``a`` with ``b`` ``lag`` frames before; 0 if one is constant."""
     a, b = (a[lag:], b[: len(b) - lag]) if lag >= 0 else (a[:lag], b[-lag:])
     if len(a) < 2 or min(a.std(), b.std()) < 1e-12:
@@ -77,7 +77,7 @@ SHIFT_S = 4.0
 _WRISTS = [JOINT_INDEX["left_wrist"], JOINT_INDEX["right_wrist"]]
 
 
-def face_and_hands(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -> dict[str, float]:
+def face_hand_correlation(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -> dict[str, float]:
     """Compute ``brow_with_hands`` and ``head_with_hands``, correlations beyond chance.
 
     They correlate the inner brow raise, and the head's angular speed, with the speed of the wrists,
@@ -91,10 +91,10 @@ def face_and_hands(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -> dict[
     if motion.num_frames < 2 * SHIFT_S * FPS:
         return {}
     hands = wrist_speed(joints)
-    found = {"head_with_hands": _beyond_chance(head_speed(motion), hands)}
+    found = {"head_with_hands": _correlation_above_chance(head_speed(motion), hands)}
     if motion.expression_basis == "arkit52":
         brow = motion.expressions[1:, unit_columns("browInnerUp")].mean(1)
-        found["brow_with_hands"] = _beyond_chance(brow, hands)
+        found["brow_with_hands"] = _correlation_above_chance(brow, hands)
     return found
 
 
@@ -112,6 +112,8 @@ def head_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
     return steps.norm(dim=-1).numpy() * FPS
 
 
-def _beyond_chance(face: Float[np.ndarray, " N"], hands: Float[np.ndarray, " N"]) -> float:
+def _correlation_above_chance(
+    face: Float[np.ndarray, " N"], hands: Float[np.ndarray, " N"]
+) -> float:
     later = np.roll(face, round(SHIFT_S * FPS))
     return lagged_correlation(face, hands) - lagged_correlation(later, hands)

@@ -91,7 +91,7 @@ def position_measures(tracks: Tracks) -> PositionMeasures:
 
 def rotation_measures(tracks: Tracks) -> RotationMeasures:
     """Compute the metrics of all local joint rotations."""
-    velocity = angular_velocity(tracks.local_rot)  # (T - 1, 55, 3)
+    velocity = angular_velocity(tracks.R_parent_joint)  # (T - 1, 55, 3)
     magnitude = np.degrees(np.linalg.norm(velocity, axis=-1))
     change = np.stack(  # joint by joint: all differences of a long clip are large
         [np.linalg.norm(np.diff(one, axis=0), axis=-1) for one in velocity.swapaxes(0, 1)], axis=1
@@ -147,8 +147,8 @@ ELBOW_BACKWARDS_DEG = 15.0
 FINGER_JOINT_NAMES = tuple(JOINT_NAMES[joint] for joint in HANDS)
 
 
-def bend_deg(
-    local_rot: Float[np.ndarray, "T 3 3"],
+def flexion_angles_deg(
+    R_parent_joint: Float[np.ndarray, "T 3 3"],
     bone: Float[np.ndarray, " 3"],
     inwards: Float[np.ndarray, " 3"],
 ) -> tuple[Float64[np.ndarray, " T"], Float64[np.ndarray, " T"], Float64[np.ndarray, " T"]]:
@@ -162,14 +162,14 @@ def bend_deg(
     normal = inwards - (inwards @ along) * along
     normal /= np.linalg.norm(normal)
     frame = np.stack([along, normal, np.cross(along, normal)])
-    forwards, flexed, sideways = frame @ (local_rot.astype(np.float64) @ along).T
+    forwards, flexed, sideways = frame @ (R_parent_joint.astype(np.float64) @ along).T
     whole = np.arctan2(np.hypot(flexed, sideways), forwards)
     flexion = np.arctan2(flexed, forwards)
     return np.degrees(flexion), np.degrees(np.arcsin(np.clip(sideways, -1, 1))), np.degrees(whole)
 
 
 def finger_is_outside(
-    local_rot: Float[np.ndarray, "T 55 3 3"], skeleton: RestSkeleton
+    R_parent_joint: Float[np.ndarray, "T 55 3 3"], skeleton: RestSkeleton
 ) -> Bool[np.ndarray, "T 30"]:
     """Check whether each finger joint is bent beyond the human range, in the order of `HANDS`."""
     palm = np.array([0.0, -1.0, 0.0])  # of both hands in the T-pose
@@ -177,7 +177,9 @@ def finger_is_outside(
     for joint in HANDS:
         name = JOINT_NAMES[joint]
         segment = int(name[-1])
-        flexion, sideways, whole = bend_deg(local_rot[:, joint], _next_bone(joint, skeleton), palm)
+        flexion, sideways, whole = flexion_angles_deg(
+            R_parent_joint[:, joint], _next_bone(joint, skeleton), palm
+        )
         if "thumb" in name:
             outside.append(whole > THUMB_BEND_DEG[segment] + TOLERANCE_DEG)
             continue
@@ -188,13 +190,15 @@ def finger_is_outside(
 
 
 def elbow_backwards_share(
-    local_rot: Float[np.ndarray, "T 55 3 3"], skeleton: RestSkeleton, side: str
+    R_parent_joint: Float[np.ndarray, "T 55 3 3"], skeleton: RestSkeleton, side: str
 ) -> float:
     """Compute the share of frames in which an elbow is bent backwards by more than 15 degrees."""
     elbow, wrist = (JOINT_INDEX[f"{side}_{name}"] for name in ("elbow", "wrist"))
     rest = skeleton.rest_joints.double().numpy()
     forwards = np.array([0.0, 0.0, 1.0])  # where a forearm goes in the T-pose
-    flexion, _, _ = bend_deg(local_rot[:, elbow], rest[wrist] - rest[elbow], forwards)
+    flexion, _, _ = flexion_angles_deg(
+        R_parent_joint[:, elbow], rest[wrist] - rest[elbow], forwards
+    )
     return float(np.mean(flexion < -ELBOW_BACKWARDS_DEG))
 
 
@@ -208,7 +212,7 @@ def _next_bone(joint: int, skeleton: RestSkeleton) -> Float64[np.ndarray, " 3"]:
 
 
 @dataclass(frozen=True)
-class RangeMeasures:
+class JointLimitMetrics:
     """Shares of all frames with joints beyond the human range."""
 
     finger_angle_outside_share: float
@@ -216,11 +220,13 @@ class RangeMeasures:
     elbow_backwards_share: Sides[float]
 
 
-def range_measures(tracks: Tracks, skeleton: RestSkeleton) -> RangeMeasures:
+def range_measures(tracks: Tracks, skeleton: RestSkeleton) -> JointLimitMetrics:
     """Compute how often finger joints and elbows are bent beyond the human range."""
-    share = finger_is_outside(tracks.local_rot, skeleton).mean(axis=0)
-    left, right = (elbow_backwards_share(tracks.local_rot, skeleton, s) for s in ("left", "right"))
-    return RangeMeasures(
+    share = finger_is_outside(tracks.R_parent_joint, skeleton).mean(axis=0)
+    left, right = (
+        elbow_backwards_share(tracks.R_parent_joint, skeleton, s) for s in ("left", "right")
+    )
+    return JointLimitMetrics(
         finger_angle_outside_share=float(share.mean()),
         finger_angle_outside_by_joint=dict(zip(FINGER_JOINT_NAMES, share.tolist(), strict=True)),
         elbow_backwards_share=Sides(left, right),

@@ -22,12 +22,12 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.motion.motion import Motion, first_frames
 from model.speech.librosa_cache import load_librosa
 
-Ground = Literal["face", "body", "unknown"]
+LagSource = Literal["face", "body", "unknown"]
 MOST_LAG_FRAMES = 3 * FPS
 CHANCE_LAG_FRAMES = 100
 LEAST_FRAMES = 12 * FPS
 """Shortest clip for which a lag is estimated (frames)."""
-STANDS_OUT: dict[Ground, float] = {"face": 6.5, "body": 8.0}
+MIN_Z_SCORE: dict[LagSource, float] = {"face": 6.5, "body": 8.0}
 """Deviations by which the best lag must exceed the mean of implausible lags. Recorded faces of 30 s
 have 11 and more, of 15 s from 6; with another speech at most 5.6, bodies 6.1 (600 and 300 pairs of
 12 s and more). Recorded bodies have no more with their own speech: they do not show a lag."""
@@ -37,8 +37,8 @@ PARTS, BANDS = 6, 12
 FINE_FRAMES, LEVEL_FRAMES = 1.0, 8.0
 """Deviations (frames) of the Gaussians that smooth a track, and that compute its level."""
 _WINDOW, _FFT, _LOWEST_HZ = 800, 1024, 80.0
-_BLOCK_FRAMES, _MOST_BLOCKS, _NEAR, _DRAWS = 3 * FPS, 60, 15, 200
-_DRIFT_FRAMES, _DRIFT_STEP, _LEAST_DRIFT = 90, 3, 6
+_BLOCK_FRAMES, _MAX_BLOCKS, _NEAR, _DRAWS = 3 * FPS, 60, 15, 200
+_DRIFT_FRAMES, _DRIFT_STEP, _MIN_DRIFT = 90, 3, 6
 _DRIFTING_FROM = 25 * FPS
 """Shortest clip for which a drift is estimated (frames)."""
 
@@ -54,20 +54,20 @@ class Lag:
     """95 % interval of the lag over bootstrap draws of the clip's blocks (s)."""
     lag_drift_s: float
     """Growth of the lag from the first to the last frame (s); 0 if it might be chance."""
-    lag_rate: float
+    lag_corrected_fps: float
     """Frame rate that would compensate for the drift (fps); 30 without drift."""
-    lag_ground: Ground
+    lag_source: LagSource
     """Part of the body that follows the speech; if it is unknown, all numbers are NaN."""
-    lag_stands_out: float
-    """Deviations of the best lag's agreement above chance; see `STANDS_OUT`."""
+    lag_z_score: float
+    """Deviations of the best lag's agreement above chance; see `MIN_Z_SCORE`."""
 
     @property
     def is_known(self) -> bool:
-        return self.lag_ground != "unknown"
+        return self.lag_source != "unknown"
 
 
-_NO = float("nan")
-UNKNOWN = Lag(_NO, _NO, _NO, _NO, _NO, "unknown", _NO)
+_NAN = float("nan")
+UNKNOWN = Lag(_NAN, _NAN, _NAN, _NAN, _NAN, "unknown", _NAN)
 
 
 def speech_bands_by_frame(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarray, "T BANDS"]:
@@ -86,13 +86,13 @@ def speech_bands_by_frame(waveform: Float[np.ndarray, " N"]) -> Float32[np.ndarr
     return np.log(power + np.float32(floor + 1e-9))
 
 
-def find_lag(motion: Motion, heard: Float[np.ndarray, "T2 BANDS"]) -> Lag:
+def find_lag(motion: Motion, speech_bands: Float[np.ndarray, "T2 BANDS"]) -> Lag:
     """Estimate the lag from the face, else the body; unknown if neither follows this speech."""
-    frames = min(motion.num_frames, len(heard))
+    frames = min(motion.num_frames, len(speech_bands))
     if frames < LEAST_FRAMES:
         return UNKNOWN
-    motion, sound = first_frames(motion, frames), _parts(heard[:frames])
-    tracks: dict[Ground, np.ndarray] = {"face": _face(motion), "body": _body(motion)}
+    motion, sound = first_frames(motion, frames), _parts(speech_bands[:frames])
+    tracks: dict[LagSource, np.ndarray] = {"face": _face(motion), "body": _body(motion)}
     for ground, track in tracks.items():
         moves = _parts(track)
         if moves.shape[1] and sound.shape[1]:
@@ -129,7 +129,7 @@ def _parts(track: Float[np.ndarray, "T columns"]) -> Float[np.ndarray, "T parts"
 
 
 def _lag(
-    moves: Float[np.ndarray, "T parts"], sound: Float[np.ndarray, "T parts2"], ground: Ground
+    moves: Float[np.ndarray, "T parts"], sound: Float[np.ndarray, "T parts2"], ground: LagSource
 ) -> Lag | None:
     frames = len(moves)
     shared = _shared_in_a_circle(moves, sound)
@@ -139,7 +139,7 @@ def _lag(
     slopes = [0]
     if frames >= _DRIFTING_FROM:
         slopes = list(range(-_DRIFT_FRAMES, _DRIFT_FRAMES + 1, _DRIFT_STEP))
-    by_slope = [np.square(_slanted(products, slope).sum(0)).sum(-1) for slope in slopes]
+    by_slope = [np.square(_with_drift(products, slope).sum(0)).sum(-1) for slope in slopes]
     scores = np.array(by_slope) / frames
     best = int(scores[len(slopes) // 2].argmax())
     best_slope = len(slopes) // 2
@@ -147,21 +147,21 @@ def _lag(
         best_slope, best = np.unravel_index(int(scores.argmax()), scores.shape)
     most = scores[best_slope, best]
     stands_out = float((most - chance.mean()) / chance.std())
-    if stands_out < STANDS_OUT[ground] or most < BEYOND_CHANCE * chance.max():
+    if stands_out < MIN_Z_SCORE[ground] or most < BEYOND_CHANCE * chance.max():
         return None
     lags, drifts = _drawn(products, slopes, int(best))
     low, high = np.quantile(lags, (0.025, 0.975)) / FPS
     drift = float(np.median(drifts))
     may_be_none = np.quantile(drifts, 0.025) <= 0 <= np.quantile(drifts, 0.975)
-    drift = 0.0 if may_be_none or abs(drift) < _LEAST_DRIFT else drift
+    drift = 0.0 if may_be_none or abs(drift) < _MIN_DRIFT else drift
     return Lag(
         lag_s=float(np.median(lags)) / FPS,
         lag_low_s=float(low),
         lag_high_s=float(high),
         lag_drift_s=drift / FPS,
-        lag_rate=FPS / (1 - drift / frames),
-        lag_ground=ground,
-        lag_stands_out=stands_out,
+        lag_corrected_fps=FPS / (1 - drift / frames),
+        lag_source=ground,
+        lag_z_score=stands_out,
     )
 
 
@@ -184,7 +184,7 @@ def _products(
     moves: Float[np.ndarray, "T parts"], sound: Float[np.ndarray, "T parts2"]
 ) -> Float32[np.ndarray, "blocks lags products"]:
     """Compute the products of all components for each block and each lag up to `_REACH`."""
-    frames = max(_BLOCK_FRAMES, -(-len(moves) // _MOST_BLOCKS))
+    frames = max(_BLOCK_FRAMES, -(-len(moves) // _MAX_BLOCKS))
     padded = np.pad(sound, ((_REACH, _REACH), (0, 0)))
     found = []
     for first in range(0, len(moves), frames):
@@ -195,7 +195,7 @@ def _products(
     return np.array(found, np.float32).reshape(len(found), 2 * _REACH + 1, -1)
 
 
-def _slanted(
+def _with_drift(
     products: Float32[np.ndarray, "blocks reach products"], slope: int
 ) -> Float32[np.ndarray, "blocks lags products"]:
     """Select products for a lag that grows by ``slope`` frames over the clip."""
@@ -216,7 +216,7 @@ def _drawn(
     count = len(products)
     draws = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), _DRAWS)
     draws, first = draws.astype(np.float32), max(0, best - _NEAR)
-    near = (_slanted(products, slope)[:, first : best + _NEAR + 1] for slope in slopes)
+    near = (_with_drift(products, slope)[:, first : best + _NEAR + 1] for slope in slopes)
     scores = np.stack([np.square(np.tensordot(draws, each, axes=1)).sum(-1) for each in near])
     by_draw = scores.transpose(1, 0, 2).reshape(_DRAWS, -1)
     slope, lag = np.unravel_index(by_draw.argmax(axis=1), scores.shape[::2])

@@ -40,7 +40,7 @@ PARTS = {
 """Regular expression for the start of each part's joint names; all others are of the face."""
 
 
-def degrees_by_part(first: Motion, second: Motion) -> dict[str, float]:
+def rotation_difference_by_part(first: Motion, second: Motion) -> dict[str, float]:
     """Compute the mean angle of local rotations in each part (degrees), the largest first."""
     shortest = min(first.num_frames, second.num_frames)
     a, b = (first_frames(motion, shortest).local_rotations() for motion in (first, second))
@@ -91,13 +91,13 @@ def error_to_reference(tracks: Tracks, reference: Tracks) -> ReferenceError:
     """Compute the errors of a motion that has as many frames as the reference."""
     rooted, rooted_reference = (t.joints - t.joints[:, :1] for t in (tracks, reference))
     position_m = np.linalg.norm(rooted - rooted_reference, axis=-1).mean(axis=0)
-    global_deg = mean_angle_deg(tracks.global_rot, reference.global_rot)
-    local_deg = mean_angle_deg(tracks.local_rot, reference.local_rot)
-    swapped = tracks.local_rot[:, list(MIRROR_PERMUTATION)]
+    global_deg = mean_angle_deg(tracks.R_world_joint, reference.R_world_joint)
+    local_deg = mean_angle_deg(tracks.R_parent_joint, reference.R_parent_joint)
+    swapped = tracks.R_parent_joint[:, list(MIRROR_PERMUTATION)]
     by_sides = (
         local_deg,
-        mean_angle_deg(_mirrored(tracks.local_rot), reference.local_rot),
-        mean_angle_deg(swapped, reference.local_rot),
+        mean_angle_deg(_mirrored(tracks.R_parent_joint), reference.R_parent_joint),
+        mean_angle_deg(swapped, reference.R_parent_joint),
     )
     return ReferenceError(
         position_error_m=position_m,
@@ -127,8 +127,8 @@ def mean_angle_deg(
     return np.degrees(total / len(a))
 
 
-def _mirrored(local_rot: Float[np.ndarray, "T 55 3 3"]) -> Float[np.ndarray, "T 55 3 3"]:
-    return mirror_local(torch.from_numpy(local_rot)).numpy()
+def _mirrored(R_parent_joint: Float[np.ndarray, "T 55 3 3"]) -> Float[np.ndarray, "T 55 3 3"]:
+    return mirror_local(torch.from_numpy(R_parent_joint)).numpy()
 
 
 BATCH_WINDOWS = 50
@@ -172,7 +172,7 @@ def windows_of(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
     return numbers.reshape(num_windows, WINDOW_FRAMES // EVERY_FRAMES, numbers.shape[1])
 
 
-def batches(num_windows: int) -> Iterator[Int[np.ndarray, " B"]]:
+def window_batches(num_windows: int) -> Iterator[Int[np.ndarray, " B"]]:
     """Yield batches of 50 shuffled window indices, always the same; the rest comes last."""
     order = np.random.default_rng(0).permutation(num_windows)
     for start in range(0, num_windows, BATCH_WINDOWS):

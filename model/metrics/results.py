@@ -13,15 +13,15 @@ import numpy as np
 
 from model.metrics.joints import (
     FingertipMeasures,
+    JointLimitMetrics,
     PositionMeasures,
-    RangeMeasures,
     RotationMeasures,
 )
 from model.metrics.lag import Lag
 from model.metrics.posture import PostureMeasures
 from model.metrics.reference_error import Diversity, ReferenceError
 from model.metrics.seams import SeamMeasures
-from model.metrics.tracked_point import PointMeasures
+from model.metrics.tracked_point import TrackedPointMetrics
 
 BeatSpeeds = Literal["reference", "own", "emage"]
 
@@ -38,7 +38,7 @@ class BeatMeasures:
     """Motion beats per second, mean of the 13 joints."""
     beat_onsets: int
     """Number of onsets that count."""
-    beat_speeds_of: BeatSpeeds
+    beat_speed_reference: BeatSpeeds
     """Source of the mean speeds in the threshold of motion beats."""
 
 
@@ -50,16 +50,16 @@ class PublishedMeasures:
 
 
 @dataclass(frozen=True)
-class Measures:
+class MotionMetrics:
     """All metrics of one motion; in files the fields of all groups are on one level."""
 
-    point: PointMeasures
+    point: TrackedPointMetrics
     fingertips: FingertipMeasures
     positions: PositionMeasures
     rotations: RotationMeasures
     seams: SeamMeasures
     posture: PostureMeasures
-    ranges: RangeMeasures
+    ranges: JointLimitMetrics
     diversity: Diversity
     errors: ReferenceError | None = None
     """Errors to the reference; None without a reference."""

@@ -41,13 +41,13 @@ CHANCE = 2.5e-4
 """False-alarm probability without a period, for each of the two tests; see ``docs/others.md``."""
 LEVEL_FRAMES = 31
 STRETCH_FRAMES = 64
-CUT = 1.4
+AMPLITUDE_CLIP = 1.4
 """Amplitude over the background at which it is clipped: hardly less sensitive to a faint clock, and
 insensitive to a loud minority."""
 SAME_PERIOD = 0.75
 """Share of repeating power that a shorter period must explain; half of a true one explains half."""
 WORST = 5
-_LEAST_M_S3 = 1e-3
+_MIN_M_S3 = 1e-3
 """Jerk added before the logarithm (m/s³)."""
 
 Kind = Literal["pulses", "ripple"]
@@ -76,7 +76,7 @@ PARTS: dict[str, tuple[int, ...]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Period:
+class JerkPeriod:
     """A number of frames after which jerk repeats, in the part that shows it most."""
 
     frames: int
@@ -87,11 +87,11 @@ class Period:
     """Frame of the period, counted from the first of the clip, with the highest mean jerk."""
     periods: int
     """Number of whole periods in the clip."""
-    peak_over_usual: float
+    peak_over_median: float
     """Mean jerk of the part at that frame over the median of all frames of the period."""
-    peak_over_least: float
+    peak_over_minimum: float
     """Mean jerk of the part at that frame over the lowest of all frames of the period."""
-    chance: float
+    p_value: float
     """Probability, after all tests that were made, that jerk without a period looks so."""
     worst_frames: tuple[int, ...]
     """Frames of the clip with the highest jerk at that phase, at most `WORST`."""
@@ -99,34 +99,34 @@ class Period:
 
 @dataclass(frozen=True)
 class _Candidate:
-    log_chance: float
+    log_p_value: float
     """Natural logarithm of the probability, without the correction for the number of parts."""
     frames: int
     kind: Kind
     part: str
 
 
-def find_period(tracks: Tracks) -> Period | None:
+def find_period(tracks: Tracks) -> JerkPeriod | None:
     """Find the period that is least likely to be chance; None if all may be chance.
 
     A clip too short for four periods of some length is not searched for that length.
     """
     by_part = {part: _part_jerk(tracks, part) for part in PARTS}
-    found: list[_Candidate] = []
+    candidates: list[_Candidate] = []
     for part, values in by_part.items():
         if len(values) < MIN_PERIODS * MIN_PERIOD or values.mean() < STILL_M_S3:
             continue
         scores = _scores(values)
         if scores.any():
-            found += _pulses(scores, part)
-            found += _ripple(scores, part)
+            candidates += _pulses(scores, part)
+            candidates += _ripple(scores, part)
     limit = np.log(CHANCE / len(PARTS))
-    found = [candidate for candidate in found if candidate.log_chance <= limit]
-    if not found:
+    candidates = [candidate for candidate in candidates if candidate.log_p_value <= limit]
+    if not candidates:
         return None
-    best = min(found, key=lambda candidate: candidate.log_chance)
+    best = min(candidates, key=lambda candidate: candidate.log_p_value)
     scores = _scores(by_part[best.part])
-    frames = _shortest(best.frames, _fold(scores, best.frames))
+    frames = _shortest(best.frames, _fold_by_period(scores, best.frames))
     kind = best.kind if frames >= SHORTEST_PULSES else "ripple"
     best = replace(best, frames=frames, kind=kind)
     return _described(best, by_part[best.part])
@@ -142,7 +142,7 @@ def _part_jerk(tracks: Tracks, part: str) -> Float[np.ndarray, " N"]:
 
 def _scores(jerk: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
     """Compute normal scores of the logarithm less its local median."""
-    level = np.log(jerk + _LEAST_M_S3)
+    level = np.log(jerk + _MIN_M_S3)
     level -= median_filter(level, LEVEL_FRAMES, mode="nearest")
     return ndtri((rankdata(level) - 0.5) / len(level))
 
@@ -150,12 +150,12 @@ def _scores(jerk: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
 def _pulses(scores: Float[np.ndarray, " N"], part: str) -> Iterator[_Candidate]:
     longest = min(MAX_PERIOD, len(scores) // MIN_PERIODS)
     periods = np.arange(SHORTEST_PULSES, longest + 1)
-    highest = [_fold(scores, int(frames)).max() for frames in periods]
+    highest = [_fold_by_period(scores, int(frames)).max() for frames in periods]
     deviations = np.sqrt(len(scores) // periods) / scores.std()
     tests = len(periods) * periods  # each has as many places as frames
-    log_chances = norm.logsf(np.array(highest) * deviations) + np.log(np.maximum(tests, 1))
-    for frames, log_chance in zip(periods.tolist(), log_chances.tolist(), strict=True):
-        yield _Candidate(log_chance, frames, "pulses", part)
+    log_p_values = norm.logsf(np.array(highest) * deviations) + np.log(np.maximum(tests, 1))
+    for frames, log_p_value in zip(periods.tolist(), log_p_values.tolist(), strict=True):
+        yield _Candidate(log_p_value, frames, "pulses", part)
 
 
 def _ripple(scores: Float[np.ndarray, " N"], part: str) -> Iterator[_Candidate]:
@@ -172,13 +172,13 @@ def _ripple(scores: Float[np.ndarray, " N"], part: str) -> Iterator[_Candidate]:
         harmonics = np.arange(1, frames // 2 + 1)
         expected = np.interp(harmonics / frames, frequency, usual)
         amplitude = np.fft.rfft(folded, axis=1)[:, 1:] * np.sqrt(length / expected) / frames
-        amplitude *= np.minimum(1.0, CUT / np.maximum(np.abs(amplitude), 1e-9))
+        amplitude *= np.minimum(1.0, AMPLITUDE_CLIP / np.maximum(np.abs(amplitude), 1e-9))
         power = np.abs(amplitude.sum(axis=0)) ** 2 / stretches
         is_real = 2 * harmonics == frames  # at half the frame rate there is no phase
         statistic = np.where(is_real, power / of_real, 2 * power / of_complex).sum()
         freedom = np.where(is_real, 1, 2).sum()
-        log_chance = chi2.logsf(statistic, freedom) + np.log(len(searched))
-        yield _Candidate(float(log_chance), frames, "ripple", part)
+        log_p_value = chi2.logsf(statistic, freedom) + np.log(len(searched))
+        yield _Candidate(float(log_p_value), frames, "ripple", part)
 
 
 def _background(
@@ -198,11 +198,13 @@ def _background(
 @cache
 def _cut_power() -> tuple[float, float]:
     """Compute the mean square of a clipped standard normal, real and complex."""
-    inside = chi2.cdf(CUT**2, 3)  # the integral of x^2 below the cut
-    return float(inside + CUT**2 * chi2.sf(CUT**2, 1)), float(-np.expm1(-(CUT**2)))
+    inside = chi2.cdf(AMPLITUDE_CLIP**2, 3)  # the integral of x^2 below the cut
+    return float(inside + AMPLITUDE_CLIP**2 * chi2.sf(AMPLITUDE_CLIP**2, 1)), float(
+        -np.expm1(-(AMPLITUDE_CLIP**2))
+    )
 
 
-def _fold(values: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
+def _fold_by_period(values: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
     whole = len(values) // frames
     return values[: whole * frames].reshape(whole, frames).mean(axis=0)
 
@@ -222,26 +224,26 @@ def by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " 
 def _shortest(frames: int, folded: Float[np.ndarray, " frames"]) -> int:
     """Return the shortest divisor that explains a period: a period of 7 frames shows at 14 too."""
     for shorter in (d for d in range(MIN_PERIOD, frames) if frames % d == 0):
-        explained = _fold(folded, shorter)
+        explained = _fold_by_period(folded, shorter)
         if (frames // shorter) * (explained**2).sum() > SAME_PERIOD * (folded**2).sum():
             return shorter
     return frames
 
 
-def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> Period:
+def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> JerkPeriod:
     folded = by_phase(jerk, chosen.frames)
     phase = int(folded.argmax())
     entries = np.arange((phase - 2) % chosen.frames, len(jerk), chosen.frames)
     worst = entries[np.argsort(-jerk[entries])][:WORST]
-    return Period(
+    return JerkPeriod(
         frames=chosen.frames,
         kind=chosen.kind,
         part=chosen.part,
         phase_frame=phase,
         periods=len(jerk) // chosen.frames,
-        peak_over_usual=float(folded[phase] / max(float(np.median(folded)), STILL_M_S3)),
-        peak_over_least=float(folded[phase] / max(float(folded.min()), STILL_M_S3)),
-        chance=float(np.exp(chosen.log_chance) * len(PARTS)),
+        peak_over_median=float(folded[phase] / max(float(np.median(folded)), STILL_M_S3)),
+        peak_over_minimum=float(folded[phase] / max(float(folded.min()), STILL_M_S3)),
+        p_value=float(np.exp(chosen.log_p_value) * len(PARTS)),
         worst_frames=tuple(int(entry) + 2 for entry in worst),
     )
 
@@ -285,7 +287,7 @@ class RecurringJerk:
     """Number of whole windows in the medians."""
     ratio: float
     """Median over windows of the jerk at that frame, over the median of all frames."""
-    chance: float = 1.0
+    p_value: float = 1.0
     """Probability that jerk without a period stands out so at some frame of the window."""
 
 
@@ -303,12 +305,12 @@ def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> Recurr
     usual = float(np.median(medians))
     if usual < STILL_M_S3:
         return RecurringJerk(None, num_windows, float("nan"))
-    phase, chance, scores = int(medians.argmax()), 1.0, _scores(jerk)
+    phase, p_value, scores = int(medians.argmax()), 1.0, _scores(jerk)
     if len(jerk) >= MIN_PERIODS * window_advance and scores.any():
         whole = np.sqrt(len(scores) // window_advance)
-        deviations = _fold(scores, window_advance).max() * whole / scores.std()
-        chance = float(min(1.0, window_advance * norm.sf(deviations)))
-    return RecurringJerk(phase, num_windows, float(medians[phase] / usual), chance)
+        deviations = _fold_by_period(scores, window_advance).max() * whole / scores.std()
+        p_value = float(min(1.0, window_advance * norm.sf(deviations)))
+    return RecurringJerk(phase, num_windows, float(medians[phase] / usual), p_value)
 
 
 @dataclass(frozen=True)
@@ -319,13 +321,15 @@ class SeamMeasures:
     jerk_by_window_phase_m_s3: Float[np.ndarray, " window_advance"]
     """Mean jerk by phase (m/s³); empty without windows and period."""
     recurring_jerk: RecurringJerk
-    folded_on_frames: int | None = None
+    fold_period_frames: int | None = None
     """Frames from one window, or period, to the next."""
-    period: Period | None = None
+    period: JerkPeriod | None = None
     """Period detected in the unfiltered motion, with known windows or without."""
 
 
-def seam_measures(tracks: Tracks, windows: Windowing | None, period: Period | None) -> SeamMeasures:
+def seam_measures(
+    tracks: Tracks, windows: Windowing | None, period: JerkPeriod | None
+) -> SeamMeasures:
     """Compute the metrics of seams on windows, or of a period, which may start anywhere."""
     if windows is not None:
         jerk = derivative_magnitudes(tracks.joints, 3).mean(axis=1)

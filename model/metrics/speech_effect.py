@@ -64,10 +64,10 @@ class CorrelationShares:
 
 def arm_speed(motion: Motion) -> Float[np.ndarray, " T1"]:
     """Compute the smoothed sum of the angular speeds of both shoulders and elbows (degrees/s)."""
-    return _smooth(turning(motion, ARMS))
+    return _smooth(angular_speed_sum(motion, ARMS))
 
 
-def turning(motion: Motion, joints: Sequence[int]) -> Float[np.ndarray, " T1"]:
+def angular_speed_sum(motion: Motion, joints: Sequence[int]) -> Float[np.ndarray, " T1"]:
     """Compute the sum of the angular speeds of joints against their parents (degrees/s)."""
     poses = torch.from_numpy(motion.poses).unflatten(-1, (-1, 3))[:, list(joints)]
     turned = matrix_from_axis_angle(poses)
@@ -95,23 +95,23 @@ TRACKS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
 """Functions that compute the track of a body part; None if a motion has no such part."""
 
 
-def likeness(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " m"]) -> float:
+def track_correlation(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " m"]) -> float:
     """Compute the correlation over the frames that both tracks have; 0 if one is constant."""
     frames = min(len(one), len(other))
     return correlation(one[:frames], other[:frames])
 
 
-def arm_rotations_alike(one: Motion, other: Motion) -> float:
+def arm_rotation_correlation(one: Motion, other: Motion) -> float:
     """Compute the mean correlation of the 12 axis-angle components of shoulders and elbows."""
     columns = [3 * joint + k for joint in ARMS for k in range(3)]
     pairs = zip(one.poses[:, columns].T, other.poses[:, columns].T, strict=True)
-    return float(np.mean([likeness(*pair) for pair in pairs]))
+    return float(np.mean([track_correlation(*pair) for pair in pairs]))
 
 
-def arm_rotations_same_noise(motions: Grid) -> float:
-    """Average `arm_rotations_alike` over all pairs with the same noise and other speech."""
+def arm_rotation_correlation_same_noise(motions: Grid) -> float:
+    """Average `arm_rotation_correlation` over all pairs with the same noise and other speech."""
     alike = [
-        arm_rotations_alike(one, other)
+        arm_rotation_correlation(one, other)
         for ((speech, seed), one), ((speech_, seed_), other) in combinations(motions.items(), 2)
         if seed == seed_ and speech != speech_
     ]
@@ -146,10 +146,14 @@ def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
     return found
 
 
-def _decided(tracks: Sequence[tuple[tuple[str, int], np.ndarray]]) -> CorrelationShares:
+def _decided(
+    tracks: Sequence[tuple[tuple[str, int], Float[np.ndarray, " _"]]],
+) -> CorrelationShares:
     alike: dict[tuple[bool, bool], list[float]] = {}
     for ((speech, seed), one), ((speech_, seed_), other) in combinations(tracks, 2):
-        alike.setdefault((speech == speech_, seed == seed_), []).append(likeness(one, other))
+        alike.setdefault((speech == speech_, seed == seed_), []).append(
+            track_correlation(one, other)
+        )
     same_speech, same_noise = alike[True, False], alike[False, True]
     low, high = _difference_limits(same_speech, same_noise)
     neither = float(np.mean(alike[False, False]))
@@ -180,7 +184,7 @@ SILENCE_S = 5.0
 PARTS = {"arms": ARMS, "jaw": [JOINT_INDEX["jaw"]]}
 
 
-def spoken_and_silent(
+def speech_and_silence_masks(
     voiced: Bool[np.ndarray, " T"],
 ) -> tuple[Bool[np.ndarray, " T"], Bool[np.ndarray, " T"]]:
     """Return the frames of speech, and the first `SILENCE_S` of each silence after it.
@@ -199,7 +203,7 @@ def spoken_and_silent(
     return spoken, silent
 
 
-def speed_in_silence(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[str, float]:
+def silence_speed_ratio(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[str, float]:
     """Compute ``arms_in_silence`` and ``jaw_in_silence``, ratios of mean angular speeds.
 
     A ratio is the speed in the silences after speech over that during speech; 0 if all rests.
@@ -211,12 +215,12 @@ def speed_in_silence(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[str
         Empty if there is no such silence; without a part that does not even move during speech.
     """
     frames = min(motion.num_frames, len(voiced))
-    spoken, silent = spoken_and_silent(voiced[:frames])
+    spoken, silent = speech_and_silence_masks(voiced[:frames])
     if not silent.any():
         return {}
     found = {}
     for part, joints in PARTS.items():
-        speed = turning(motion, joints)[: frames - 1]
+        speed = angular_speed_sum(motion, joints)[: frames - 1]
         speaking = speed[spoken[1:]].mean()
         if speaking > 0:
             found[f"{part}_in_silence"] = float(speed[silent[1:]].mean() / speaking)

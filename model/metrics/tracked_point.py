@@ -59,8 +59,8 @@ def attribute_jerk(
     translation_share = np.nan
     if whole > STILL_M_S3:  # false for NaN too
         for index, joint in enumerate(chain):
-            local_rot = torch.from_numpy(tracks.local_rot[:, joint]).double()
-            turned = _turned_about(point, tracks, joint, smooth_rotations(local_rot).numpy())
+            R_parent_joint = torch.from_numpy(tracks.R_parent_joint[:, joint]).double()
+            turned = _turned_about(point, tracks, joint, smooth_rotations(R_parent_joint).numpy())
             share[index] = 1 - _mean_jerk(turned) / whole
         pelvis = tracks.joints[:, 0]
         moved = point + smooth_over_time(pelvis) - pelvis
@@ -74,14 +74,14 @@ def _turned_about(
     point: Float[np.ndarray, "T 3"],
     tracks: Tracks,
     joint: int,
-    local_rot: Float[np.ndarray, "T 3 3"],
+    R_parent_joint: Float[np.ndarray, "T 3 3"],
 ) -> Float[np.ndarray, "T 3"]:
     """Compute the point's positions for other local rotations of one joint."""
     pivot = tracks.joints[:, joint]
-    in_joint = np.einsum("tji,tj->ti", tracks.global_rot[:, joint], point - pivot)
-    in_parent = np.einsum("tij,tj->ti", local_rot, in_joint)
+    in_joint = np.einsum("tji,tj->ti", tracks.R_world_joint[:, joint], point - pivot)
+    in_parent = np.einsum("tij,tj->ti", R_parent_joint, in_joint)
     if PARENTS[joint] >= 0:
-        in_parent = np.einsum("tij,tj->ti", tracks.global_rot[:, PARENTS[joint]], in_parent)
+        in_parent = np.einsum("tij,tj->ti", tracks.R_world_joint[:, PARENTS[joint]], in_parent)
     return pivot + in_parent
 
 
@@ -102,7 +102,7 @@ SPARC_PADDING = 4
 
 
 @dataclass(frozen=True)
-class PointMeasures:
+class TrackedPointMetrics:
     """Metrics of the tracked point."""
 
     tip_jerk_m_s3: float
@@ -118,7 +118,7 @@ class PointMeasures:
 
 def point_measures(
     point: Float[np.ndarray, "T 3"], tracks: Tracks, chain: tuple[int, ...]
-) -> PointMeasures:
+) -> TrackedPointMetrics:
     """Compute the metrics of a point that moves with the last joint of ``chain``."""
 
     def mean(order: int) -> float:
@@ -130,7 +130,7 @@ def point_measures(
     if spectrum is not None and spectrum.velocity_power.any():
         shares = spectrum.shares()
         above_5hz = float(shares.above(HIGH_FREQUENCY_HZ))
-    return PointMeasures(
+    return TrackedPointMetrics(
         tip_jerk_m_s3=mean(3),
         tip_acceleration_m_s2=mean(2),
         tip_path_m_s=mean(1),

@@ -25,7 +25,7 @@ def read_flame_matrix(path: Path) -> Float[np.ndarray, "51 103"]:
     """Read BEAT2's ``mat_final.npy``.
 
     Raises:
-        MotionError: if the file is no matrix of that shape with finite numbers.
+        MotionError: if the file is not a matrix of that shape with finite numbers.
     """
     try:
         if path.stat().st_size > _MAX_BYTES:

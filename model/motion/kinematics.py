@@ -45,7 +45,7 @@ class RestSkeleton:
         return self.rest_joints[1:] - self.rest_joints[list(PARENTS[1:])]
 
     @cached_property
-    def bones_to_joints(self) -> Float[Tensor, "55 3 55"]:
+    def bone_jacobian(self) -> Float[Tensor, "55 3 55"]:
         """Linear map (55, 3, 55) from columns of rotation matrices to joint positions.
 
         Entry [k, :, j] is the sum of the bones that start in joint j between the pelvis and k.
@@ -109,23 +109,27 @@ def _product(
     return a @ b
 
 
-def global_from_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
-    """Compute world rotations: ``R[j] = R[parent(j)] @ R_local[j]`` (GlobalDiff eq. 1)."""
-    levels = [_take(local_rot, _LEVELS[0])]
+def global_from_local(
+    R_parent_joint: Float[Tensor, "*batch 55 3 3"],
+) -> Float[Tensor, "*batch 55 3 3"]:
+    """Compute rotations in the world, ``R_world[j] = R_world[parent(j)] @ R_parent[j]`` (eq. 1)."""
+    levels = [_take(R_parent_joint, _LEVELS[0])]
     for level, parents in zip(_LEVELS[1:], _PARENT_IN_LEVEL_ABOVE, strict=True):
-        levels.append(_product(_take(levels[-1], parents), _take(local_rot, level)))
+        levels.append(_product(_take(levels[-1], parents), _take(R_parent_joint, level)))
     return _take(torch.cat(levels, dim=-3), _PLACE_IN_LEVEL_ORDER)
 
 
-def local_from_global(global_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
-    """Compute parent-relative rotations: ``R_local[j] = R_global[parent(j)].T @ R_global[j]``."""
-    parent_rot = _take(global_rot, PARENTS[1:])
-    children = parent_rot.transpose(-1, -2) @ global_rot[..., 1:, :, :]
-    return torch.cat([global_rot[..., :1, :, :], children], dim=-3)
+def local_from_global(
+    R_world_joint: Float[Tensor, "*batch 55 3 3"],
+) -> Float[Tensor, "*batch 55 3 3"]:
+    """Compute rotations in the parents, ``R_parent[j] = R_world[parent(j)].T @ R_world[j]``."""
+    R_world_parent = _take(R_world_joint, PARENTS[1:])
+    children = R_world_parent.transpose(-1, -2) @ R_world_joint[..., 1:, :, :]
+    return torch.cat([R_world_joint[..., :1, :, :], children], dim=-3)
 
 
 def joint_positions_from_global(
-    global_rot: Float[Tensor, "*batch 55 3 3"],
+    R_world_joint: Float[Tensor, "*batch 55 3 3"],
     skeleton: RestSkeleton,
     transl: Float[Tensor, "*batch 3"] | None = None,
 ) -> Float[Tensor, "*batch 55 3"]:
@@ -135,42 +139,43 @@ def joint_positions_from_global(
     it.
     """
     # One large product: batches of 3 x 3 products are many times slower.
-    rows = global_rot.transpose(-3, -2).flatten(-2)  # (*batch, 3, 165)
-    moved = rows @ skeleton.bones_to_joints.to(global_rot).flatten(0, 1)  # (*batch, 3, 55)
-    positions = moved.transpose(-1, -2) + skeleton.rest_joints.to(global_rot)[0]
-    return positions if transl is None else positions + transl[..., None, :]
+    rows = R_world_joint.transpose(-3, -2).flatten(-2)  # (*batch, 3, 165)
+    moved = rows @ skeleton.bone_jacobian.to(R_world_joint).flatten(0, 1)  # (*batch, 3, 55)
+    p_world_joint = moved.transpose(-1, -2) + skeleton.rest_joints.to(R_world_joint)[0]
+    return p_world_joint if transl is None else p_world_joint + transl[..., None, :]
 
 
 def joint_positions_from_local(
-    local_rot: Float[Tensor, "*batch 55 3 3"],
+    R_parent_joint: Float[Tensor, "*batch 55 3 3"],
     skeleton: RestSkeleton,
     transl: Float[Tensor, "*batch 3"] | None = None,
 ) -> tuple[Float[Tensor, "*batch 55 3 3"], Float[Tensor, "*batch 55 3"]]:
     """Compute global rotations and joint positions (metres) from parent-relative rotations."""
-    global_rot = global_from_local(local_rot)
-    return global_rot, joint_positions_from_global(global_rot, skeleton, transl)
+    R_world_joint = global_from_local(R_parent_joint)
+    return R_world_joint, joint_positions_from_global(R_world_joint, skeleton, transl)
 
 
 def fingertip_positions(
-    global_rot: Float[Tensor, "*batch 55 3 3"],
-    positions: Float[Tensor, "*batch 55 3"],
+    R_world_joint: Float[Tensor, "*batch 55 3 3"],
+    p_world_joint: Float[Tensor, "*batch 55 3"],
     skeleton: RestSkeleton,
 ) -> Float[Tensor, "*batch 10 3"]:
     """Compute positions of rigid fingertips in metres, in the order of `FINGERTIP_NAMES`.
 
     Each is the last finger joint plus its rotated rest offset.
     """
-    offsets = skeleton.tip_offsets.to(global_rot)
-    rotated = (_take(global_rot, FINGERTIP_JOINTS) @ offsets[..., None]).squeeze(-1)
-    return positions.index_select(-2, _index(FINGERTIP_JOINTS, positions.device)) + rotated
+    offsets = skeleton.tip_offsets.to(R_world_joint)
+    rotated = (_take(R_world_joint, FINGERTIP_JOINTS) @ offsets[..., None]).squeeze(-1)
+    p_world = p_world_joint.index_select(-2, _index(FINGERTIP_JOINTS, p_world_joint.device))
+    return p_world + rotated
 
 
-def mirror_local(local_rot: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
+def mirror_local(R_parent_joint: Float[Tensor, "*batch 55 3 3"]) -> Float[Tensor, "*batch 55 3 3"]:
     """Mirror rotations: ``R'[j] = M R[partner(j)] M`` with ``M = diag(-1, 1, 1)``, every joint.
 
     The rule is the same for global rotations.
     """
-    mirrored = local_rot.clone()
+    mirrored = R_parent_joint.clone()
     mirrored[..., 0, 1:] *= -1
     mirrored[..., 1:, 0] *= -1
     return _take(mirrored, MIRROR_PERMUTATION)

@@ -13,7 +13,7 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Shaped
 from torch import Tensor
 
 from conventions.joints import NUM_JOINTS
@@ -24,8 +24,8 @@ from model.storage.npz import (
     MAX_ABS_VALUE,
     Header,
     MotionError,
-    listed,
-    opened_archive,
+    format_names,
+    open_archive,
     read_array,
     read_headers,
 )
@@ -48,6 +48,20 @@ class Motion:
 
     Raises:
         MotionError: if the arrays differ in length, are empty or are not finite.
+
+    Example:
+        >>> import numpy as np
+        >>> motion = Motion(
+        ...     poses=np.zeros((60, 165), np.float32),
+        ...     trans=np.zeros((60, 3), np.float32),
+        ...     expressions=np.zeros((60, 100), np.float32),
+        ...     expression_basis="arkit52",
+        ...     betas=np.zeros(300, np.float32),
+        ... )
+        >>> motion.duration_s, motion.part(slice(15)).num_frames
+        (2.0, 15)
+        >>> motion.local_rotations().shape
+        torch.Size([60, 55, 3, 3])
     """
 
     poses: Float32[np.ndarray, "T 165"]
@@ -75,7 +89,7 @@ class Motion:
     def duration_s(self) -> float:
         return self.num_frames / FPS
 
-    def part(self, frames: slice | np.ndarray) -> "Motion":
+    def part(self, frames: slice | Shaped[np.ndarray, " N"]) -> "Motion":
         """Return a selection of the frames as a motion."""
         return replace(
             self,
@@ -112,7 +126,7 @@ def face_units(motion: Motion) -> np.ndarray:
     return np.zeros((motion.num_frames, NUM_FACE_UNITS), np.float32)
 
 
-def in_step(motion: Motion, lag_s: float) -> Motion:
+def shift_by_lag(motion: Motion, lag_s: float) -> Motion:
     """Shift a motion by its lag behind the speech; an early one repeats its first pose.
 
     Raises:
@@ -159,15 +173,16 @@ def load_motion(path: str | Path) -> Motion:
             is one sentence that names the file.
     """
     name = Path(path).name
-    with opened_archive(Path(path)) as archive:
+    with open_archive(Path(path)) as archive:
         headers = read_headers(archive, name)
         missing = [key for key in _REQUIRED if key not in headers]
         if missing:
             raise MotionError(
-                f"{name} lacks {listed(missing)}; it holds {listed(sorted(headers)) or 'nothing'}, "
-                f"but a BEAT2 motion file needs {listed(_REQUIRED)}."
+                f"{name} lacks {format_names(missing)}; it holds "
+                f"{format_names(sorted(headers)) or 'nothing'}, "
+                f"but a BEAT2 motion file needs {format_names(_REQUIRED)}."
             )
-        check_length((headers["poses"][0] or (0,))[0], name)
+        check_num_frames((headers["poses"][0] or (0,))[0], name)
         basis = read_basis(archive, headers, name)
         arrays = {key: read_array(archive, key) for key in _REQUIRED}
     for key, array in arrays.items():
@@ -228,7 +243,7 @@ def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) 
     return cast(ExpressionBasis, basis)
 
 
-def check_length(num_frames: int, name: str) -> None:
+def check_num_frames(num_frames: int, name: str) -> None:
     """Refuse a motion of more than an hour.
 
     Raises:

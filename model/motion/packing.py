@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor
 
 from conventions.joints import FACE, HANDS, LOWER_BODY, NUM_JOINTS, UPPER_BODY
@@ -108,7 +108,7 @@ class Normaliser:
     unmix: Float[Tensor, "C C"] | None = None
 
     @staticmethod
-    def of_tensors(tensors: Mapping[str, Tensor]) -> "Normaliser":
+    def of_tensors(tensors: Mapping[str, Shaped[Tensor, " ..."]]) -> "Normaliser":
         """Make the normaliser that was saved with trained weights.
 
         Raises:
@@ -181,7 +181,7 @@ def to_vectors(
 class Decoded:
     """World-space rotations and positions of motion vectors, with gradients."""
 
-    global_rot: Float[Tensor, "B T 55 3 3"] | None
+    R_world_joint: Float[Tensor, "B T 55 3 3"] | None
     """World rotations (B, T, 55, 3, 3); None if no loss term needs them."""
     rooted: Float[Tensor, "B T 55 3"]
     """Joint positions (B, T, 55, 3) in metres, with the pelvis at its place in the rest pose."""
@@ -218,12 +218,12 @@ def decode(
 ) -> Decoded:
     """Decode motion vectors to rotations, and to positions by forward kinematics."""
     rotmat = rotations(vectors, space)
-    global_rot = rotmat if space == "global" else global_from_local(rotmat)
+    R_world_joint = rotmat if space == "global" else global_from_local(rotmat)
     return Decoded(
-        global_rot=global_rot,
-        rooted=joint_positions_from_global(global_rot, skeleton),
+        R_world_joint=R_world_joint,
+        rooted=joint_positions_from_global(R_world_joint, skeleton),
         root=root_positions(vectors[..., -ROOT_DIM:], root),
         global_vectors=torch.cat(
-            [rot6d_from_matrix(global_rot).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1
+            [rot6d_from_matrix(R_world_joint).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1
         ),
     )

@@ -32,9 +32,9 @@ class Tracks:
     joints: Float64[np.ndarray, "T 55 3"]
     fingertips: Float64[np.ndarray, "T 10 3"]
     """Positions (T, 10, 3) in the order of `FINGERTIP_NAMES`."""
-    local_rot: Float32[np.ndarray, "T 55 3 3"]
+    R_parent_joint: Float32[np.ndarray, "T 55 3 3"]
     """Parent-relative rotations (T, 55, 3, 3); single precision as in motion files saves memory."""
-    global_rot: Float32[np.ndarray, "T 55 3 3"]
+    R_world_joint: Float32[np.ndarray, "T 55 3 3"]
 
     def point(self, name: str) -> Float64[np.ndarray, "T 3"]:
         """Return the positions of a fingertip or joint, one of `POINT_NAMES`."""
@@ -57,15 +57,15 @@ def track_points(motion: Motion, skeleton: RestSkeleton) -> Tracks:
         frames = slice(start, start + _CHUNK_FRAMES)
         poses = torch.tensor(motion.poses[frames], dtype=torch.float64)
         transl = torch.tensor(motion.trans[frames], dtype=torch.float64)
-        local_rot = matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
-        global_rot, positions = joint_positions_from_local(local_rot, skeleton, transl)
-        joints[frames] = positions.numpy()
-        tips[frames] = fingertip_positions(global_rot, positions, skeleton).numpy()
-        local[frames], world[frames] = local_rot.numpy(), global_rot.numpy()
+        R_parent_joint = matrix_from_axis_angle(poses.unflatten(-1, (NUM_JOINTS, 3)))
+        R_world_joint, p_world_joint = joint_positions_from_local(R_parent_joint, skeleton, transl)
+        joints[frames] = p_world_joint.numpy()
+        tips[frames] = fingertip_positions(R_world_joint, p_world_joint, skeleton).numpy()
+        local[frames], world[frames] = R_parent_joint.numpy(), R_world_joint.numpy()
     return Tracks(joints, tips, local, world)
 
 
-def point_words(name: str) -> str:
+def point_label(name: str) -> str:
     """Format a point's name as text: right middle fingertip, right middle joint 1, neck."""
     spaced = name.replace("_", " ")
     if name in FINGERTIP_NAMES:
@@ -84,7 +84,7 @@ def moving_chain(point: str) -> tuple[int, ...]:
     return chain_to_root(JOINT_INDEX[point])[:0:-1]
 
 
-OUTWARD: dict[Literal["left", "right"], tuple[float, float, float]] = {
+OUTWARD_SIGNS: dict[Literal["left", "right"], tuple[float, float, float]] = {
     "left": (1.0, 1.0, 1.0),
     "right": (-1.0, 1.0, 1.0),
 }
@@ -96,9 +96,10 @@ def wrist_positions_in_chest(
 ) -> dict[Literal["left", "right"], Float[np.ndarray, "T 3"]]:
     """Compute wrist positions in the chest's frame (m): to the hand's side, up, forwards."""
     chest = JOINT_INDEX["spine3"]
-    turned = tracks.global_rot[:, chest].astype(np.float64)
-    places = {}
-    for side in OUTWARD:
-        off = tracks.joints[:, JOINT_INDEX[f"{side}_wrist"]] - tracks.joints[:, chest]
-        places[side] = np.einsum("tij,ti->tj", turned, off) * np.array(OUTWARD[side])
-    return places
+    R_world_chest = tracks.R_world_joint[:, chest].astype(np.float64)
+    p_chest_wrists = {}
+    for side in OUTWARD_SIGNS:
+        offset_world = tracks.joints[:, JOINT_INDEX[f"{side}_wrist"]] - tracks.joints[:, chest]
+        p_chest = np.einsum("tij,ti->tj", R_world_chest, offset_world)
+        p_chest_wrists[side] = p_chest * np.array(OUTWARD_SIGNS[side])
+    return p_chest_wrists

@@ -23,7 +23,7 @@ from model.motion.rotations import (
 )
 
 
-def noisy_motions(motion: Motion, noise_rad: float, seed: int = 0) -> tuple[Motion, Motion]:
+def add_rotation_noise(motion: Motion, noise_rad: float, seed: int = 0) -> tuple[Motion, Motion]:
     """Return the motion with noise on its local and on its global rotations.
 
     The noise rotates each joint in every frame about its own axes, with independent components of
@@ -34,22 +34,22 @@ def noisy_motions(motion: Motion, noise_rad: float, seed: int = 0) -> tuple[Moti
         The motion with noise on local rotations, and the one with noise on global rotations.
     """
     generator = torch.Generator().manual_seed(seed)
-    local_rot = motion.local_rotations().double()
-    turn = noise_rad * torch.randn(local_rot.shape[:-1], generator=generator).double()
+    R_parent_joint = motion.local_rotations().double()
+    turn = noise_rad * torch.randn(R_parent_joint.shape[:-1], generator=generator).double()
     turn[:, list(FACE)] = 0.0  # they have no children, and facial jitter distracts
     noise = matrix_from_axis_angle(turn)
-    on_global = local_from_global(global_from_local(local_rot) @ noise)
+    on_global = local_from_global(global_from_local(R_parent_joint) @ noise)
     # The head's noise does not change the face's local rotations.
-    on_global[:, list(FACE)] = local_rot[:, list(FACE)]
-    return _with_rotations(motion, local_rot @ noise), _with_rotations(motion, on_global)
+    on_global[:, list(FACE)] = R_parent_joint[:, list(FACE)]
+    return _with_rotations(motion, R_parent_joint @ noise), _with_rotations(motion, on_global)
 
 
-def _with_rotations(motion: Motion, local_rot: torch.Tensor) -> Motion:
-    poses = axis_angle_from_matrix(local_rot).flatten(-2).float().numpy()
+def _with_rotations(motion: Motion, R_parent_joint: Float[torch.Tensor, "T J 3 3"]) -> Motion:
+    poses = axis_angle_from_matrix(R_parent_joint).flatten(-2).float().numpy()
     return replace(motion, poses=poses)
 
 
-def motion_at_speed(motion: Motion, speed: float) -> Motion:
+def change_motion_speed(motion: Motion, speed: float) -> Motion:
     """Resample the motion to play ``speed`` times as fast.
 
     New frame k is old frame ``k * speed``. Rotations are interpolated by slerp, everything else
@@ -80,7 +80,9 @@ _ORDER = 4
 _PADDING_FRAMES = 15
 
 
-def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUTOFF_HZ) -> Motion:
+def exaggerate_tremor(
+    motion: Motion, factor: float | int, cutoff_hz: float | int = CUTOFF_HZ
+) -> Motion:
     """Multiply all motion above a cutoff frequency by a factor.
 
     A local rotation R has a slow part L: its row-6D form after a Butterworth filter that runs
@@ -102,7 +104,7 @@ def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUT
         fast = fast * (MAX_EXAGGERATED_RAD / turn.clamp_min(MAX_EXAGGERATED_RAD))
         shown = slow @ matrix_from_axis_angle(fast)
         poses[:, columns] = axis_angle_from_matrix(shown).numpy()
-    slow_trans = below_cutoff(motion.trans.astype(np.float64), cutoff_hz)
+    slow_trans = low_pass(motion.trans.astype(np.float64), cutoff_hz)
     trans = slow_trans + factor * (motion.trans - slow_trans)
     return replace(motion, poses=poses, trans=trans.astype(np.float32))
 
@@ -110,11 +112,11 @@ def exaggerate(motion: Motion, factor: float | int, cutoff_hz: float | int = CUT
 def _below_cutoff(
     rotmat: Float[torch.Tensor, "T 3 3"], cutoff_hz: float | int
 ) -> Float[torch.Tensor, "T 3 3"]:
-    rows = below_cutoff(rot6d_from_matrix(rotmat).numpy(), cutoff_hz)
+    rows = low_pass(rot6d_from_matrix(rotmat).numpy(), cutoff_hz)
     return matrix_from_rot6d(torch.from_numpy(rows))
 
 
-def below_cutoff(
+def low_pass(
     values: Float[np.ndarray, "T C"], cutoff_hz: float | int = CUTOFF_HZ
 ) -> Float[np.ndarray, "T C"]:
     """Filter values (T, C) with a zero-phase low-pass; the ends of a clip are mirrored."""
@@ -147,7 +149,7 @@ def smooth_rotations(rotmat: Float[Tensor, "T *joints 3 3"]) -> Float[Tensor, "T
     return matrix_from_rot6d(torch.from_numpy(smooth))
 
 
-def filtered(motion: Motion, post_filter: PostFilter) -> Motion:
+def apply_post_filter(motion: Motion, post_filter: PostFilter) -> Motion:
     """Return the motion after the chosen filter."""
     return smooth_motion(motion) if post_filter == "savgol" else motion
 

@@ -21,7 +21,7 @@ def unit(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]
     return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-9)
 
 
-def about_axis(
+def rotations_about_axis(
     axis: Float[np.ndarray, " 3"], angle: Float[np.ndarray, " T"]
 ) -> Float[np.ndarray, "T 3 3"]:
     """Return rotations by ``angle`` radians about one fixed unit axis."""
@@ -69,7 +69,7 @@ class HingedLimb:
             span: from the limb's root to the target of its end.
             pole: the direction in which the middle joint lies off the span.
         """
-        turned = about_axis(self.axis, self.bend(np.linalg.norm(span, axis=-1)))
+        turned = rotations_about_axis(self.axis, self.bend(np.linalg.norm(span, axis=-1)))
         at_rest = hinge_frame(
             self.upper + turned @ self.lower, np.broadcast_to(self.axis, span.shape)
         )

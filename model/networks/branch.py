@@ -4,7 +4,7 @@ import math
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor, nn
 
 from model.networks.config import BranchConfig
@@ -112,7 +112,7 @@ class MotionBlock(nn.Module):
     ) -> Float[Tensor, "B T width"]:
         films = iter(self.modulation(condition)[:, None].chunk(9 if self.conv else 6, dim=-1))
 
-        def film(layer, x: Tensor) -> Tensor:
+        def film(layer, x: Float[Tensor, "B T dim"]) -> Tensor:
             scale, shift, gate = next(films), next(films), next(films)
             return x + (1 + gate) * layer(self.norm(x) * (1 + scale) + shift)
 
@@ -158,9 +158,9 @@ class AddedTokens(nn.Module):
         nn.init.zeros_(self.out.bias)
 
     def forward(
-        self, inputs: Float[Tensor, "B heard dim"], is_told: Bool[Tensor, " B"]
+        self, inputs: Float[Tensor, "B heard dim"], has_condition: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T width"]:
-        return self.out(self.frames(inputs)) * is_told[:, None, None]
+        return self.out(self.frames(inputs)) * has_condition[:, None, None]
 
 
 class TimeAndSpeaker(nn.Module):
@@ -213,14 +213,14 @@ class MotionBranch(nn.Module):
         nn.init.zeros_(self.out.weight)  # start at the mean pose, which normalisation puts at zero
         nn.init.zeros_(self.out.bias)
 
-    def forward(self, *told: Tensor) -> Float[Tensor, "B T channels"]:
-        """Predict the region's channels; the arguments are those of `enter`."""
-        x, seed_tokens, condition = self.enter(*told)
+    def forward(self, *told: Shaped[Tensor, "B ..."]) -> Float[Tensor, "B T channels"]:
+        """Predict the region's channels; the arguments are those of `embed`."""
+        x, seed_tokens, condition = self.embed(*told)
         for block in self.blocks:
             x = block(x, seed_tokens, condition)
         return self.project(x)
 
-    def enter(
+    def embed(
         self,
         region: Float[Tensor, "B T inputs"],
         body: Float[Tensor, "B T body_inputs"],
@@ -259,10 +259,10 @@ class ConditionedNetwork(nn.Module):
 
 
 def mask_expression(
-    told: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]
+    condition: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]
 ) -> Float[Tensor, "B T E"]:
     """Return the face that conditions the body; zero without speech, which it would reveal."""
-    return torch.where(has_speech[:, None, None], told, torch.zeros_like(told))
+    return torch.where(has_speech[:, None, None], condition, torch.zeros_like(condition))
 
 
 class PriorNetwork(ConditionedNetwork):

@@ -27,7 +27,7 @@ class BranchConfig:
 
     def __post_init__(self) -> None:
         if self.width % self.num_heads:
-            raise ValueError(f"width {self.width} is no multiple of num_heads {self.num_heads}.")
+            raise ValueError(f"width {self.width} is not a multiple of num_heads {self.num_heads}.")
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,11 @@ CPU = torch.device("cpu")
 
 
 @dataclass(frozen=True)
-class SpeechReading:
+class SpeechPredictions:
     """Predictions from speech codes."""
 
     phone: Float[Tensor, "B T phones"]
-    """Logits of the phones; the first is no phone."""
+    """Logits of the phones; the first means no phone."""
     label_logits: Float[Tensor, "B T told"]
     """Predictions of `SPEECH_LABELS`: logits, but for strength and speed."""
 
@@ -61,10 +61,10 @@ class CodesNetwork(nn.Module):
             x = x + mixed(F.silu(convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)))
         return torch.tanh(self.code(self.norm(x)))
 
-    def forward(self, speech: Float[Tensor, "B T speech_dim"]) -> SpeechReading:
+    def forward(self, speech: Float[Tensor, "B T speech_dim"]) -> SpeechPredictions:
         """Predict phones and `SPEECH_LABELS` from the codes of normalised features."""
         codes = self.codes(speech)
-        return SpeechReading(self.phone(codes), self.told(codes))
+        return SpeechPredictions(self.phone(codes), self.told(codes))
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,11 @@ def load_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:
 
 SURE = 0.6
 """Smallest probability of an accent's peak."""
-LEAST_APART = 4
+MIN_ACCENT_DISTANCE = 4
 """Smallest distance between two accents (frames)."""
 
 
-def heard_accents(speech: Speech, folder: Path) -> tuple[Accent, ...]:
+def detect_accents(speech: Speech, folder: Path) -> tuple[Accent, ...]:
     """Detect accents in speech; empty if the encoder's weights are not in the folder.
 
     On 12 test clips of the corpus the recall is .97 within .1 s, and the precision .92; in noise
@@ -113,7 +113,7 @@ def _accents(codes: SpeechCodes, speech: Speech) -> tuple[Accent, ...]:
     told = codes.network(codes.normaliser.normalise(features[None])).label_logits[0]
     likely = torch.sigmoid(told[:, SPEECH_LABELS.index("accent")]).numpy()
     strength = told[:, SPEECH_LABELS.index("strength")].numpy()
-    peaks, _ = find_peaks(likely, height=SURE, distance=LEAST_APART)
+    peaks, _ = find_peaks(likely, height=SURE, distance=MIN_ACCENT_DISTANCE)
     return tuple(
         Accent(round((int(k) + 0.5) / FPS, 4), round(float(np.clip(strength[k], 0, 1)), 3))
         for k in peaks

@@ -8,8 +8,8 @@ from torch import Tensor, nn
 
 from model.motion.packing import Normaliser
 from model.sampling.prior import GaussianPrior
-from model.storage.cards import Card
-from model.storage.checkpoint import load_into, load_weights
+from model.storage.cards import WeightsCard
+from model.storage.checkpoint import load_module, load_weights
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -20,7 +20,7 @@ class TrainedWeights:
 
     name: str
     tensors: dict[str, Tensor]
-    card: Card
+    card: WeightsCard
 
     @staticmethod
     def read(folder: Path, name: str) -> "TrainedWeights":
@@ -49,5 +49,5 @@ class TrainedWeights:
 
     def as_of(self, network: Network) -> Network:
         """Load the weights into an untrained network, and freeze it."""
-        load_into(network, self.tensors, "network.", self.name)
+        load_module(network, self.tensors, "network.", self.name)
         return network.eval().requires_grad_(False)

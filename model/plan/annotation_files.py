@@ -70,11 +70,11 @@ def decode_text(data: bytes, name: str, error: type[ValueError]) -> tuple[str, t
         text = data.decode("cp1252")
         if not is_utf16 and all(sign >= " " or sign.isspace() for sign in set(text)):
             note = (
-                f"{name} is no UTF-8; it was read as Latin-1 (Windows-1252). If letters with "
+                f"{name} is not UTF-8; it was read as Latin-1 (Windows-1252). If letters with "
                 "accents are wrong, save it as UTF-8."
             )
             return text, (note,)
-    raise error(f"{name} is no text in UTF-8, UTF-16 or Latin-1.")
+    raise error(f"{name} is not text in UTF-8, UTF-16 or Latin-1.")
 
 
 def is_textgrid(text: str) -> bool:
@@ -89,7 +89,7 @@ def parse_textgrid(text: str, name: str, error: type[ValueError]) -> tuple[list[
         error: for another text, or one with fewer tiers or rows than it states.
     """
     if not is_textgrid(text):
-        raise error(f"{name} is no TextGrid; save one as text in Praat.")
+        raise error(f"{name} is not a TextGrid; save one as text in Praat.")
     tiers: list[NamedTier] = []
     rows: list[Interval] = []
     numbers: deque[float] = deque(maxlen=6)
@@ -150,7 +150,7 @@ def format_textgrid(
     ]  # fmt: skip
     for number, tier in enumerate(tiers, 1):
         kind, what = ("TextTier", "points") if tier.has_points else ("IntervalTier", "intervals")
-        rows = tier.rows if tier.has_points else _covering(tier.rows, end_s)
+        rows = tier.rows if tier.has_points else _fill_gaps(tier.rows, end_s)
         lines += [
             f"    item [{number}]:", f"        class = {_quoted(kind)}",
             f"        name = {_quoted(tier.name)}", "        xmin = 0",
@@ -168,7 +168,7 @@ def format_textgrid(
     return "\n".join(lines) + "\n"
 
 
-def _covering(rows: Sequence[Interval], end_s: float) -> list[Interval]:
+def _fill_gaps(rows: Sequence[Interval], end_s: float) -> list[Interval]:
     """Return the rows with empty ones in the gaps, and without those of zero length."""
     filled: list[Interval] = []
     at_s = 0.0
@@ -229,15 +229,16 @@ _DOCUMENT = """\
 """
 
 
-def elan_tiers(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
+def parse_elan(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
     """Parse an ELAN file's tiers in media time, its duration or last time (s), and notes.
 
     Raises:
-        PlanError: if it is no ELAN file, or a dangerous one; ``name`` is the file's in the message.
+        PlanError: if it is not an ELAN file, or a dangerous one; ``name`` is the file's in the
+        message.
     """
     root = _parsed(data, name)
     if root.tag != "ANNOTATION_DOCUMENT":
-        raise PlanError(f"{name} is no ELAN file (.eaf).")
+        raise PlanError(f"{name} is not an ELAN file (.eaf).")
     header = root.find("HEADER")
     if header is not None and header.get("TIME_UNITS", "milliseconds") != "milliseconds":
         raise PlanError(f"{name} counts time in {header.get('TIME_UNITS')!r:.40}, not in ms.")
@@ -257,7 +258,7 @@ def elan_tiers(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[st
     return list(_tiers(root, slots, name)), duration_s, notes
 
 
-def elan_of(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") -> str:
+def format_elan(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") -> str:
     """Format tiers as an ELAN file; times are rounded to milliseconds.
 
     Args:
@@ -309,15 +310,15 @@ def elan_of(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") -> s
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, "unicode")}\n'
 
 
-def _added(parent: ET.Element, what: str, text: str | None = None, **told: str) -> ET.Element:
-    element = ET.SubElement(parent, what, told)
+def _added(parent: ET.Element, tag: str, text: str | None = None, **told: str) -> ET.Element:
+    element = ET.SubElement(parent, tag, told)
     element.text = text
     return element
 
 
 def _label(label: str) -> str:
     if any("\ud800" <= sign <= "\udfff" for sign in label):
-        raise PlanError(f"The name {label[:40]!r} is no text.")
+        raise PlanError(f"The name {label[:40]!r} is not text.")
     if not all(sign in "\t\n" or (" " <= sign and sign not in "\ufffe\uffff") for sign in label):
         raise PlanError(f"The name {label[:40]!r} holds a sign that no ELAN file can.")
     return label
@@ -361,7 +362,7 @@ def _parsed(data: bytes, name: str) -> ET.Element:
     except PlanError:
         raise
     except (ET.ParseError, LookupError, ValueError) as error:
-        raise PlanError(f"{name} is no ELAN file: {str(error)[:80]}.") from None
+        raise PlanError(f"{name} is not an ELAN file: {str(error)[:80]}.") from None
 
 
 def _media_origin_s(root: ET.Element, file: str) -> float:
@@ -370,7 +371,7 @@ def _media_origin_s(root: ET.Element, file: str) -> float:
     sounds = [each for each in media if each.get("MIME_TYPE", "").startswith("audio/")]
     value = next((each.get("TIME_ORIGIN") for each in sounds or media), None) or "0"
     if not _ORIGIN.fullmatch(value) or abs(int(value)) > MAX_HOURS * 3_600_000:
-        raise PlanError(f"{file}: the TIME_ORIGIN {value[:20]!r} is no number of milliseconds.")
+        raise PlanError(f"{file}: the TIME_ORIGIN {value[:20]!r} is not a number of milliseconds.")
     return int(value) / 1000
 
 
@@ -383,7 +384,7 @@ def _slots(root: ET.Element, file: str) -> dict[str, float]:
         if value is None:
             continue
         if not value.isascii() or not value.isdigit() or len(value) > 9:
-            raise PlanError(f"{file}: the time {value[:20]!r} is no number of milliseconds.")
+            raise PlanError(f"{file}: the time {value[:20]!r} is not a number of milliseconds.")
         if int(value) > MAX_HOURS * 3_600_000:
             raise PlanError(f"{file}: it goes on for more than {MAX_HOURS} hours.")
         known.append(k)

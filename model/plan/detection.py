@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Num
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import find_peaks
 from torch import Tensor, nn
@@ -38,7 +38,7 @@ from model.plan.plan import (
     Nod,
     Side,
     Smile,
-    Stand,
+    Stance,
 )
 
 WEIGHTS = Path(__file__).resolve().parents[1] / "assets" / "hand_phases.npz"
@@ -51,12 +51,12 @@ STAND_SHARE = 0.03
 """Offset of the pelvis on one leg from the middle, as a fraction of the feet's distance."""
 STEP_M_S = 0.15
 STILL_M_S = 0.1
-"""Wrist speed (m/s) below which none of `MOVES` is detected."""
-MOVES = ("preparation", "stroke", "retraction")
+"""Wrist speed (m/s) below which none of `MOVING_PHASES` is detected."""
+MOVING_PHASES = ("preparation", "stroke", "retraction")
 SHIFT_DEG_S = 40.0
 """Gaze speed (degrees/s) above which the gaze shifts."""
-LEAST_LOOK_S, LEAST_STAND_S, LEAST_SMILE_S, LEAST_BEAT_S = 0.15, 0.4, 0.4, 0.12
-_MOST_M = 0.99
+MIN_LOOK_S, MIN_STAND_S, MIN_SMILE_S, MIN_BEAT_S = 0.15, 0.4, 0.4, 0.12
+_MAX_M = 0.99
 
 
 def plan_from_motion(motion: Motion, skeleton: RestSkeleton) -> GesturePlan:
@@ -76,11 +76,11 @@ def plan_from_motion(motion: Motion, skeleton: RestSkeleton) -> GesturePlan:
         left=hands["left"],
         right=hands["right"],
         nods=tuple(_nods(tracks)),
-        looks=tuple(_looks(tracks)),
+        looks=tuple(_detect_gaze(tracks)),
         brows=brows,
         smiles=smiles,
         blinks=blinks,
-        stands=tuple(_stands(tracks)),
+        stands=tuple(_detect_stances(tracks)),
         planted=tuple(one for side in SIDES for one in _planted(tracks, side)),
     )
 
@@ -96,14 +96,14 @@ def hand_phases(
     if len(wrist) > 1:
         speed = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * FPS
     for first, stop in equal_runs(states):
-        if speed[first:stop].max() < STILL_M_S and PHASES[states[first]] in MOVES:
+        if speed[first:stop].max() < STILL_M_S and PHASES[states[first]] in MOVING_PHASES:
             goes_back = PHASES[states[first]] == "retraction"
             states[first:stop] = PHASES.index("rest" if goes_back else "hold")
     for first, stop in equal_runs(states):
         phase = PHASES[states[first]]
         parts = _beats(speed, first, stop) if phase == "beat" else [first, stop]
         for start, end in pairwise(parts):
-            out, up, forward = np.clip(smooth[end - 1], -_MOST_M, _MOST_M).round(4).tolist()
+            out, up, forward = np.clip(smooth[end - 1], -_MAX_M, _MAX_M).round(4).tolist()
             yield HandPhase(start / FPS, end / FPS, phase, (out, up, forward))
 
 
@@ -190,7 +190,7 @@ def _most_likely(
 
 def _beats(speed: Float[np.ndarray, " T"], first: int, stop: int) -> list[int]:
     """Return the boundaries of consecutive beats, which are where the hand reverses."""
-    least = round(LEAST_BEAT_S * FPS)
+    least = round(MIN_BEAT_S * FPS)
     turns, _ = find_peaks(-speed[first:stop], distance=least)
     inside = [first + int(k) for k in turns if least <= k <= stop - first - least]
     return [first, *inside, stop]
@@ -200,13 +200,13 @@ def _spans(is_on: Bool[np.ndarray, " T"], least_s: float) -> list[tuple[int, int
     return [(first, stop) for first, stop in true_runs(is_on) if (stop - first) / FPS >= least_s]
 
 
-def _seconds(frames: np.ndarray) -> list[float]:
+def _seconds(frames: Num[np.ndarray, " N"]) -> list[float]:
     return [round((float(k) + 0.5) / FPS, 4) for k in frames]
 
 
 def _nods(tracks: Tracks) -> Iterator[Nod]:
     """Detect nods: the head moves down relative to half a second around it."""
-    ahead = tracks.global_rot[:, JOINT_INDEX["head"], 1, 2].astype(np.float64)
+    ahead = tracks.R_world_joint[:, JOINT_INDEX["head"], 1, 2].astype(np.float64)
     down = -np.degrees(np.arcsin(np.clip(ahead, -1, 1)))
     moved = gaussian_filter1d(down, 1.0) - gaussian_filter1d(down, 6.0)
     peaks, told = find_peaks(moved, prominence=NOD_DEG)
@@ -214,16 +214,16 @@ def _nods(tracks: Tracks) -> Iterator[Nod]:
         yield Nod(at_s, round(float(depth), 3))
 
 
-def _looks(tracks: Tracks) -> Iterator[Gaze]:
+def _detect_gaze(tracks: Tracks) -> Iterator[Gaze]:
     """Detect stretches with a steady gaze, relative to the mean direction of the chest."""
-    eyes = tracks.global_rot[:, JOINT_INDEX["left_eye"], :, 2].astype(np.float64)
-    chest = tracks.global_rot[:, JOINT_INDEX["spine3"], :, 2].astype(np.float64).mean(axis=0)
+    eyes = tracks.R_world_joint[:, JOINT_INDEX["left_eye"], :, 2].astype(np.float64)
+    chest = tracks.R_world_joint[:, JOINT_INDEX["spine3"], :, 2].astype(np.float64).mean(axis=0)
     yaw = np.unwrap(np.arctan2(eyes[:, 0], eyes[:, 2])) - np.arctan2(chest[0], chest[2])
     ways = np.degrees(np.stack([yaw, -np.arcsin(np.clip(eyes[:, 1], -1, 1))], axis=1))
     if len(ways) < 2:
         return
     speed = np.linalg.norm(np.gradient(gaussian_filter1d(ways, 1.0, axis=0), axis=0), axis=1) * FPS
-    stays = _spans(speed < SHIFT_DEG_S, LEAST_LOOK_S)
+    stays = _spans(speed < SHIFT_DEG_S, MIN_LOOK_S)
     if not stays:
         return
     ends = [*(first for first, _ in stays[1:]), len(ways)]
@@ -261,13 +261,13 @@ def _face(
     smile = gaussian_filter1d(unit("mouthSmileLeft", "mouthSmileRight"), 6.0)
     smiles = [
         Smile(first / FPS, stop / FPS, round(min(1.0, float(smile[first:stop].mean())), 4))
-        for first, stop in _spans(smile > SMILE, LEAST_SMILE_S)
+        for first, stop in _spans(smile > SMILE, MIN_SMILE_S)
     ]
     in_time = tuple(sorted(brows, key=lambda brow: brow.time_s))
     return in_time, tuple(smiles), tuple(map(Blink, _seconds(shut - 1)))
 
 
-def _stands(tracks: Tracks) -> Iterator[Stand]:
+def _detect_stances(tracks: Tracks) -> Iterator[Stance]:
     """Detect the leg by the ankle that the pelvis is above."""
     left, right = (tracks.joints[:, JOINT_INDEX[f"{side}_ankle"]][:, [0, 2]] for side in SIDES)
     apart = left - right
@@ -278,9 +278,9 @@ def _stands(tracks: Tracks) -> Iterator[Stand]:
     legs: dict[int, Leg] = {1: "left", -1: "right", 0: "both"}
     at = 0
     for first, stop in equal_runs(leg):
-        if (stop - first) / FPS < LEAST_STAND_S and stop < len(leg):
+        if (stop - first) / FPS < MIN_STAND_S and stop < len(leg):
             continue  # too short: a shift to the other leg
-        yield Stand(at / FPS, stop / FPS, legs[int(leg[first])])
+        yield Stance(at / FPS, stop / FPS, legs[int(leg[first])])
         at = stop
 
 

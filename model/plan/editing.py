@@ -16,19 +16,19 @@ from model.plan.annotation_files import Interval
 from model.plan.kinds import (
     BIMANUAL_TOLERANCE_S,
     HOLD_S,
-    LANDS_AT,
-    LEAST_REST_S,
+    MIN_REST_S,
     PLACES,
     PREPARATION_S,
     REST_PLACE,
     RETRACTION_S,
+    STROKE_END_IN_WORD,
     STROKE_S,
     TWO_HANDED_KINDS,
     Place,
     Stroke,
-    ready_for,
-    strokes_of,
-    usual_place,
+    default_place,
+    gesture_strokes,
+    preparation_place,
 )
 from model.plan.plan import (
     SIDES,
@@ -37,30 +37,30 @@ from model.plan.plan import (
     Gaze,
     GesturePlan,
     HandPhase,
-    Moment,
     Nod,
     Phase,
     PlanError,
     PlanResult,
+    Point,
     Side,
     Smile,
     Span,
-    Stand,
-    without_gaps,
+    Stance,
+    fill_gaps,
 )
 
-LEAST_S: dict[Phase, float] = {
-    "rest": LEAST_REST_S, "preparation": 0.2, "stroke": 0.2, "hold": 0.1, "beat": 0.1,
+MIN_PHASE_S: dict[Phase, float] = {
+    "rest": MIN_REST_S, "preparation": 0.2, "stroke": 0.2, "hold": 0.1, "beat": 0.1,
     "retraction": 0.5,
 }  # fmt: skip
 """Shortest duration of a phase after an edit (s); one that was shorter is not changed."""
-GOES_BACK_S = LEAST_S["retraction"] + LEAST_REST_S
+MIN_RETRACTION_S = MIN_PHASE_S["retraction"] + MIN_REST_S
 """Shortest time in which a hand retracts to rest (s)."""
 ARM_M = 0.72
 """Largest distance of a wrist from the chest (m)."""
-BODY_WIDTH_M, BODY_DEPTH_M, LEAST_UP_M, MOST_UP_M = 0.16, 0.14, -0.5, 0.12
+BODY_WIDTH_M, BODY_DEPTH_M, MIN_UP_M, MAX_UP_M = 0.16, 0.14, -0.5, 0.12
 """Region of the body in the chest's frame: to either side, forwards, and its range upwards (m)."""
-SAME_S = 0.01
+TIME_TOLERANCE_S = 0.01
 """Tolerance with which a gesture or phase is identified by its end (s)."""
 _TINY_S = 1e-6
 Hands = Literal["left", "right", "both"]
@@ -74,7 +74,7 @@ class Gesture:
     lands_s: float
 
 
-class NoTimeError(PlanError):
+class NoRoomError(PlanError):
     """No time for a gesture, because the hand makes another one there."""
 
     def __init__(self, sentence: str, kind: str, gesture: Gesture | None) -> None:
@@ -85,17 +85,19 @@ class NoTimeError(PlanError):
 
 
 def _phases(plan: GesturePlan, side: Side) -> list[HandPhase]:
-    return list(without_gaps(plan.hand(side), plan.duration_s))
+    return list(fill_gaps(plan.hand(side), plan.duration_s))
 
 
 def gestures(plan: GesturePlan, side: Side) -> tuple[Gesture, ...]:
     """Return the gestures of a hand in order of time."""
-    return tuple(Gesture(side, s.last_stroke.end_s) for s in strokes_of(plan) if s.side == side)
+    return tuple(
+        Gesture(side, s.last_stroke.end_s) for s in gesture_strokes(plan) if s.side == side
+    )
 
 
 def stroke_time_on_word(word: Interval) -> float:
     """Return the default time of the end of a stroke on a word."""
-    return word.start_s + LANDS_AT * (word.end_s - word.start_s)
+    return word.start_s + STROKE_END_IN_WORD * (word.end_s - word.start_s)
 
 
 def move_gesture(
@@ -131,21 +133,23 @@ def add_gesture(
     if kind not in PLACES:
         raise PlanError(f"There is no gesture {kind[:40]!r}; choose one of {', '.join(PLACES)}.")
     hands = hands or ("both" if kind in TWO_HANDED_KINDS else "right")
-    goal = usual_place(kind)
+    goal = default_place(kind)
     strikes_s = lands_s - STROKE_S
     block = [
-        HandPhase(strikes_s - PREPARATION_S, strikes_s, "preparation", ready_for(goal), kind),
+        HandPhase(
+            strikes_s - PREPARATION_S, strikes_s, "preparation", preparation_place(goal), kind
+        ),
         HandPhase(strikes_s, lands_s, "stroke", goal, kind, word),
         HandPhase(lands_s, lands_s + HOLD_S, "hold", goal, kind),
     ]
     return _on_hands(plan, _sides(hands), block, lands_s)
 
 
-def with_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> PlanResult:
+def change_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> PlanResult:
     """Transfer a gesture to other hands, and delete it from its present ones."""
     phases, block = _taken_out(plan, gesture)
     plan = plan.with_hand(gesture.side, tuple(phases))
-    partner = partner_of(plan, gesture)
+    partner = other_hand_gesture(plan, gesture)
     if partner is not None:
         plan = plan.with_hand(partner.side, tuple(_taken_out(plan, partner)[0]))
     return _on_hands(plan, _sides(hands), block, gesture.lands_s)
@@ -208,7 +212,7 @@ def speed_up_gesture(plan: GesturePlan, gesture: Gesture, speed: float) -> PlanR
     return replace(edited, notes=(*notes, *edited.notes))
 
 
-def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> PlanResult:
+def move_phase_end(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> PlanResult:
     """Move the end of a hand's phase from ``end_s`` to ``at_s``, or as near to that as possible.
 
     A hold without time left to retract lasts until the next gesture. If a gesture now ends early
@@ -229,7 +233,7 @@ def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> PlanResul
     elif (
         then.phase == "preparation"
         and one.phase in ("stroke", "hold", "beat")
-        and then.start_s - max(at_s, one.start_s + _least(one)) >= GOES_BACK_S
+        and then.start_s - max(at_s, one.start_s + _least(one)) >= MIN_RETRACTION_S
     ):
         to_s, why = _no_earlier(one, at_s)
         back = _back_to_rest(phases, to_s, then.start_s)
@@ -241,7 +245,7 @@ def ended(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> PlanResul
             to_s, why = latest_s, _needs(one, then, latest_s)
         changed = [*phases]
         changed[k], changed[k + 1] = replace(one, end_s=to_s), replace(then, start_s=to_s)
-    if why and abs(changed[k].end_s - one.end_s) < SAME_S:
+    if why and abs(changed[k].end_s - one.end_s) < TIME_TOLERANCE_S:
         raise PlanError(why)
     return PlanResult(plan.with_hand(side, tuple(changed)), (why,) if why else ())
 
@@ -251,7 +255,7 @@ def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
     filled = replace(plan, left=tuple(_phases(plan, "left")), right=tuple(_phases(plan, "right")))
     k = _ending_at(filled.hand(side), end_s)
     own = None if k is None else _gesture_with(filled, side, filled.hand(side)[k])
-    partner = partner_of(plan, own) if own else None
+    partner = other_hand_gesture(plan, own) if own else None
     theirs = _found(filled, partner) if partner else None
     if partner is None or theirs is None or k is None:
         return None
@@ -276,7 +280,11 @@ def _before_way_back(
     rested_s = until_s if rest is None else until_s - _least(rest)
     latest_s = rested_s - _least(back)
     if to_s > latest_s and one.phase == "hold":
-        end = "the speech ends" if until_s > duration_s - SAME_S else "the next gesture begins"
+        end = (
+            "the speech ends"
+            if until_s > duration_s - TIME_TOLERANCE_S
+            else "the next gesture begins"
+        )
         why = f"There is no time to go back to rest: the hold lasts until {end}, {until_s:.2f} s."
         return [*phases[:k], replace(one, end_s=until_s), *after], why
     if to_s > latest_s:
@@ -305,20 +313,20 @@ def _needs(one: HandPhase, then: HandPhase, latest_s: float) -> str:
 
 
 def _least(phase: HandPhase) -> float:
-    return min(LEAST_S[phase.phase], phase.end_s - phase.start_s)
+    return min(MIN_PHASE_S[phase.phase], phase.end_s - phase.start_s)
 
 
 def _ending_at(phases: Sequence[HandPhase], end_s: float) -> int | None:
     near = min(range(len(phases)), key=lambda i: abs(phases[i].end_s - end_s), default=None)
-    return near if near is not None and abs(phases[near].end_s - end_s) < SAME_S else None
+    return near if near is not None and abs(phases[near].end_s - end_s) < TIME_TOLERANCE_S else None
 
 
 _LISTS: dict[type, str] = {
-    Nod: "nods", Gaze: "looks", Brow: "brows", Smile: "smiles", Blink: "blinks", Stand: "stands",
+    Nod: "nods", Gaze: "looks", Brow: "brows", Smile: "smiles", Blink: "blinks", Stance: "stands",
 }  # fmt: skip
 
 
-def with_event(plan: GesturePlan, event: Span | Moment) -> PlanResult:
+def with_event(plan: GesturePlan, event: Span | Point) -> PlanResult:
     """Add a nod, gaze, brow, smile, blink or stance; a span replaces what it overlaps."""
     name, start_s, end_s = _LISTS[type(event)], event.start_s, event.end_s
     if not 0 <= start_s <= end_s <= plan.duration_s:
@@ -346,19 +354,19 @@ def _sides(hands: Hands) -> tuple[Side, ...]:
 
 def _found(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
     """Return the plan's stroke of a gesture, within a hundredth of a second."""
-    own = (stroke for stroke in strokes_of(plan) if stroke.side == gesture.side)
+    own = (stroke for stroke in gesture_strokes(plan) if stroke.side == gesture.side)
     off = {abs(stroke.last_stroke.end_s - gesture.lands_s): stroke for stroke in own}
-    return off[min(off)] if off and min(off) < SAME_S else None
+    return off[min(off)] if off and min(off) < TIME_TOLERANCE_S else None
 
 
 def _gesture_with(plan: GesturePlan, side: Side, phase: HandPhase) -> Gesture | None:
-    for stroke in strokes_of(plan):
+    for stroke in gesture_strokes(plan):
         if stroke.side == side and phase in plan.hand(side)[stroke.first : stroke.last + 1]:
             return Gesture(side, stroke.last_stroke.end_s)
     return None
 
 
-def partner_of(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
+def other_hand_gesture(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
     """Return the other hand's gesture with a stroke that ends at the same time."""
     other = SIDES[1 - SIDES.index(gesture.side)]
     near = [
@@ -396,15 +404,15 @@ def _rest_goal(phases: Sequence[HandPhase]) -> Place:
 
 def _merged(phases: Sequence[HandPhase]) -> list[HandPhase]:
     """Merge consecutive rests and holds."""
-    found: list[HandPhase] = []
+    merged: list[HandPhase] = []
     for phase in phases:
-        last = found[-1] if found else None
+        last = merged[-1] if merged else None
         is_same = last is not None and last.phase == phase.phase and last.goal == phase.goal
         if last is not None and is_same and phase.phase in ("rest", "hold"):
-            found[-1] = replace(last, end_s=phase.end_s)
+            merged[-1] = replace(last, end_s=phase.end_s)
         else:
-            found.append(phase)
-    return found
+            merged.append(phase)
+    return merged
 
 
 def _on_hands(
@@ -427,14 +435,14 @@ def _laid(
     notes: list[str] = []
     body = [one for one in block if one.phase != "preparation"]
     strikes_s = body[0].start_s
-    least_s = LEAST_S["stroke"]
+    least_s = MIN_PHASE_S["stroke"]
     if body[0].end_s - strikes_s < least_s - _TINY_S:
         notes.append(f"Its stroke was shorter than {least_s:g} s and begins earlier.")
         strikes_s = body[0].end_s - least_s
         body[0] = replace(body[0], start_s=strikes_s)
     busy_s = max(one.end_s for one in body if one.phase != "hold")
     ready = _preparation(phases, block, body[0])
-    least_s = 0.0 if ready is None else LEAST_S["preparation"]
+    least_s = 0.0 if ready is None else MIN_PHASE_S["preparation"]
     if strikes_s < least_s - _TINY_S or busy_s > plan.duration_s + _TINY_S:
         raise PlanError(
             f"A gesture that lands at {lands_s:.2f} s strikes from {strikes_s:.2f} to {busy_s:.2f} "
@@ -445,7 +453,7 @@ def _laid(
     for one in moving:
         if one.start_s < busy_s - _TINY_S and one.end_s > strikes_s - least_s + _TINY_S:
             kind = f" ({one.kind.replace('_', ' ')})" if one.kind else ""
-            raise NoTimeError(
+            raise NoRoomError(
                 f"The {side} hand makes a {one.phase}{kind} from {one.start_s:.2f} to "
                 f"{one.end_s:.2f} s; there is no time from {strikes_s:.2f} to {busy_s:.2f} s.",
                 one.kind,
@@ -453,10 +461,10 @@ def _laid(
             )
     if ready is not None:
         free_s = max((one.end_s for one in moving if one.end_s <= strikes_s), default=0.0)
-        ready_s = max(free_s, min(ready.start_s, strikes_s - LEAST_S["preparation"]))
+        ready_s = max(free_s, min(ready.start_s, strikes_s - MIN_PHASE_S["preparation"]))
         body.insert(0, replace(ready, start_s=ready_s, end_s=strikes_s))
     until_s = min((one.start_s for one in moving if one.start_s >= busy_s - _TINY_S), default=None)
-    body, mended = within_reach(body)
+    body, mended = clamp_to_reach(body)
     later = [] if until_s is None else [one for one in phases if one.start_s >= until_s - _TINY_S]
     ending = _ending(phases, body, plan.duration_s if until_s is None else until_s)
     new = _merged([*_until(phases, body[0].start_s), *ending, *later])
@@ -474,7 +482,9 @@ def _preparation(
     if before and before[-1].phase not in ("rest", "retraction"):
         return None
     start_s = stroke.start_s - PREPARATION_S
-    return HandPhase(start_s, stroke.start_s, "preparation", ready_for(stroke.goal), stroke.kind)
+    return HandPhase(
+        start_s, stroke.start_s, "preparation", preparation_place(stroke.goal), stroke.kind
+    )
 
 
 def _until(phases: Sequence[HandPhase], end_s: float) -> list[HandPhase]:
@@ -483,7 +493,10 @@ def _until(phases: Sequence[HandPhase], end_s: float) -> list[HandPhase]:
     if kept and kept[-1].phase == "retraction":
         last = kept[-1]
         whole = next(p for p in phases if p.start_s == last.start_s)
-        if last.end_s < whole.end_s - _TINY_S and last.end_s - last.start_s < LEAST_S["retraction"]:
+        if (
+            last.end_s < whole.end_s - _TINY_S
+            and last.end_s - last.start_s < MIN_PHASE_S["retraction"]
+        ):
             before = kept[-2] if len(kept) > 1 else None
             goal, kind = (before.goal, before.kind) if before else (last.goal, "")
             kept[-1] = HandPhase(last.start_s, last.end_s, "hold", goal, kind)
@@ -497,7 +510,7 @@ def _ending(
     found = [replace(p, end_s=min(p.end_s, until_s)) for p in body if p.start_s < until_s - _TINY_S]
     last = found[-1]
     left_s = until_s - last.end_s
-    if left_s >= GOES_BACK_S:
+    if left_s >= MIN_RETRACTION_S:
         found += _back_to_rest(phases, last.end_s, until_s)
     elif left_s > _TINY_S and last.phase == "hold":
         found[-1] = replace(last, end_s=until_s)
@@ -509,7 +522,7 @@ def _ending(
 def _back_to_rest(
     phases: Sequence[HandPhase], from_s: float, until_s: float
 ) -> tuple[HandPhase, HandPhase]:
-    back_s = from_s + min(RETRACTION_S, until_s - from_s - LEAST_REST_S)
+    back_s = from_s + min(RETRACTION_S, until_s - from_s - MIN_REST_S)
     goal = _rest_goal(phases)
     rest = HandPhase(back_s, until_s, "rest", goal)
     return HandPhase(from_s, back_s, "retraction", goal), rest
@@ -521,7 +534,7 @@ def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Plac
     return _laid(plan, gesture.side, phases, changed, gesture.lands_s)
 
 
-def within_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:
+def clamp_to_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:
     """Move goals into the arm's reach and out of the body, with notes."""
     found, notes = [], []
     for one in block:
@@ -530,7 +543,7 @@ def within_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str
         if far > 1:
             out, up, forward = out / far, up / far, forward / far
             notes.append(f"A place out of reach was brought to {ARM_M:g} m from the chest.")
-        is_inside = abs(out) < BODY_WIDTH_M and LEAST_UP_M < up < MOST_UP_M
+        is_inside = abs(out) < BODY_WIDTH_M and MIN_UP_M < up < MAX_UP_M
         if is_inside and forward < BODY_DEPTH_M:
             forward = BODY_DEPTH_M
             notes.append("A place inside the body was brought before it.")

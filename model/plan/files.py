@@ -10,13 +10,13 @@ from conventions.rates import FPS
 from model.plan.annotation_files import (
     NamedTier,
     decode_text,
-    elan_of,
-    elan_tiers,
+    format_elan,
     format_textgrid,
+    parse_elan,
     parse_textgrid,
 )
 from model.plan.plan import FORMAT, SIDES, GesturePlan, PlanError, PlanResult
-from model.plan.tiers import GOAL_TIER, PHASE_TIER, plan_of_tiers, tiers_of
+from model.plan.tiers import GOAL_TIER, PHASE_TIER, plan_to_tiers, tiers_to_plan
 from model.storage.escaping import csv_text
 from model.storage.files import read_capped, write_atomically
 from model.storage.json_validation import FieldError, parse_json
@@ -31,17 +31,17 @@ def read_plan_file(path: Path) -> PlanResult:
     Raises:
         PlanError: if the file is missing, too large, or holds no plan; one sentence.
     """
-    return plan_in(read_capped(path, MAX_BYTES, PlanError), path.name)
+    return parse_plan(read_capped(path, MAX_BYTES, PlanError), path.name)
 
 
-def plan_in(data: bytes, file: str) -> PlanResult:
+def parse_plan(data: bytes, file: str) -> PlanResult:
     """Parse a plan from the bytes of a file with that name, see `read_plan_file`."""
     ending = Path(file).suffix.lower()
     if ending not in (".textgrid", ".eaf"):
         return PlanResult(_of_json(data, file))
-    tiers, duration_s, notes = (elan_tiers if ending == ".eaf" else _grid_tiers)(data, file)
+    tiers, duration_s, notes = (parse_elan if ending == ".eaf" else _grid_tiers)(data, file)
     try:
-        read = plan_of_tiers(tiers, duration_s)
+        read = tiers_to_plan(tiers, duration_s)
         return PlanResult(read.plan, (*notes, *read.notes))
     except PlanError as error:
         raise PlanError(f"{file}: {error}") from None
@@ -53,7 +53,7 @@ def _of_json(data: bytes, file: str) -> GesturePlan:
     except (ValueError, RecursionError):
         told = None
     if not isinstance(told, dict) or told.pop("format", None) != FORMAT:
-        raise PlanError(f"{file} is no plan of format {FORMAT}, as `plan --out` writes it.")
+        raise PlanError(f"{file} is not a plan of format {FORMAT}, as `plan --out` writes it.")
     # No file of text holds half a character, which JSON can spell.
     text = json.dumps(told, ensure_ascii=False).encode("utf-8", "replace")
     try:
@@ -73,7 +73,7 @@ def annotated_plan(path: Path) -> GesturePlan:
     for name in (f"{what}_{side}" for side in SIDES for what in (PHASE_TIER, GOAL_TIER)):
         if name not in there:
             raise PlanError(f"{path.name} has no tier {name}.")
-    return plan_of_tiers(tiers, duration_s).plan
+    return tiers_to_plan(tiers, duration_s).plan
 
 
 def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[str, ...]]:
@@ -83,7 +83,7 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[s
     if not tiers:
         raise PlanError(f"{file} has no tier at all.")
     if not 0 < duration_s < 1e6:
-        raise PlanError(f"{file} lasts {duration_s:g} s, which is no length of a plan.")
+        raise PlanError(f"{file} lasts {duration_s:g} s, which is not a length of a plan.")
     found: list[NamedTier] = []
     for tier in tiers:
         rows = tuple(row for row in tier.rows if row.text or tier.has_points)
@@ -91,7 +91,7 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[s
             if not (0 <= row.start_s < 1e6 and 0 <= row.end_s < 1e6):
                 raise PlanError(
                     f"{file} has {row.text[:40]!r} from {row.start_s:g} to {row.end_s:g} s, "
-                    "which is no time of a plan."
+                    "which is not a time of a plan."
                 )
         found.append(NamedTier(tier.name, rows, tier.has_points))
     return found, duration_s, notes
@@ -126,15 +126,15 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
         text = plan.as_json()
     elif ending == ".eaf":
         sound = "" if speech is None else os.path.relpath(speech, path.parent)
-        text = elan_of(tiers_of(plan), plan.duration_s, sound)
+        text = format_elan(plan_to_tiers(plan), plan.duration_s, sound)
     else:
-        tiers = tiers_of(plan, for_praat=True)
+        tiers = plan_to_tiers(plan, for_praat=True)
         end_s = max(plan.duration_s, *(row.end_s for tier in tiers for row in tier.rows), 0.0)
         text = format_textgrid(tiers, plan.duration_s, end_s)
     write_atomically(path, text)
 
 
-def markers_of(plan: GesturePlan) -> list[tuple[float, str]]:
+def plan_markers(plan: GesturePlan) -> list[tuple[float, str]]:
     """Return sorted starts (s) and names of phases but rests, of nods, gazes, brows and blinks."""
     found = [(nod.time_s, f"nod {nod.depth_deg:.0f}°") for nod in plan.nods]
     for side in SIDES:
@@ -151,5 +151,5 @@ def markers_of(plan: GesturePlan) -> list[tuple[float, str]]:
 
 def markers_csv(plan: GesturePlan) -> str:
     """Format markers as CSV with ``frame`` (the nearest, from 0), ``time_s`` and ``name``."""
-    rows = [(round(at_s * FPS), f"{at_s:.4f}", name) for at_s, name in markers_of(plan)]
+    rows = [(round(at_s * FPS), f"{at_s:.4f}", name) for at_s, name in plan_markers(plan)]
     return csv_text([("frame", "time_s", "name"), *rows], "\n")

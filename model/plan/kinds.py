@@ -15,11 +15,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Shaped, UInt8
 
 from conventions.rates import FPS
 from model.plan.annotation_files import Interval
-from model.plan.plan import SIDES, STILL, GesturePlan, HandPhase, Side, without_gaps
+from model.plan.plan import SIDES, STILL, GesturePlan, HandPhase, Side, fill_gaps
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -28,7 +28,7 @@ Place = tuple[float, float, float]
 
 REST_PLACE: Place = (0.25, -0.26, 0.25)
 """Usual rest position of a wrist: before the body."""
-PREPARED: Place = (-0.066, 0.005, -0.049)
+PREPARATION_OFFSET: Place = (-0.066, 0.005, -0.049)
 """Offset of the preparation's goal from the stroke's: nearer to the body."""
 PLACES: Mapping[str, Place] = MappingProxyType({
     "all": (0.33, -0.08, 0.28), "arc": (0.33, -0.13, 0.30), "back": (0.30, 0.12, 0.20),
@@ -58,17 +58,17 @@ TWO_HANDED_KINDS = frozenset({
 """Kinds that both hands make together."""
 
 
-def usual_place(kind: str) -> Place:
+def default_place(kind: str) -> Place:
     """Return the usual stroke end of a kind; a default for an unknown kind."""
     return PLACES.get(kind, PLACES["offer"])
 
 
-def ready_for(goal: Place) -> Place:
+def preparation_place(goal: Place) -> Place:
     """Return the goal of the preparation for a stroke that ends at ``goal``."""
-    return _moved(goal, PREPARED)
+    return _moved(goal, PREPARATION_OFFSET)
 
 
-def usual_goal(phase: str, kind: str, before: Place) -> Place:
+def default_goal(phase: str, kind: str, before: Place) -> Place:
     """Return the default goal of a phase.
 
     Args:
@@ -77,9 +77,9 @@ def usual_goal(phase: str, kind: str, before: Place) -> Place:
     if phase in ("rest", "retraction"):
         return REST_PLACE
     if phase == "preparation":
-        return ready_for(usual_place(kind))
+        return preparation_place(default_place(kind))
     if phase == "stroke":
-        return usual_place(kind)
+        return default_place(kind)
     if phase == "beat":
         return _moved(before, (0.0, -0.05, 0.01))
     return before
@@ -90,25 +90,25 @@ def _moved(place: Place, by: Place) -> Place:
     return out, up, forward
 
 
-FOLLOWING = "follow"
+FOLLOW_BEATS = "follow"
 """Kind of small beats of the hand that does not make the gesture."""
 BIMANUAL_TOLERANCE_S = 0.15
 """Largest time between strokes of both hands that count as one gesture (s)."""
 BEFORE_WORD_S, AFTER_WORD_S = 0.25, 0.15
 """Tolerance for the end of a stroke before a word's start, and after its end (s)."""
-LEAST_CALLS, LEAST_LIFT = 5, 3.0
+MIN_WORD_COUNT, MIN_LIFT = 5, 3.0
 """Smallest count of a kind on a word, and ratio to its overall share, for the word to trigger
 it."""
-FAITH = 0.65
+WORD_PLACE_WEIGHT = 0.65
 """Fraction by which a goal moves to the usual stroke end of a kind that a word triggered."""
 PREPARATION_S, STROKE_S, HOLD_S, RETRACTION_S = 0.49, 0.31, 0.3, 0.8
 """Medians in the corpus's annotation (s); the hold's is of those before a retraction."""
-LANDS_AT = 0.3
+STROKE_END_IN_WORD = 0.3
 """Default end of a stroke on a word, as a fraction of the word's duration."""
-LEAST_REST_S = 0.2
+MIN_REST_S = 0.2
 """Shortest visible remainder of a rest or hold before or after a gesture (s)."""
 _MIN_SPREAD_M = 0.03
-_AS_USUAL = 20
+_PRIOR_STROKES = 20
 """Number of strokes of all speakers that are added to those of each."""
 
 
@@ -146,12 +146,12 @@ class KindTable:
     def fit(
         plans: Iterable[tuple[GesturePlan, int]],
         num_speakers: int,
-        said: Mapping[str, int] = MappingProxyType({}),
+        word_counts: Mapping[str, int] = MappingProxyType({}),
     ) -> KindTable:
         """Fit the statistics to annotated plans, each with its speaker's number.
 
         Args:
-            said: number of occurrences of each word in all plans.
+            word_counts: number of occurrences of each word in all plans.
         """
         counts: defaultdict[int, Counter[str]] = defaultdict(Counter)
         goals: defaultdict[str, list[Place]] = defaultdict(list)
@@ -159,10 +159,10 @@ class KindTable:
         on_word: defaultdict[str, Counter[str]] = defaultdict(Counter)
         landed: Counter[str] = Counter()
         """Twice the number of gestures on each word: those of both hands count once."""
-        kinds: set[str] = {FOLLOWING}
+        kinds: set[str] = {FOLLOW_BEATS}
         for plan, speaker in plans:
             kinds |= {phase.kind for side in SIDES for phase in plan.hand(side)}
-            for stroke in strokes_of(plan):
+            for stroke in gesture_strokes(plan):
                 kind, word = stroke.last_stroke.kind, stroke.last_stroke.word
                 counts[speaker][kind] += 1
                 goals[kind].append(stroke.last_stroke.goal)
@@ -175,8 +175,8 @@ class KindTable:
         usual = np.array([total[n] + 0.5 * (n in goals) for n in names], float)
         usual /= usual.sum()
         shares = [
-            (np.array([counts[n][name] for name in names]) + _AS_USUAL * usual)
-            / (counts[n].total() + _AS_USUAL)
+            (np.array([counts[n][name] for name in names]) + _PRIOR_STROKES * usual)
+            / (counts[n].total() + _PRIOR_STROKES)
             for n in range(num_speakers)
         ]
         at = [np.array(goals[n]) if goals[n] else None for n in names]
@@ -188,7 +188,11 @@ class KindTable:
             np.array([np.ones(3) if g is None else g.std(0).clip(_MIN_SPREAD_M) for g in at]),
             np.array([(both[n] + 0.5) / (len(goals[n]) + 1) for n in names]),
             calls,
-            {word: min(1.0, landed[word] / 2 / said[word]) for word in calls if word in said},
+            {
+                word: min(1.0, landed[word] / 2 / word_counts[word])
+                for word in calls
+                if word in word_counts
+            },
         )
 
     def index_of(self, kind: str) -> int:
@@ -215,7 +219,7 @@ class KindTable:
         }  # fmt: skip
 
     @staticmethod
-    def of_tensors(tensors: Mapping[str, Tensor]) -> KindTable:
+    def of_tensors(tensors: Mapping[str, Shaped[Tensor, " ..."]]) -> KindTable:
         """Make the table from saved tensors; the inverse of `tensors`.
 
         Raises:
@@ -251,12 +255,12 @@ class KindTable:
         """
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
-        for stroke in sorted(strokes_of(plan), key=lambda one: one.last_stroke.end_s):
+        for stroke in sorted(gesture_strokes(plan), key=lambda one: one.last_stroke.end_s):
             lands = stroke.last_stroke
             word = _word_at(words, lands.end_s)
             partner = self.partner(landed, lands.end_s) if stroke.is_bimanual else ""
             called = partner or self._called(word, rng)
-            kind = called or self.likely(stroke, speaker, rng)
+            kind = called or self.sample_kind(stroke, speaker, rng)
             landed[lands.end_s] = kind
             phases = hands[stroke.side]
             for k in range(stroke.first, stroke.last + 1):
@@ -264,12 +268,12 @@ class KindTable:
             at = stroke.first + [p.end_s for p in phases[stroke.first :]].index(lands.end_s)
             goal = lands.goal
             if called and (not partner or self.calls.get(word)):
-                moved = np.asarray(goal) + FAITH * (self._usual_goal(kind) - goal)
+                moved = np.asarray(goal) + WORD_PLACE_WEIGHT * (self._usual_goal(kind) - goal)
                 goal = (float(moved[0]), float(moved[1]), float(moved[2]))
             phases[at] = replace(phases[at], word=word, goal=goal)
         left, right = (
             tuple(
-                replace(phase, kind=FOLLOWING)
+                replace(phase, kind=FOLLOW_BEATS)
                 if phase.phase == "beat" and not phase.kind
                 else phase
                 for phase in hands[side]
@@ -278,7 +282,7 @@ class KindTable:
         )
         return replace(plan, left=left, right=right)
 
-    def with_called_strokes(
+    def add_word_strokes(
         self, plan: GesturePlan, words: Sequence[Interval], rng: np.random.Generator
     ) -> GesturePlan:
         """Add strokes on words that often have one, where hands are still.
@@ -287,7 +291,7 @@ class KindTable:
         of the time ("nobody", "again", "big") and get one as often as annotated speakers make it.
         Random numbers are drawn for every word, used or not, so that plans of one text share them.
         """
-        hands = {side: list(without_gaps(plan.hand(side), plan.duration_s)) for side in SIDES}
+        hands = {side: list(fill_gaps(plan.hand(side), plan.duration_s)) for side in SIDES}
         has_changed = False
         for word in words:
             obeys, which, hand = rng.random(3)
@@ -295,8 +299,8 @@ class KindTable:
             if obeys >= self.struck.get(text, 0.0) or _is_struck(plan, word):
                 continue
             shares = self.calls[text]
-            kind = list(shares)[drawn_by(np.array(list(shares.values())), which)]
-            lands_s = word.start_s + LANDS_AT * (word.end_s - word.start_s)
+            kind = list(shares)[sample_index(np.array(list(shares.values())), which)]
+            lands_s = word.start_s + STROKE_END_IN_WORD * (word.end_s - word.start_s)
             is_both = self.both[self.names.index(kind)] > 0.5
             still = {side: _still_at(hands[side], lands_s) for side in SIDES}
             free = [(side, k) for side, k in still.items() if k is not None]
@@ -318,7 +322,7 @@ class KindTable:
             (kind for at, kind in landed.items() if abs(at - lands_s) < BIMANUAL_TOLERANCE_S), ""
         )
 
-    def likely(self, stroke: Stroke, speaker: int, rng: np.random.Generator) -> str:
+    def sample_kind(self, stroke: Stroke, speaker: int, rng: np.random.Generator) -> str:
         """Draw a kind by a gesture's goal and its speaker."""
         off = (np.asarray(stroke.last_stroke.goal) - self.goal) / self.spread
         score = np.log(self.by_speaker[speaker].clip(1e-9)) - np.log(self.spread).sum(1)
@@ -340,15 +344,15 @@ class KindTable:
         return self.goal[self.names.index(kind)]
 
 
-def drawn_by(shares: Float[np.ndarray, " K"], chance: float) -> int:
+def sample_index(shares: Float[np.ndarray, " K"], chance: float) -> int:
     """Return the index that a random number from 0 to 1 selects by unnormalised shares."""
     edges = np.cumsum(shares.astype(np.float64))
     return int(min(np.searchsorted(edges, chance * edges[-1], side="right"), len(edges) - 1))
 
 
-def strokes_of(plan: GesturePlan) -> list[Stroke]:
+def gesture_strokes(plan: GesturePlan) -> list[Stroke]:
     """Return the gestures of both hands: preparation, strokes, and the holds and beats after."""
-    found: list[Stroke] = []
+    strokes: list[Stroke] = []
     for side in SIDES:
         phases = plan.hand(side)
         k = 0
@@ -365,9 +369,9 @@ def strokes_of(plan: GesturePlan) -> list[Stroke]:
             while k < len(phases) and phases[k].phase in ("hold", "beat"):
                 k += 1
             if lands < len(phases) and phases[lands].phase == "stroke":
-                found.append(Stroke(side, first, k - 1, phases[lands]))
+                strokes.append(Stroke(side, first, k - 1, phases[lands]))
     ends = {
-        side: np.array([s.last_stroke.end_s for s in found if s.side == side]) for side in SIDES
+        side: np.array([s.last_stroke.end_s for s in strokes if s.side == side]) for side in SIDES
     }
 
     def meets(stroke: Stroke) -> bool:
@@ -376,7 +380,7 @@ def strokes_of(plan: GesturePlan) -> list[Stroke]:
             len(other) and np.abs(other - stroke.last_stroke.end_s).min() < BIMANUAL_TOLERANCE_S
         )
 
-    return [replace(stroke, is_bimanual=meets(stroke)) for stroke in found]
+    return [replace(stroke, is_bimanual=meets(stroke)) for stroke in strokes]
 
 
 def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
@@ -398,7 +402,7 @@ def _calls(
         shares = {
             kind: count / counts.total()
             for kind, count in counts.items()
-            if count >= LEAST_CALLS and count / counts.total() > LEAST_LIFT * usual[kind]
+            if count >= MIN_WORD_COUNT and count / counts.total() > MIN_LIFT * usual[kind]
         }
         if shares:
             calls[word] = shares
@@ -427,7 +431,7 @@ def _is_struck(plan: GesturePlan, word: Interval) -> bool:
 
 def _still_at(phases: Sequence[HandPhase], lands_s: float) -> int | None:
     """Return the rest or hold with room for preparation, stroke and a short hold around a time."""
-    begins_s = lands_s - STROKE_S - PREPARATION_S - LEAST_REST_S
+    begins_s = lands_s - STROKE_S - PREPARATION_S - MIN_REST_S
     for k, phase in enumerate(phases):
         if phase.start_s <= begins_s and lands_s + HOLD_S <= phase.end_s:
             return k if phase.phase in STILL else None
@@ -437,7 +441,7 @@ def _still_at(phases: Sequence[HandPhase], lands_s: float) -> int | None:
 def _struck(old: HandPhase, lands_s: float, goal: Place, kind: str, word: str) -> list[HandPhase]:
     """Insert a stroke into a rest or hold, and return the new phases with the remainder."""
     strikes_s, readies_s = lands_s - STROKE_S, lands_s - STROKE_S - PREPARATION_S
-    out, up, forward = (at + off for at, off in zip(goal, PREPARED, strict=True))
+    out, up, forward = (at + off for at, off in zip(goal, PREPARATION_OFFSET, strict=True))
     new = [
         replace(old, end_s=readies_s),
         HandPhase(readies_s, strikes_s, "preparation", (out, up, forward), kind),
@@ -445,7 +449,7 @@ def _struck(old: HandPhase, lands_s: float, goal: Place, kind: str, word: str) -
     ]
     retracts_s = lands_s + HOLD_S
     rests_s = retracts_s + RETRACTION_S
-    if old.phase != "rest" or rests_s + LEAST_REST_S > old.end_s:
+    if old.phase != "rest" or rests_s + MIN_REST_S > old.end_s:
         return [*new, HandPhase(lands_s, old.end_s, "hold", goal, kind)]
     return [
         *new,

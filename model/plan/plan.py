@@ -29,7 +29,7 @@ STILL: tuple[str, ...] = ("rest", "hold")
 MAX_SECONDS = 24 * 3600.0
 MAX_NUMBER = 1e6
 """Largest absolute value of all numbers but times, to avoid overflow."""
-HANGING = (0.2, -0.42, 0.12)
+HANGING_PLACE = (0.2, -0.42, 0.12)
 """Position of a hand without a plan (m)."""
 _GAP_S = 0.01
 REACH_M = 1.0
@@ -60,7 +60,7 @@ class Span(_FromJson):
 
 
 @dataclass(frozen=True)
-class Moment(_FromJson):
+class Point(_FromJson):
     """An event at a point in time."""
 
     time_s: float
@@ -88,7 +88,7 @@ class HandPhase(Span):
 
 
 @dataclass(frozen=True)
-class Nod(Moment):
+class Nod(Point):
     """A nod of the head: down to its lowest point, and up again."""
 
     depth_deg: float
@@ -105,7 +105,7 @@ class Gaze(Span):
 
 
 @dataclass(frozen=True)
-class Brow(Moment):
+class Brow(Point):
     """A movement of the brows, up or to a frown."""
 
     height: float
@@ -121,12 +121,12 @@ class Smile(Span):
 
 
 @dataclass(frozen=True)
-class Blink(Moment):
+class Blink(Point):
     """A blink of both eyes."""
 
 
 @dataclass(frozen=True)
-class Stand(Span):
+class Stance(Span):
     """Stance: the leg that carries the body's weight."""
 
     leg: Leg
@@ -151,7 +151,7 @@ class GesturePlan(_FromJson):
     brows: tuple[Brow, ...] = ()
     smiles: tuple[Smile, ...] = ()
     blinks: tuple[Blink, ...] = ()
-    stands: tuple[Stand, ...] = ()
+    stands: tuple[Stance, ...] = ()
     planted: tuple[FootContact, ...] = ()
 
     def __post_init__(self) -> None:
@@ -200,7 +200,7 @@ class GesturePlan(_FromJson):
     def until(self, end_s: float) -> GesturePlan:
         """Return the plan up to ``end_s``; events that last longer are cut there."""
 
-        def cut(events: Sequence[Any]) -> tuple[Any, ...]:
+        def truncate(events: Sequence[Any]) -> tuple[Any, ...]:
             return tuple(
                 replace(event, end_s=end_s)
                 if isinstance(event, Span) and event.end_s > end_s
@@ -209,7 +209,7 @@ class GesturePlan(_FromJson):
                 if event.start_s < end_s
             )
 
-        lists = {name: cut(events) for name, events in self._lists()}
+        lists = {name: truncate(events) for name, events in self._lists()}
         return replace(self, duration_s=end_s, **lists)
 
     def as_json(self) -> str:
@@ -235,10 +235,10 @@ class StreamedPlan:
     """Foot contacts from the first frame of all on."""
 
 
-def without_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...]:
+def fill_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...]:
     """Return a hand's phases with gaps filled by holds, or by rests after retractions."""
     filled: list[HandPhase] = []
-    at_s, goal, kind = 0.0, phases[0].goal if phases else HANGING, ""
+    at_s, goal, kind = 0.0, phases[0].goal if phases else HANGING_PLACE, ""
     still: Phase = "rest"
     for phase in phases:
         if phase.start_s - at_s > _GAP_S:

@@ -30,8 +30,8 @@ from model.plan.plan import (
     Nod,
     Side,
     Smile,
-    Stand,
-    without_gaps,
+    Stance,
+    fill_gaps,
 )
 
 HAND_NUMBERS = 4 + len(PHASES)
@@ -63,12 +63,12 @@ def body_track(name: str) -> int:
     return 2 * HAND_NUMBERS + BODY_TRACKS.index(name)
 
 
-def tracks_of(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T tracks"]:
+def plan_tracks(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T tracks"]:
     """Convert a plan to tracks; frame k stands for the time (k + .5) / 30 s."""
     time_s = (np.arange(num_frames) + 0.5) / FPS
     tracks = np.zeros((num_frames, NUM_TRACKS), np.float32)
     for side in SIDES:
-        phases = without_gaps(plan.hand(side), num_frames / FPS)
+        phases = fill_gaps(plan.hand(side), num_frames / FPS)
         tracks[:, hand_tracks(side)] = _of_hand(phases, time_s)
 
     def pulses(name: str, times: Sequence[tuple[float, float]], deviation_s: float) -> None:
@@ -95,7 +95,7 @@ def tracks_of(plan: GesturePlan, num_frames: int) -> Float[np.ndarray, "T tracks
     return tracks
 
 
-def at_rest(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
+def rest_share(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
     """Return how much both hands rest in some frames (0 to 1), smoothed; ends are repeated."""
     margin = round(4 * PULSE_FRAMES)
     wide = range(frames.start - margin, frames.stop + margin)
@@ -103,7 +103,7 @@ def at_rest(plan: GesturePlan, frames: range) -> Float[np.ndarray, " T"]:
     rests = np.ones(len(wide), bool)
     for side in SIDES:
         hand = np.zeros(len(wide), bool)
-        for phase in without_gaps(plan.hand(side), plan.duration_s):
+        for phase in fill_gaps(plan.hand(side), plan.duration_s):
             if phase.phase == "rest":
                 hand |= (phase.start_s <= time_s) & (time_s < phase.end_s)
         rests &= hand
@@ -148,7 +148,7 @@ def _min_jerk(share: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
 
 
 def _while(
-    event: HandPhase | Smile | Stand | FootContact, time_s: Float[np.ndarray, " T"]
+    event: HandPhase | Smile | Stance | FootContact, time_s: Float[np.ndarray, " T"]
 ) -> Bool[np.ndarray, " T"]:
     """Return a mask (T,) of frames with their centre in an event."""
     return (time_s >= event.start_s) & (time_s < event.end_s)
@@ -185,8 +185,8 @@ TIERS: tuple[EventChain, ...] = (
     EventChain("right foot", ("step", "planted"), coupled_chain="left foot"),
     EventChain("smile", ("serious", "smile"), (0.3,)),
 )
-BY_NAME = {tier.name: tier for tier in TIERS}
-LONGEST_S = 8.0
+CHAINS_BY_NAME = {tier.name: tier for tier in TIERS}
+MAX_STATE_S = 8.0
 """Longest duration in the description of a state (s); longer ones are clipped."""
 
 
@@ -201,12 +201,12 @@ class EventOnset:
 
 
 @dataclass(frozen=True)
-class ChainFrames:
+class ChainStates:
     """Event chain of a tier at some frames."""
 
     state_before: Float[np.ndarray, "T seen"]
     """Chain's state (T, seen) before the frame: one-hot state, its duration twice, mark."""
-    seen_now: Float[np.ndarray, "T seen"]
+    state_after: Float[np.ndarray, "T seen"]
     """Chain's state (T, seen) after the event of the frame."""
     event: Int[np.ndarray, " T"]
     """Event (T,): 0 to stay, or 1 + the state that begins."""
@@ -214,13 +214,13 @@ class ChainFrames:
     """Mark (T, units) of the state that begins."""
 
 
-def chains_of(plan: GesturePlan) -> dict[str, list[EventOnset]]:
+def plan_to_chains(plan: GesturePlan) -> dict[str, list[EventOnset]]:
     """Convert a plan to event chains by tier; frame 0 has the initial state of each."""
     end_s = plan.duration_s
     chains: dict[str, list[EventOnset]] = {}
 
     def add(name: str, start_s: float, state: str, mark: Sequence[float] = ()) -> None:
-        tier = BY_NAME[name]
+        tier = CHAINS_BY_NAME[name]
         scaled = tuple(float(m / unit) for m, unit in zip(mark, tier.units, strict=True))
         begun = EventOnset(max(0, round(start_s * FPS)), tier.states.index(state), scaled)
         chain = chains.setdefault(name, [])
@@ -229,7 +229,7 @@ def chains_of(plan: GesturePlan) -> dict[str, list[EventOnset]]:
         chain.append(begun)
 
     for side in SIDES:
-        for phase in without_gaps(plan.hand(side), end_s):
+        for phase in fill_gaps(plan.hand(side), end_s):
             add(side, phase.start_s, phase.phase, phase.goal)
         add(f"{side} foot", 0.0, "step")
         for one in plan.planted:
@@ -243,7 +243,7 @@ def chains_of(plan: GesturePlan) -> dict[str, list[EventOnset]]:
         ("brow", [(brow.time_s, (brow.height,)) for brow in plan.brows]),
         ("blink", [(blink.time_s, ()) for blink in plan.blinks]),
     ):
-        add(name, 0.0, name, (0.0,) * len(BY_NAME[name].units))
+        add(name, 0.0, name, (0.0,) * len(CHAINS_BY_NAME[name].units))
         for start_s, mark in begins:
             add(name, start_s, name, mark)
     add("smile", 0.0, "serious", (0.0,))
@@ -262,7 +262,7 @@ def chains_to_plan(chains: dict[str, list[EventOnset]], num_frames: int) -> Gest
 
     def spans(name: str) -> Iterator[tuple[EventOnset, float, float, tuple[float, ...]]]:
         """Yield each state with its start and end (s) and its mark."""
-        chain, units = chains[name], BY_NAME[name].units
+        chain, units = chains[name], CHAINS_BY_NAME[name].units
         for one, two in zip(chain, [*chain[1:], None], strict=True):
             stop = two.frame if two else num_frames
             if stop > one.frame:
@@ -273,14 +273,14 @@ def chains_to_plan(chains: dict[str, list[EventOnset]], num_frames: int) -> Gest
         return [(start_s, mark) for one, start_s, _, mark in spans(name) if one.frame > 0]
 
     def in_state(name: str, state: str) -> list[tuple[float, float, tuple[float, ...]]]:
-        number = BY_NAME[name].states.index(state)
+        number = CHAINS_BY_NAME[name].states.index(state)
         return [(a, b, mark) for one, a, b, mark in spans(name) if one.state == number]
 
     left, right = (
         tuple(HandPhase(a, b, PHASES[one.state], _reachable(m)) for one, a, b, m in spans(side))
         for side in SIDES
     )
-    stands = [Stand(a, b, leg) for leg in SIDES for a, b, _ in in_state("stand", leg)]
+    stands = [Stance(a, b, leg) for leg in SIDES for a, b, _ in in_state("stand", leg)]
     return GesturePlan(
         num_frames / FPS,
         left,
@@ -301,9 +301,9 @@ def chains_to_plan(chains: dict[str, list[EventOnset]], num_frames: int) -> Gest
     )
 
 
-def frames_of(
+def chain_states(
     tier: EventChain, chain: Sequence[EventOnset], frames: Int[np.ndarray, " T"]
-) -> ChainFrames:
+) -> ChainStates:
     """Describe a chain at some frames; the chain begins at frame 0."""
     first = np.array([begun.frame for begun in chain])
     states = np.array([begun.state for begun in chain])
@@ -311,9 +311,9 @@ def frames_of(
     now = np.searchsorted(first, frames, side="right") - 1
     before = np.maximum(np.searchsorted(first, frames, side="left") - 1, 0)
     begins = (now != before) & (frames > 0)
-    return ChainFrames(
+    return ChainStates(
         state_before=_seen(tier, states[before], frames - first[before], marks[before]),
-        seen_now=_seen(tier, states[now], frames - first[now], marks[now]),
+        state_after=_seen(tier, states[now], frames - first[now], marks[now]),
         event=np.where(begins, 1 + states[now], 0),
         mark=np.where(begins[:, None], marks[now], 0.0).astype(np.float32),
     )
@@ -325,32 +325,32 @@ def _seen(
     lasted: Int[np.ndarray, " T"],
     marks: Float[np.ndarray, "T units"],
 ) -> Float[np.ndarray, "T seen"]:
-    seconds = np.minimum(lasted / FPS, LONGEST_S)
+    seconds = np.minimum(lasted / FPS, MAX_STATE_S)
     which = np.eye(len(tier.states))[states]
     times = np.stack([seconds, np.log(seconds + 0.1)], axis=1)
     return np.concatenate([which, times, marks], axis=1).astype(np.float32)
 
 
-def seen_together(
-    found: Mapping[str, ChainFrames],
+def coupled_states(
+    chains: Mapping[str, ChainStates],
 ) -> dict[str, Float[np.ndarray, "T _"]]:
     """Return the input of each tier's sampling: its own chain, and the coupled tier's."""
     drawn: set[str] = set()
     seen = {}
     for tier in TIERS:
-        own = found[tier.name].state_before
+        own = chains[tier.name].state_before
         if tier.coupled_chain:
-            other = found[tier.coupled_chain]
-            now = other.seen_now if tier.coupled_chain in drawn else other.state_before
+            other = chains[tier.coupled_chain]
+            now = other.state_after if tier.coupled_chain in drawn else other.state_before
             own = np.concatenate([own, now], axis=1)
         seen[tier.name] = own
         drawn.add(tier.name)
     return seen
 
 
-def seen_of(tier: EventChain, begun: EventOnset, frame: int) -> Float[np.ndarray, " seen"]:
+def chain_state_at(tier: EventChain, begun: EventOnset, frame: int) -> Float[np.ndarray, " seen"]:
     """Describe a chain at one frame, as `_seen` does for many; sampling calls it every frame."""
-    seconds = min((frame - begun.frame) / FPS, LONGEST_S)
+    seconds = min((frame - begun.frame) / FPS, MAX_STATE_S)
     count = len(tier.states)
     seen = np.zeros(tier.state_dim, np.float32)
     seen[begun.state] = 1.0

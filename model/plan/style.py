@@ -22,6 +22,8 @@ from model.plan.annotation_files import Interval
 from model.plan.editing import (
     Gesture,
     add_gesture,
+    change_hands,
+    clamp_to_reach,
     delete_gesture,
     gestures,
     move_gesture,
@@ -29,14 +31,12 @@ from model.plan.editing import (
     scale_gesture,
     speed_up_gesture,
     stroke_time_on_word,
-    with_hands,
-    within_reach,
 )
-from model.plan.kinds import BIMANUAL_TOLERANCE_S, REST_PLACE, strokes_of
+from model.plan.kinds import BIMANUAL_TOLERANCE_S, REST_PLACE, gesture_strokes
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Smile
 from model.storage.files import parse_toml, read_capped
 
-_CLOSE = 0.02
+_RELATIVE_TOLERANCE = 0.02
 """Relative difference below which a style's value counts as reached."""
 LIMITS = {
     "gestures_per_min": (0.0, 90.0), "size_m": (0.05, 0.6), "height_m": (-0.4, 0.4),
@@ -44,8 +44,8 @@ LIMITS = {
 }  # fmt: skip
 
 
-def _within(told: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(np.clip(value, *LIMITS[name])) for name, value in told.items()}
+def _within(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(np.clip(value, *LIMITS[name])) for name, value in values.items()}
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Style:
 
 def style_of(plan: GesturePlan) -> Style:
     """Measure the style of a plan, which is also the initial value of its sliders."""
-    strokes = strokes_of(plan)
+    strokes = gesture_strokes(plan)
     goals = [stroke.last_stroke.goal for stroke in strokes]
     twice = sum(stroke.is_bimanual for stroke in strokes) / 2
     count = len(strokes) - twice
@@ -87,7 +87,7 @@ def style_of(plan: GesturePlan) -> Style:
     }))  # fmt: skip
 
 
-def excited(style: Style, by: float) -> Style:
+def with_arousal(style: Style, by: float) -> Style:
     """Make a style calmer (``by`` -1) or more excited (1)."""
     return replace(style, **_within({
         "gestures_per_min": style.gestures_per_min * 1.6**by,
@@ -107,7 +107,7 @@ def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) 
     notes: list[str] = []
     now = style_of(plan)
     if _differs(style.gestures_per_min, now.gestures_per_min):
-        plan = _as_often(plan, style.gestures_per_min, words)
+        plan = _with_rate(plan, style.gestures_per_min, words)
         got = style_of(plan).gestures_per_min
         if abs(got - style.gestures_per_min) * plan.duration_s / 60 > 1:
             notes.append(f"There is room for {got:.0f} gestures a minute.")
@@ -129,21 +129,21 @@ def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) 
 
 
 def _differs(wish: float, now: float) -> bool:
-    return abs(wish - now) > _CLOSE * max(abs(wish), abs(now), 0.05)
+    return abs(wish - now) > _RELATIVE_TOLERANCE * max(abs(wish), abs(now), 0.05)
 
 
-def together(plan: GesturePlan) -> list[list[Gesture]]:
+def bimanual_groups(plan: GesturePlan) -> list[list[Gesture]]:
     """Return all gestures in order of time, grouped if both hands make one together."""
-    found: list[list[Gesture]] = []
+    groups: list[list[Gesture]] = []
     every = sorted((g for side in SIDES for g in gestures(plan, side)), key=lambda g: g.lands_s)
     for gesture in every:
-        last = found[-1] if found else []
+        last = groups[-1] if groups else []
         is_partner = len(last) == 1 and last[0].side != gesture.side
         if is_partner and gesture.lands_s - last[0].lands_s < BIMANUAL_TOLERANCE_S:
             last.append(gesture)
         else:
-            found.append([gesture])
-    return found
+            groups.append([gesture])
+    return groups
 
 
 def _spread(count: int, most: int) -> list[int]:
@@ -151,8 +151,8 @@ def _spread(count: int, most: int) -> list[int]:
     return [int((k + 0.5) * most / count) for k in range(min(count, most))]
 
 
-def _as_often(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> GesturePlan:
-    there = together(plan)
+def _with_rate(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> GesturePlan:
+    there = bimanual_groups(plan)
     wanted = round(per_min * plan.duration_s / 60)
     for k in _spread(max(0, len(there) - wanted), len(there)):
         for gesture in there[k]:
@@ -172,18 +172,18 @@ def _as_often(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> G
 
 
 def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
-    groups = together(plan)
+    groups = bimanual_groups(plan)
     both = [group for group in groups if len(group) == 2]
     single = [group for group in groups if len(group) == 1]
     missing = round(share * len(groups)) - len(both)
     for k in _spread(max(0, -missing), len(both)):
-        plan = with_hands(plan, both[k][1], "right").plan
+        plan = change_hands(plan, both[k][1], "right").plan
     done = 0
     for (gesture,) in single:
         if done >= missing:
             break
         try:
-            plan = with_hands(plan, gesture, "both").plan
+            plan = change_hands(plan, gesture, "both").plan
         except PlanError:
             continue
         done += 1
@@ -192,7 +192,7 @@ def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
 
 def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], PlanResult]) -> GesturePlan:
     """Apply a change to every gesture for which it is possible."""
-    for gesture in (each for group in together(plan) for each in group):
+    for gesture in (each for group in bimanual_groups(plan) for each in group):
         try:
             plan = change(plan, gesture).plan
         except PlanError:
@@ -208,11 +208,11 @@ def _smiles(plan: GesturePlan, wish: float, now: float) -> tuple[Smile, ...]:
 
 
 MAX_BYTES = 10_000
-AWAY_S = 0.25
+MIN_MISALIGNMENT_S = 0.25
 """Shortest time between a stroke on a wrong word and any original stroke end (s)."""
 FARTHEST_S = 2.0
 STEP_S = 0.05
-MOST_TIMES = 10.0
+MAX_TIMES = 10.0
 _NUMBERS = tuple(each.name for each in fields(Style))
 _TIMES = tuple(name for name in _NUMBERS if name != "height_m")
 
@@ -233,20 +233,20 @@ class StyleChange:
         now = style_of(plan)
         times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
         wish = replace(now, **times)
-        found = with_style(plan, excited(replace(wish, **self.to), self.excite), words)
-        return found.then(lambda new: on_wrong_words(new, words)) if self.wrong_words else found
+        found = with_style(plan, with_arousal(replace(wish, **self.to), self.excite), words)
+        return found.then(lambda new: misalign_gestures(new, words)) if self.wrong_words else found
 
 
-def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> PlanResult:
-    """Move every gesture at least `AWAY_S` away from all original ones.
+def misalign_gestures(plan: GesturePlan, words: Sequence[Interval] = ()) -> PlanResult:
+    """Move every gesture at least `MIN_MISALIGNMENT_S` away from all original ones.
 
     It moves to another word if words are known; if there is no room it stays, with a note.
     """
-    groups = together(plan)
+    groups = bimanual_groups(plan)
     called = np.array([group[0].lands_s for group in groups])
     places = [stroke_time_on_word(word) for word in words]
     texts = {stroke_time_on_word(word): word.text.lower() for word in words}
-    steps = np.arange(AWAY_S, FARTHEST_S + STEP_S / 2, STEP_S)
+    steps = np.arange(MIN_MISALIGNMENT_S, FARTHEST_S + STEP_S / 2, STEP_S)
     stayed = 0
     for group in groups:
         at_s = group[0].lands_s
@@ -254,7 +254,7 @@ def on_wrong_words(plan: GesturePlan, words: Sequence[Interval] = ()) -> PlanRes
         free = [
             to
             for to in wished
-            if np.abs(called - to).min() >= AWAY_S and abs(to - at_s) <= FARTHEST_S
+            if np.abs(called - to).min() >= MIN_MISALIGNMENT_S and abs(to - at_s) <= FARTHEST_S
         ]
         for to_s in sorted(free, key=lambda to: abs(to - at_s)):
             changed, by_s, word = plan, to_s - at_s, texts.get(to_s, "")
@@ -277,32 +277,32 @@ def read_style_file(path: Path) -> StyleChange:
     try:
         told = parse_toml(content.decode("utf-8"))
     except ValueError as error:
-        raise PlanError(f"{path.name} is no TOML file.") from error
+        raise PlanError(f"{path.name} is not a TOML file.") from error
     try:
-        return wish_of(told)
+        return parse_style(told)
     except PlanError as error:
         raise PlanError(f"{path.name}: {error}") from None
 
 
-def wish_of(told: Mapping[str, Any]) -> StyleChange:
+def parse_style(content: Mapping[str, Any]) -> StyleChange:
     """Parse the tables of a style file."""
     known = (*_NUMBERS, "times", "excite", "wrong_words")
-    unknown = sorted(set(told) - set(known))
+    unknown = sorted(set(content) - set(known))
     if unknown:
         raise PlanError(f"a style has no {unknown[0][:40]!r}; it may have {', '.join(known)}.")
-    times = told.get("times", {})
+    times = content.get("times", {})
     if not isinstance(times, Mapping) or set(times) - set(_TIMES):
         raise PlanError(f"`times` is a table of some of {', '.join(_TIMES)}.")
-    wrong = told.get("wrong_words", False)
+    wrong = content.get("wrong_words", False)
     if not isinstance(wrong, bool):
         raise PlanError("`wrong_words` is true or false.")
-    both = sorted(set(told) & set(times))
+    both = sorted(set(content) & set(times))
     if both:
         raise PlanError(f"{both[0]} is given twice, alone and in `times`; leave one out.")
     return StyleChange(
-        {name: _number(name, told[name], *LIMITS[name]) for name in _NUMBERS if name in told},
-        {name: _number(f"times.{name}", times[name], 0.0, MOST_TIMES) for name in times},
-        _number("excite", told.get("excite", 0.0), -1.0, 1.0),
+        {name: _number(name, content[name], *LIMITS[name]) for name in _NUMBERS if name in content},
+        {name: _number(f"times.{name}", times[name], 0.0, MAX_TIMES) for name in times},
+        _number("excite", content.get("excite", 0.0), -1.0, 1.0),
         wrong,
     )
 
@@ -314,7 +314,7 @@ def _number(name: str, value: object, least: float, most: float) -> float:
     return float(value)  # pyright: ignore[reportArgumentType]
 
 
-MANNER_LIMITS = {
+LIVE_STYLE_LIMITS = {
     "often": (0.2, 4.0), "large": (0.3, 2.5), "high_m": (-0.3, 0.3), "fast": (0.5, 2.0),
     "both": (0.1, 10.0), "smile": (0.0, 4.0),
 }  # fmt: skip
@@ -335,11 +335,15 @@ class LiveStyle:
     smile: float = 1.0
 
     @staticmethod
-    def parse(told: Any) -> LiveStyle:
+    def parse(content: Any) -> LiveStyle:
         """Parse a JSON object of numbers."""
-        if not isinstance(told, dict) or not set(told) <= set(MANNER_LIMITS):
-            raise PlanError(f"A manner is an object of some of {', '.join(sorted(MANNER_LIMITS))}.")
-        return LiveStyle(**{name: _number(name, told[name], *MANNER_LIMITS[name]) for name in told})
+        if not isinstance(content, dict) or not set(content) <= set(LIVE_STYLE_LIMITS):
+            raise PlanError(
+                f"A manner is an object of some of {', '.join(sorted(LIVE_STYLE_LIMITS))}."
+            )
+        return LiveStyle(
+            **{name: _number(name, content[name], *LIVE_STYLE_LIMITS[name]) for name in content}
+        )
 
     def apply(self, phase: HandPhase) -> HandPhase:
         """Scale and raise the goal of a gesture's phase."""
@@ -348,4 +352,4 @@ class LiveStyle:
         out, up, forward = (
             r + self.large * (g - r) for g, r in zip(phase.goal, REST_PLACE, strict=True)
         )
-        return within_reach([replace(phase, goal=(out, up + self.high_m, forward))])[0][0]
+        return clamp_to_reach([replace(phase, goal=(out, up + self.high_m, forward))])[0][0]

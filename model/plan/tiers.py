@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from conventions.rates import FPS
 from model.plan.annotation_files import Interval, NamedTier
-from model.plan.kinds import REST_PLACE, Place, usual_goal
+from model.plan.kinds import REST_PLACE, Place, default_goal
 from model.plan.plan import (
     PHASES,
     SIDES,
@@ -27,15 +27,15 @@ from model.plan.plan import (
     Gaze,
     GesturePlan,
     HandPhase,
-    Moment,
     Nod,
     Phase,
     PlanError,
     PlanResult,
+    Point,
     Side,
     Smile,
     Span,
-    Stand,
+    Stance,
 )
 
 PHASE_TIER, KIND_TIER, WORD_TIER, GOAL_TIER = "gesture", "kind", "word", "goal"
@@ -44,13 +44,13 @@ _PHRASES, _APEX, _SPEECH = "phrase", "apex", "speech"
 _SAME_MOMENT_S = 0.5 / FPS
 APEX_S = 0.08
 """Largest time between a stroke's end and the apex that names its word (s)."""
-USUAL_NOD_DEG, USUAL_BROW, USUAL_SMILE = 4.0, 0.5, 0.4
+DEFAULT_NOD_DEG, DEFAULT_BROW, DEFAULT_SMILE = 4.0, 0.5, 0.4
 """Defaults for nods (degrees), brows and smiles without a number."""
 MAX_ROWS = 100_000
-_FEW = 6
+_MAX_LISTED = 6
 
 
-def tiers_of(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedTier, ...]:
+def plan_to_tiers(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedTier, ...]:
     """Convert a plan to tiers, with times and numbers rounded to four decimals.
 
     Args:
@@ -97,7 +97,7 @@ def tiers_of(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedTier, 
     return tuple(tiers)
 
 
-def _row(event: Span | Moment, label: str, is_point: bool = False) -> Interval:
+def _row(event: Span | Point, label: str, is_point: bool = False) -> Interval:
     start_s = event.end_s if is_point else event.start_s
     return Interval(round(start_s, 4), round(event.end_s, 4), label)
 
@@ -123,7 +123,7 @@ _PHASES: Mapping[str, Phase] = {
     "beat": "beat", "baton": "beat", "ret": "retraction", "recover": "retraction",
 }  # fmt: skip
 """Phases by word stems; the next tables are for body tiers and more hand tiers."""
-_LETTERS: Mapping[str, Phase] = {
+_PHASE_LETTERS: Mapping[str, Phase] = {
     "p": "preparation", "s": "stroke", "h": "hold", "b": "beat", "r": "retraction",
 }  # fmt: skip
 _BODY: Mapping[str, str] = {
@@ -131,14 +131,14 @@ _BODY: Mapping[str, str] = {
     "smile": "smile", "blink": "blinks", "weight": "weight", "stand": "weight", "foot": "foot",
     "feet": "foot",
 }  # fmt: skip
-_MORE: Mapping[str, str] = {
+_EXTRA_TIERS: Mapping[str, str] = {
     "goal": GOAL_TIER, "word": WORD_TIER, "lexical": WORD_TIER, "affiliate": WORD_TIER,
     "kind": KIND_TIER, "type": KIND_TIER, "shape": KIND_TIER,
 }  # fmt: skip
 _T = TypeVar("_T", bound=str)
 
 
-def _meant(words: Iterable[str], stems: Mapping[str, _T]) -> list[_T]:
+def _match_stems(words: Iterable[str], stems: Mapping[str, _T]) -> list[_T]:
     """Return the meanings of the words that start with one of the stems, in order."""
     return [told for word in words for stem, told in stems.items() if word.startswith(stem)]
 
@@ -159,7 +159,7 @@ class _Meaning:
     """Phase of all its rows; None if labels name the phases."""
 
 
-def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
+def tiers_to_plan(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
     """Convert tiers to a plan by their names: ours, or others that mention hands and phases.
 
     Raises:
@@ -176,7 +176,7 @@ def plan_of_tiers(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
         for content in (PHASE_TIER, _PHRASES)
     )
     if not of_phases and not phrases:
-        found = ", ".join(tier.name[:40] for tier in tiers[:_FEW]) or "no tier"
+        found = ", ".join(tier.name[:40] for tier in tiers[:_MAX_LISTED]) or "no tier"
         raise PlanError(
             f"No tier tells what a hand does: name one gesture_right or gesture_left; found "
             f"{found}."
@@ -204,8 +204,8 @@ def _meaning(tier: NamedTier) -> _Meaning:
     """Interpret a tier by its name, and by its labels where these decide."""
     words = _words(tier.name)
     sides = _sides(words)
-    (body, *_), (more, *_) = (_meant(words, stems) or [""] for stems in (_BODY, _MORE))
-    phase: Phase | None = next(iter(_meant(words, _PHASES)), None)
+    (body, *_), (more, *_) = (_match_stems(words, stems) or [""] for stems in (_BODY, _EXTRA_TIERS))
+    phase: Phase | None = next(iter(_match_stems(words, _PHASES)), None)
     if _SPEECH_WORDS & words:
         return _Meaning(_APEX if tier.name == _APEX else _SPEECH)
     if body:
@@ -283,10 +283,10 @@ def _plan(
         duration_s,
         left,
         right,
-        tuple(Nod(r.middle_s, _first(r, USUAL_NOD_DEG)) for r in in_time("nods")),
+        tuple(Nod(r.middle_s, _first(r, DEFAULT_NOD_DEG)) for r in in_time("nods")),
         tuple(Gaze(r.start_s, r.end_s, *_direction(r)) for r in in_time("gaze")),
         tuple(Brow(r.middle_s, _height(r)) for r in in_time("brows")),
-        tuple(Smile(r.start_s, r.end_s, _first(r, USUAL_SMILE)) for r in in_time("smile")),
+        tuple(Smile(r.start_s, r.end_s, _first(r, DEFAULT_SMILE)) for r in in_time("smile")),
         tuple(Blink(r.middle_s) for r in in_time("blinks")),
         tuple(_stand(r) for r in in_time("weight")),
         tuple(FootContact(r.start_s, r.end_s, side) for side in SIDES for r in rows["foot", side]),
@@ -342,7 +342,7 @@ def _usual_goals(names: Sequence[Phase], kinds: Sequence[str]) -> list[Place]:
     for k, (phase, kind) in enumerate(zip(names, kinds, strict=True)):
         stroke = names.index("stroke", k) if "stroke" in names[k:] else k
         before = goals[-1] if goals else REST_PLACE
-        goals.append(usual_goal(phase, kind or kinds[stroke], before))
+        goals.append(default_goal(phase, kind or kinds[stroke], before))
     return goals
 
 
@@ -378,9 +378,9 @@ def _phase_of(label: str) -> tuple[Phase | None, str]:
     if name in PHASES:
         return PHASES[PHASES.index(name)], kind
     words = re.findall(r"[a-z]+", label.lower())
-    if len(words) == 1 and words[0] in _LETTERS:
-        return _LETTERS[words[0]], ""
-    known = _meant(words, _PHASES)
+    if len(words) == 1 and words[0] in _PHASE_LETTERS:
+        return _PHASE_LETTERS[words[0]], ""
+    known = _match_stems(words, _PHASES)
     return known[-1] if known else None, ""  # the last: "post-stroke hold"
 
 
@@ -406,7 +406,7 @@ def _place(row: Interval) -> Place:
     numbers = _numbers(row)
     if len(numbers) != 3:
         raise PlanError(
-            f"The goal {row.text[:40]!r} at {row.end_s:g} s is no three numbers: metres out, up "
+            f"The goal {row.text[:40]!r} at {row.end_s:g} s is not three numbers: metres out, up "
             "and forward of the chest."
         )
     return numbers[0], numbers[1], numbers[2]
@@ -427,18 +427,18 @@ def _direction(row: Interval) -> tuple[float, float]:
 
 
 def _height(row: Interval) -> float:
-    usual = -USUAL_BROW if _words(row.text) & {"frown", "lower", "lowered"} else USUAL_BROW
+    usual = -DEFAULT_BROW if _words(row.text) & {"frown", "lower", "lowered"} else DEFAULT_BROW
     return _first(row, usual)
 
 
-def _stand(row: Interval) -> Stand:
+def _stand(row: Interval) -> Stance:
     words = _words(row.text)
     for leg in (*SIDES, "both"):
         if leg in words:
-            return Stand(row.start_s, row.end_s, leg)
+            return Stance(row.start_s, row.end_s, leg)
     raise PlanError(f"The weight {row.text[:40]!r} at {row.start_s:g} s is not left, right, both.")
 
 
 def _listed(names: Sequence[str]) -> str:
-    few = ", ".join(repr(name[:40]) for name in names[:_FEW])
-    return few if len(names) <= _FEW else f"{few} and {len(names) - _FEW} more"
+    few = ", ".join(repr(name[:40]) for name in names[:_MAX_LISTED])
+    return few if len(names) <= _MAX_LISTED else f"{few} and {len(names) - _MAX_LISTED} more"

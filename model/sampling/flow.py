@@ -67,7 +67,7 @@ def sample(
     ``euler`` (one evaluation a step) and ``heun`` (two, but one in the last step) solve the ODE
     ``dx/dt = (x_1(x, t) - x) / (1 - t)``. ``reinterpolate`` is the official GlobalDiff procedure:
     at the start and at the middle of each step, predict x_1 and return to the straight path from
-    the *same* noise; it is no ODE solver. Its result is the last prediction.
+    the *same* noise; it is not an ODE solver. Its result is the last prediction.
 
     Raises:
         ValueError: if ``steps`` is below 1.
@@ -162,7 +162,7 @@ class ClassifierFreeGuidance:
         return heard + change
 
     def _carried(
-        self, heard: Float[Tensor, "B T C"], change: Float[Tensor, "B T C"]
+        self, conditional: Float[Tensor, "B T C"], change: Float[Tensor, "B T C"]
     ) -> Float[Tensor, "B T face"] | float:
         """Return the head's effect on jaw and eyes, which stay fixed relative to it.
 
@@ -173,7 +173,7 @@ class ClassifierFreeGuidance:
             return 0.0
         head = joint_channels((JOINT_INDEX["head"],))
         std = self._normaliser.std
-        world = self._normaliser.restore(heard)
+        world = self._normaliser.restore(conditional)
         of_head, of_face = (
             matrix_from_rot6d(world[..., channels].unflatten(-1, (-1, 6)))
             for channels in (head, self._face)

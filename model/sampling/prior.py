@@ -79,11 +79,15 @@ class GaussianPrior(nn.Module):
     def _by_seed(
         self,
         which: int | Bool[Tensor, " B"],
-        told: Callable[[int], Float[Tensor, "C T B"]],
+        has_seed: Callable[[int], Float[Tensor, "C T B"]],
     ) -> Float[Tensor, "C T B"]:
         """Select, per sample, the result without (0) or with (1) a seed."""
-        one = which if isinstance(which, int) else self.one_for_all(which)
-        return torch.where(torch.as_tensor(which), told(1), told(0)) if one is None else told(one)
+        one = which if isinstance(which, int) else self.common_seed_case(which)
+        return (
+            torch.where(torch.as_tensor(which), has_seed(1), has_seed(0))
+            if one is None
+            else has_seed(one)
+        )
 
     def expected(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
         """Compute the mean of x_1 conditioned on its seed alone."""
@@ -139,7 +143,7 @@ class GaussianPrior(nn.Module):
 
         return self._by_seed(has_seed, told).permute(2, 1, 0)
 
-    def one_for_all(self, has_seed: Bool[Tensor, " B"]) -> int | None:
+    def common_seed_case(self, has_seed: Bool[Tensor, " B"]) -> int | None:
         """Return the eigenvectors' index if all samples share it; always None in training."""
         if self.training or not bool((has_seed == has_seed[0]).all()):
             return None

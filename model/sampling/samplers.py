@@ -24,7 +24,13 @@ class UnknownNameError(ValueError):
 
 @dataclass(frozen=True)
 class Sampler:
-    """A sampler that a user may choose for a system."""
+    """A sampler that a user may choose for a system.
+
+    Example:
+        >>> heun, euler = make_samplers("heun", "euler", steps=8, strength=1.5)
+        >>> heun.title, heun.steps, heun.guidance
+        ('Heun (second order)', 8, 1.5)
+    """
 
     name: str
     steps: int
@@ -59,7 +65,7 @@ class Sampling:
             raise ValueError(f"guidance is {self.guidance}; it must lie between 0 and 10.")
 
 
-USUAL = Sampling()
+DEFAULT_SAMPLING = Sampling()
 
 
 def clip_seed(seed: int, name: str) -> int:

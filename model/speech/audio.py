@@ -25,9 +25,9 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.motion.runs import true_runs
 from model.storage.files import file_sha256, write_atomically
 
-SILENT_BELOW = 1e-3
+SILENCE_PEAK = 1e-3
 """Peak, relative to full scale (-60 dB), below which a file counts as silent."""
-CANCELLED_BELOW = 0.25
+CANCELLATION_LEVEL = 0.25
 """Level of the mix of all channels, relative to the loudest channel, below which the loudest
 channel alone is used."""
 
@@ -42,7 +42,7 @@ _RESAMPLE = f"aresample={SAMPLE_RATE}:osf=flt"
 _FILL_GAPS = f"{_RESAMPLE},aresample=async=1:min_comp={MIN_GAP_S}:first_pts=0"
 """ffmpeg filter that places samples by their time stamps. It follows the resampling, so that a gap
 takes no more memory in ffmpeg than in the result."""
-_MOST_TRACKS = 8
+_MAX_TRACKS = 8
 """Number of sound tracks that are searched for one that is not silent."""
 _BLOCK_BYTES = 1 << 20
 _LOG_BYTES = 1 << 16
@@ -110,13 +110,13 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
     gaps, these are filled with silence. ``notes`` lists what was changed or missing.
 
     Raises:
-        SpeechError: if the file is missing, is no sound file, is too short, too long, too large,
+        SpeechError: if the file is missing, is not a sound file, is too short, too long, too large,
             silent, or holds values that are not finite; one sentence with the file's name.
     """
     path = Path(path)
-    name = _shown(path)
+    name = _display_name(path)
     digest = _checked_sha256(path, name, limits)
-    decoded, track, notes = _speaking_track(path, name, limits)
+    decoded, track, notes = _first_audible_track(path, name, limits)
     num_channels = len(decoded.channel_rms)
     if limits.channel is not None:
         if limits.channel >= num_channels > 0:
@@ -129,7 +129,7 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
     elif num_channels > 1:
         notes.append(f"The file has {num_channels} channels; they were mixed to one.")
         loudest = int(decoded.channel_rms.argmax())
-        if _rms(decoded.waveform) < CANCELLED_BELOW * decoded.channel_rms[loudest]:
+        if _rms(decoded.waveform) < CANCELLATION_LEVEL * decoded.channel_rms[loudest]:
             decoded = _decode(path, name, limits, loudest, track)
             notes[-1] = (
                 f"The file has {num_channels} channels that nearly vanish when mixed; only channel "
@@ -156,14 +156,16 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
     return Speech(waveform=waveform, sha256=digest, notes=tuple(notes), track=track)
 
 
-def _speaking_track(path: Path, name: str, limits: SpeechLimits) -> tuple[_Decoded, int, list[str]]:
+def _first_audible_track(
+    path: Path, name: str, limits: SpeechLimits
+) -> tuple[_Decoded, int, list[str]]:
     """Return the first track that is not silent (else the first), its number, and notes."""
     first = _decode(path, name, limits, limits.channel)
     if first.num_tracks < 2:
         return first, 0, []
-    for track in range(min(first.num_tracks, _MOST_TRACKS)):
+    for track in range(min(first.num_tracks, _MAX_TRACKS)):
         decoded = first if track == 0 else _decode(path, name, limits, limits.channel, track)
-        if np.abs(decoded.waveform).max(initial=0.0) >= SILENT_BELOW:
+        if np.abs(decoded.waveform).max(initial=0.0) >= SILENCE_PEAK:
             why = ", the first that is not silent," if track else ""
             note = f"Of {first.num_tracks} sound tracks number {track + 1}{why} was used."
             return decoded, track, [note]
@@ -191,7 +193,7 @@ def wav_bytes(waveform: Float[np.ndarray, " N"]) -> bytes:
     return buffer.getvalue()
 
 
-def _shown(path: Path) -> str:
+def _display_name(path: Path) -> str:
     """Format the file's name for use in a message."""
     return printable(path.name)[:100]
 
@@ -225,7 +227,7 @@ def _check_waveform(waveform: Float32[np.ndarray, " N"], name: str, limits: Spee
             f"{name} is {duration_s:.2g} s long; at least {limits.min_s:g} s are needed."
         )
     peak = float(np.abs(waveform).max())
-    if peak < SILENT_BELOW:
+    if peak < SILENCE_PEAK:
         level = f"{20 * np.log10(peak):.0f} dB of full scale" if peak > 0 else "zero"
         raise SpeechError(
             f"{name} is silent (its loudest sample is {level}); check the microphone or the file."

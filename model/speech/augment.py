@@ -1,6 +1,6 @@
 """Augmentation of speech waveforms: speed, room, noise, band limits and gain.
 
-Pure functions of a 16 kHz mono waveform. `recorded_elsewhere` applies room, noise and microphone in
+Pure functions of a 16 kHz mono waveform. `apply_recording` applies room, noise and microphone in
 this order. Only `at_speed` changes the timing: motion fits the speech after all others.
 """
 
@@ -21,7 +21,7 @@ REFLECTIONS_AFTER_S = 0.003  # a metre further than the direct sound
 
 
 @dataclass(frozen=True)
-class Recording:
+class RecordingConditions:
     """Conditions of a recording; None leaves a step out."""
 
     rt60_s: float | None
@@ -34,11 +34,11 @@ class Recording:
     gain_db: float
 
 
-def draw_recording(rng: np.random.Generator) -> Recording:
+def draw_recording(rng: np.random.Generator) -> RecordingConditions:
     """Draw conditions from a good headset to a telephone in a bathroom; one in sixteen is clean."""
     bands = (None, None, LAPTOP_HZ, TELEPHONE_HZ)
     has_room, has_noise = rng.random(2) < (0.5, 0.75)
-    return Recording(
+    return RecordingConditions(
         rt60_s=rng.uniform(0.15, 0.7) if has_room else None,
         direct_to_reverberant_db=rng.uniform(0.0, 12.0),
         snr_db=rng.uniform(8.0, 35.0) if has_noise else None,
@@ -48,30 +48,32 @@ def draw_recording(rng: np.random.Generator) -> Recording:
     )
 
 
-def recorded_elsewhere(
-    waveform: Waveform, recording: Recording, rng: np.random.Generator
+def apply_recording(
+    waveform: Waveform, recording: RecordingConditions, rng: np.random.Generator
 ) -> Waveform:
     """Apply recording conditions to speech, without a change of its duration or timing."""
     if recording.rt60_s is not None:
-        waveform = in_room(waveform, recording.rt60_s, recording.direct_to_reverberant_db, rng)
+        waveform = add_reverberation(
+            waveform, recording.rt60_s, recording.direct_to_reverberant_db, rng
+        )
     if recording.snr_db is not None:
-        waveform = with_noise(waveform, recording.snr_db, recording.noise_slope_db, rng)
+        waveform = add_noise(waveform, recording.snr_db, recording.noise_slope_db, rng)
     if recording.band_hz is not None:
-        waveform = band_limited(waveform, *recording.band_hz)
-    return with_gain(waveform, recording.gain_db)
+        waveform = band_pass(waveform, *recording.band_hz)
+    return apply_gain(waveform, recording.gain_db)
 
 
-def at_speed(waveform: Waveform, speed: float) -> Waveform:
+def change_speech_speed(waveform: Waveform, speed: float) -> Waveform:
     """Resample to play ``speed`` times as fast, and higher in pitch; ``speed`` in hundredths."""
     return resample_poly(waveform, 100, round(100 * speed)).astype(np.float32)
 
 
-def with_gain(waveform: Waveform, gain_db: float) -> Waveform:
+def apply_gain(waveform: Waveform, gain_db: float) -> Waveform:
     """Scale the waveform; what exceeds full scale is clipped, as in a microphone."""
     return np.clip(waveform * 10 ** (gain_db / 20), -1.0, 1.0).astype(np.float32)
 
 
-def with_noise(
+def add_noise(
     waveform: Waveform, snr_db: float, slope_db: float, rng: np.random.Generator
 ) -> Waveform:
     """Add steady noise; the ratio is that of the whole waveform's power to the noise's.
@@ -99,7 +101,7 @@ def impulse_response(
     return tail
 
 
-def in_room(
+def add_reverberation(
     waveform: Waveform,
     rt60_s: float,
     direct_to_reverberant_db: float,
@@ -110,7 +112,7 @@ def in_room(
     return fftconvolve(waveform, response)[: len(waveform)].astype(np.float32)
 
 
-def band_limited(waveform: Waveform, low_hz: float, high_hz: float) -> Waveform:
+def band_pass(waveform: Waveform, low_hz: float, high_hz: float) -> Waveform:
     """Filter with a zero-phase band-pass of fourth order, which causes no delay."""
     sections = butter(4, (low_hz, high_hz), "bandpass", fs=SAMPLE_RATE, output="sos")
     return sosfiltfilt(sections, waveform).astype(np.float32)

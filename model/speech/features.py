@@ -1,7 +1,7 @@
 """Log-mel bands, energy, onset strength and pitch of speech at 30 fps, without any weights.
 
-All features are computed at 100 Hz (hop 160; 16000 / 30 is no integer) and averaged over the exact
-span of each motion frame. Blocks bound the memory; results do not depend on their size.
+All features are computed at 100 Hz (hop 160; 16000 / 30 is not an integer) and averaged over the
+exact span of each motion frame. Blocks bound the memory; results do not depend on their size.
 
 Streamed speech has the same features except for the reference level and pitch: a clip's are
 computed from all of it, a live speaker's from the speech so far. Sound is processed in blocks of
@@ -40,13 +40,13 @@ class VoiceReference:
     """Level and pitch of a speaker, to which features are relative."""
 
     level_db: float
-    """Level of the loud parts of the speech (dB), comparable to `Hops.energy`."""
+    """Level of the loud parts of the speech (dB), comparable to `SpectralFrames.energy`."""
     pitch: float
     """Median pitch, log2 of Hz."""
 
 
 @dataclass(frozen=True)
-class Hops:
+class SpectralFrames:
     """Features of sound at 100 Hz, before normalisation by a voice."""
 
     log_mel: Float64[np.ndarray, "hops mels"]
@@ -109,26 +109,26 @@ def _clip_columns(waveform: Float32[np.ndarray, " N"]) -> Float64[np.ndarray, "h
 def _columns(
     waveform: Float32[np.ndarray, " N"], voice: VoiceReference | None = None
 ) -> Float64[np.ndarray, "hops 68"]:
-    hops = analysed(waveform, 0, max(1, -(-len(waveform) // HOP)))
-    return columns_of(hops, voice or _voice_of(hops))
+    hops = analyse_hops(waveform, 0, max(1, -(-len(waveform) // HOP)))
+    return hop_features(hops, voice or _voice_of(hops))
 
 
-def analysed(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> Hops:
+def analyse_hops(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> SpectralFrames:
     """Analyse hops ``first`` to ``last - 1``, with silence outside the waveform.
 
     The steadiness of the first hop's pitch is unknown; it counts as steady.
     """
-    decibels = _by_blocks(waveform, first, last, FFT_SIZE, _decibels)
+    decibels = _by_blocks(waveform, first, last, FFT_SIZE, _mel_power_db)
     log_mel, energy = decibels[:, :NUM_MELS], decibels[:, NUM_MELS]
     hz = _by_blocks(waveform, first, last, PITCH_WINDOW, _fundamental)
     low, high = PITCH_RANGE_HZ
     in_range = (hz > low * 1.05) & (hz < high * 0.97)
     pitch = np.log2(hz)
     is_steady = np.abs(np.diff(pitch, prepend=pitch[0])) < 0.15
-    return Hops(log_mel, energy, pitch, in_range & is_steady)
+    return SpectralFrames(log_mel, energy, pitch, in_range & is_steady)
 
 
-def columns_of(hops: Hops, voice: VoiceReference) -> Float64[np.ndarray, "hops 68"]:
+def hop_features(hops: SpectralFrames, voice: VoiceReference) -> Float64[np.ndarray, "hops 68"]:
     """Normalise hops by a voice; the onset strength of the first is unknown, and 0."""
     log_mel = np.maximum(hops.log_mel - voice.level_db, FLOOR_DB)
     energy = np.maximum(hops.energy - voice.level_db, FLOOR_DB)
@@ -147,13 +147,13 @@ def columns_of(hops: Hops, voice: VoiceReference) -> Float64[np.ndarray, "hops 6
     )
 
 
-def _voice_of(hops: Hops) -> VoiceReference:
+def _voice_of(hops: SpectralFrames) -> VoiceReference:
     level_db = float(np.percentile(hops.energy, SPEECH_PERCENTILE))
     voiced = hops.voiced(level_db)
     return VoiceReference(level_db, float(np.median(hops.pitch[voiced])) if voiced.any() else 0.0)
 
 
-def _heard_by(
+def _padded_samples(
     waveform: Float32[np.ndarray, " N"], first: int, last: int, size: int
 ) -> Float32[np.ndarray, " samples"]:
     """Return the samples under windows of ``size`` centred on hops ``first .. last - 1``.
@@ -173,17 +173,17 @@ def _by_blocks(
     first: int,
     last: int,
     size: int,
-    analyse: Callable[[Float32[np.ndarray, " samples"]], np.ndarray],
+    analyse: Callable[[Float32[np.ndarray, " samples"]], Float[np.ndarray, " hops *numbers"]],
 ) -> Float64[np.ndarray, " hops *numbers"]:
     """Analyse windows of ``size`` samples in blocks of hops, and concatenate the results."""
     parts = [
-        analyse(_heard_by(waveform, start, min(last, start + _HOPS_AT_ONCE), size))
+        analyse(_padded_samples(waveform, start, min(last, start + _HOPS_AT_ONCE), size))
         for start in range(first, last, _HOPS_AT_ONCE)
     ]
     return np.concatenate(parts).astype(np.float64)
 
 
-def _decibels(piece: Float32[np.ndarray, " samples"]) -> Float32[np.ndarray, "hops 65"]:
+def _mel_power_db(piece: Float32[np.ndarray, " samples"]) -> Float32[np.ndarray, "hops 65"]:
     """Compute the power in mel bands (Slaney's scale) and of the whole spectrum, in dB."""
     spectrum = load_librosa().stft(
         piece, n_fft=FFT_SIZE, hop_length=HOP, win_length=WINDOW, center=False,
@@ -236,7 +236,7 @@ class RunningVoice:
     It starts with half a second of a typical voice, so that the first word is at a normal level.
     """
 
-    KEPT_HOPS = 3000
+    WINDOW_HOPS = 3000
     START_HOPS = 50
     START = VoiceReference(level_db=28.0, pitch=7.3)
     """Typical voice: loud parts at -18 dB of full scale; 158 Hz."""
@@ -249,11 +249,11 @@ class RunningVoice:
 
     def __init__(self) -> None:
         start = [self.START.level_db] * self.START_HOPS, [self.START.pitch] * self.START_HOPS
-        self._energy = deque(start[0], maxlen=self.KEPT_HOPS)
-        self._pitch = deque(start[1], maxlen=self.KEPT_HOPS)
+        self._energy = deque(start[0], maxlen=self.WINDOW_HOPS)
+        self._pitch = deque(start[1], maxlen=self.WINDOW_HOPS)
         self._voice = self.START
 
-    def voice(self, hops: Hops) -> VoiceReference:
+    def voice(self, hops: SpectralFrames) -> VoiceReference:
         """Update the estimate with the next hops, and return it."""
         voiced: Bool[np.ndarray, " hops"] = hops.voiced(self._voice.level_db)
         if voiced.any():
@@ -292,9 +292,9 @@ class CausalMel:
         hops = BLOCK_SAMPLES // HOP
         start = self._next_hop - self._first_hop
         before = min(1, start)  # for the onset and the steadiness of the first new hop
-        found = analysed(self._sound, start - before, start + hops)
-        new = Hops(*(values[before:] for values in vars(found).values()))
-        columns = columns_of(found, self._voice.voice(new))[before:]
+        found = analyse_hops(self._sound, start - before, start + hops)
+        new = SpectralFrames(*(values[before:] for values in vars(found).values()))
+        columns = hop_features(found, self._voice.voice(new))[before:]
         self._next_hop += hops
         self._drop_before(self._next_hop - _KEPT_BEFORE)
         silence = np.zeros(MelEncoder.dim)  # none is needed: a block's hops are its frames'
@@ -336,7 +336,7 @@ def augment_mel(
     return torch.cat([mel, energy, features[..., NUM_MELS + 1 :]], dim=-1)
 
 
-def in_other_throats(
+def vocal_tract_perturbation(
     features: Float[Tensor, "B T 68"], lengths: tuple[float, float], generator: torch.Generator
 ) -> Float[Tensor, "B T 68"]:
     """Stretch the mel bands by one factor per sample between ``lengths``; pitch and energy stay.

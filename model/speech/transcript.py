@@ -175,11 +175,11 @@ def read_words(path: str | Path) -> GivenWords:
             rows = parse_table(text, ending == ".lab")
             if rows is None and ending == ".tsv":
                 raise TranscriptError(
-                    f"{name} is no table of start, end and word, with tabs between them."
+                    f"{name} is not a table of start, end and word, with tabs between them."
                 )
         case _:
             raise TranscriptError(
-                f"{name} is no TextGrid, and its ending is none of a file of words "
+                f"{name} is not a TextGrid, and its ending is none of a file of words "
                 f"({', '.join(ENDINGS)})."
             )
     given = GivenWords(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
@@ -195,7 +195,7 @@ def _plain(text: str, name: str) -> str:
     if len(text) > MAX_TEXT:
         raise TranscriptError(f"{name} holds more than {MAX_TEXT} characters.")
     if any(ord(sign) < 32 and not sign.isspace() for sign in text):
-        raise TranscriptError(f"{name} is no plain text; save it as UTF-8.")
+        raise TranscriptError(f"{name} is not plain text; save it as UTF-8.")
     if not any(sign.isalnum() for sign in text):
         raise TranscriptError(f"{name} holds no words.")
     return text
@@ -305,18 +305,18 @@ def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
     return tuple(sorted(told, key=lambda accent: accent.time_s))
 
 
-def _intervals(rows: Sequence[Interval], what: str, name: str) -> tuple[Interval, ...]:
+def _intervals(rows: Sequence[Interval], noun: str, name: str) -> tuple[Interval, ...]:
     """Return the intervals with a label, in order of time."""
     found = []
     for row in rows:
         label = row.text.strip()
         if label and not 0 <= row.start_s < row.end_s < inf:
             raise TranscriptError(
-                f"{name} has the {what} '{label[:40]}' from {row.start_s:g} to {row.end_s:g} s; a "
-                f"{what} must end after it begins."
+                f"{name} has the {noun} '{label[:40]}' from {row.start_s:g} to {row.end_s:g} s; a "
+                f"{noun} must end after it begins."
             )
         if label:
             found.append(Interval(row.start_s, row.end_s, label))
     if len(found) > MAX_WORDS:
-        raise TranscriptError(f"{name} holds {len(found)} {what}s; at most {MAX_WORDS} are read.")
+        raise TranscriptError(f"{name} holds {len(found)} {noun}s; at most {MAX_WORDS} are read.")
     return tuple(sorted(found, key=lambda interval: interval.start_s))

@@ -20,7 +20,7 @@ from torch import Tensor
 from model.speech.encoder import WEIGHTS_VARIABLE, EncoderError
 
 WINDOW_SAMPLES, WINDOW_FRAMES = 32_000, 60
-Hear = Callable[[Float32[np.ndarray, "n 32000"]], Float32[Tensor, "n 60 dim"]]
+SpeechModel = Callable[[Float32[np.ndarray, "n 32000"]], Float32[Tensor, "n 60 dim"]]
 """Function from windows of speech (n, 32000) to features of their frames (n, 60, dim)."""
 
 
@@ -41,7 +41,7 @@ class WavLMEncoder:
                 "The speech encoder wavlm needs its weights; set WAVLM_DIR to a folder that holds "
                 f"config.json and the weights (got {str(folder)!r}), or use mel64."
             )
-        self._hear, self.dim = hearing(folder, "WavLMModel")
+        self._hear, self.dim = load_speech_model(folder, "WavLMModel")
 
     def encode(
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
@@ -51,7 +51,7 @@ class WavLMEncoder:
         return self._hear(padded.reshape(-1, WINDOW_SAMPLES)).flatten(0, 1).numpy()[:num_frames]
 
 
-def hearing(folder: Path, name: str) -> tuple[Hear, int]:
+def load_speech_model(folder: Path, name: str) -> tuple[SpeechModel, int]:
     """Load a model of transformers by its class name and its folder of weights.
 
     Returns an encoder of windows of speech, and the dimension of its features.

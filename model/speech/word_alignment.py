@@ -33,11 +33,11 @@ _ONES = (
 ).split()
 _TENS = "twenty thirty forty fifty sixty seventy eighty ninety".split()
 _SIGNS = {"&": "and", "%": "percent", "+": "plus", "@": "at", "=": "equals"}
-_MOST_DIGITS = 6
+_MAX_DIGITS = 6
 """Most digits of a number that is read as one; longer numbers are read digit by digit."""
 _OUTER = re.compile(r"^[^\w&%+@=]+|[^\w&%+@=]+$|_+$|^_+")
 """Punctuation around a word."""
-_SPELT = 5
+_MAX_ABBREVIATION = 5
 """Number of letters of the longest word in capitals that is read as an abbreviation."""
 _LETTER_NAMES = dict(
     zip(
@@ -75,19 +75,19 @@ class Pronunciation:
     """One pronunciation, for words that are not in the dictionary."""
 
 
-def words_to_say(text: str, lookup: Lookup) -> list[Pronunciation]:
+def pronounce_text(text: str, lookup: Lookup) -> list[Pronunciation]:
     """Return the words of a text in order, without punctuation and what cannot be pronounced."""
     found = []
     for chunk in text.replace("\u2019", "'").split():
         # A dash separates words; a hyphen joins them.
         for piece in re.split("[\u2014\u2013\u2026/]|--+", chunk):
-            spoken = _spoken(piece, lookup)
+            spoken = _pronounce(piece, lookup)
             if spoken is not None:
                 found.append(spoken)
     return found
 
 
-def _spoken(piece: str, lookup: Lookup) -> Pronunciation | None:
+def _pronounce(piece: str, lookup: Lookup) -> Pronunciation | None:
     written = _OUTER.sub("", piece)
     plain = _plain(written)
     if re.fullmatch(r"[a-z']+", plain) and (phones := lookup(plain)):
@@ -116,7 +116,7 @@ def _sound_of(part: str, lookup: Lookup) -> str:
         return _said(_SIGNS[part], lookup)
     if part[0].isdigit():
         return " ".join(_said(word, lookup) for word in number_words(part))
-    if part.isupper() and 1 < len(part) <= _SPELT:
+    if part.isupper() and 1 < len(part) <= _MAX_ABBREVIATION:
         return " ".join(_LETTER_NAMES[letter] for letter in part.lower())
     return _said(part.lower(), lookup)
 
@@ -129,7 +129,7 @@ def number_words(digits: str) -> list[str]:
     """Return the words with which a number is read out: ``1,250.5`` as twelve fifty point five."""
     whole, _, fraction = digits.replace(",", "").partition(".")
     words = (
-        _whole_words(int(whole)) if len(whole) <= _MOST_DIGITS else [_ONES[int(d)] for d in whole]
+        _whole_words(int(whole)) if len(whole) <= _MAX_DIGITS else [_ONES[int(d)] for d in whole]
     )
     return words + (["point", *(_ONES[int(digit)] for digit in fraction)] if fraction else [])
 
@@ -173,9 +173,9 @@ _LOUDNESS_S = 0.2
 """Window over which loudness is averaged to find a place to cut (s)."""
 _MARGIN_S = 0.15
 """Margin of sound around the words of an aligned piece (s)."""
-_WIDE = {"beam": 1e-150, "pbeam": 1e-150, "wbeam": 1e-150}
+_WIDE_BEAMS = {"beam": 1e-150, "pbeam": 1e-150, "wbeam": 1e-150}
 """Beam widths that let alignment skip words of the text that are missing in the speech."""
-_FIT, _FIT_WIDTH, _FIT_WORDS = -45.0, 8.0, 5
+_SCORE_MIDPOINT, _FIT_WIDTH, _FIT_WORDS = -45.0, 8.0, 5
 """Logistic model of a word's confidence: the score of a frame (0 is the best of any phone) at which
 the probability is 0.5, the width, and the number of words over which scores are averaged, since
 single words may be pronounced oddly. Right words average -10 to -35, others -50 to -130."""
@@ -238,7 +238,7 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
         sound = waveform[start:stop].tobytes()
         _decode(decoder, sound)
         segments = [segment for segment in decoder.seg() or () if segment.word[0] not in _FILLERS]
-        fitted = _fitted(decoder, sound) if segments else []
+        fitted = _align_phones(decoder, sound) if segments else []
         decoder.activate_search()
         at = start * FRAMES_PER_S // SAMPLE_RATE
         for number, segment in enumerate(segments):
@@ -254,18 +254,18 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
 def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[TimedWord]:
     """Align a text with the speech and return its words; none if no alignment exists."""
     decoder = _decoder(lm=None)
-    spoken = words_to_say(text, decoder.lookup_word)
+    spoken = pronounce_text(text, decoder.lookup_word)
     if not spoken:
         return []
-    names = _named(decoder, spoken)
-    rough = _rough_times(decoder, waveform, names)
+    names = _dictionary_names(decoder, spoken)
+    rough = _initial_alignment(decoder, waveform, names)
     if len(rough) != len(spoken):
-        rough = _rough_times(_wide(spoken), waveform, names)
+        rough = _initial_alignment(_wide(spoken), waveform, names)
     if len(rough) != len(spoken):
         return []
     found = []
     for first, last, start, stop in _parts(rough, len(waveform) * FRAMES_PER_S // SAMPLE_RATE):
-        found += _followed(decoder, waveform, names[first:last], rough[first:last], start, stop)
+        found += _align_part(decoder, waveform, names[first:last], rough[first:last], start, stop)
     for word, each in zip(found, spoken, strict=True):
         word.text = each.text
     for word, likelihood in zip(found, _likelihoods(found), strict=True):
@@ -273,7 +273,7 @@ def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[TimedWord]:
     return found
 
 
-def _followed(
+def _align_part(
     decoder: Any,
     waveform: Int16[np.ndarray, " N"],
     names: list[str],
@@ -289,7 +289,7 @@ def _followed(
     sound = waveform[start * step : stop * step].tobytes()
     decoder.set_align_text(" ".join(names))
     _decode(decoder, sound)
-    fitted = _fitted(decoder, sound) if decoder.hyp() is not None else []
+    fitted = _align_phones(decoder, sound) if decoder.hyp() is not None else []
     if len(fitted) == len(names):
         return [word.moved(start) for word in fitted]
     if len(names) == 1:
@@ -301,18 +301,22 @@ def _followed(
     before, after = rough[cut - 1][1], rough[cut][0]
     margin = round(FRAMES_PER_S * _MARGIN_S)
     return [
-        *_followed(decoder, waveform, names[:cut], rough[:cut], start, min(after, before + margin)),
-        *_followed(decoder, waveform, names[cut:], rough[cut:], max(before, after - margin), stop),
+        *_align_part(
+            decoder, waveform, names[:cut], rough[:cut], start, min(after, before + margin)
+        ),
+        *_align_part(
+            decoder, waveform, names[cut:], rough[cut:], max(before, after - margin), stop
+        ),
     ]
 
 
 def _wide(spoken: list[Pronunciation]) -> Any:
-    decoder = _decoder(lm=None, **_WIDE)
-    _named(decoder, spoken)
+    decoder = _decoder(lm=None, **_WIDE_BEAMS)
+    _dictionary_names(decoder, spoken)
     return decoder
 
 
-def _named(decoder: Any, spoken: list[Pronunciation]) -> list[str]:
+def _dictionary_names(decoder: Any, spoken: list[Pronunciation]) -> list[str]:
     """Return each word's name in the dictionary, to which missing words are added."""
     names, added = [], {}
     for word in spoken:
@@ -326,7 +330,7 @@ def _named(decoder: Any, spoken: list[Pronunciation]) -> list[str]:
     return names
 
 
-def _rough_times(
+def _initial_alignment(
     decoder: Any, waveform: Int16[np.ndarray, " N"], names: list[str]
 ) -> list[tuple[int, int]]:
     """Return the frames [start, end) of each word; nothing if the alignment fails."""
@@ -361,7 +365,7 @@ def _parts(times: list[tuple[int, int]], end: int) -> Iterator[tuple[int, int, i
         first = last
 
 
-def _fitted(decoder: Any, sound: bytes) -> list[TimedWord]:
+def _align_phones(decoder: Any, sound: bytes) -> list[TimedWord]:
     """Align the words that were just decoded again, for phones and scores; none if this fails."""
     try:
         decoder.set_alignment()
@@ -397,7 +401,7 @@ def _likelihoods(words: list[TimedWord]) -> list[float]:
     for number in range(len(words)):
         near = slice(max(0, number - reach), number + reach + 1)
         fit = float(np.average(fits[near], weights=frames[near]))
-        found.append(1.0 / (1.0 + math.exp((_FIT - fit) / _FIT_WIDTH)))
+        found.append(1.0 / (1.0 + math.exp((_SCORE_MIDPOINT - fit) / _FIT_WIDTH)))
     return found
 
 

@@ -85,12 +85,12 @@ def parse_captions(text: str) -> list[Interval]:
         cue = _CUE.match(line)
         if cue is None:
             continue
-        said: list[str] = []
+        words: list[str] = []
         for more in lines:
             if not more.strip():
                 break
-            said.append(_MARKUP.sub("", more).strip())
-        spans.append((_clock(cue.groups()[:4]), _clock(cue.groups()[4:]), " ".join(said).strip()))
+            words.append(_MARKUP.sub("", more).strip())
+        spans.append((_clock(cue.groups()[:4]), _clock(cue.groups()[4:]), " ".join(words).strip()))
     return list(_labelled(spans))
 
 
@@ -108,7 +108,7 @@ def parse_json(text: str, name: str, error: type[ValueError]) -> tuple[list[Inte
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict):
-        raise error(f"{name} is no JSON of Whisper, WhisperX or Gentle, with words or segments.")
+        raise error(f"{name} is not JSON of Whisper, WhisperX or Gentle, with words or segments.")
     segments = list(_dicts(content.get("segments")))
     words = [word for segment in segments for word in _dicts(segment.get("words"))]
     has_words = bool(words) and all(

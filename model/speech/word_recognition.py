@@ -20,14 +20,14 @@ above it are right, and six in ten below it (docs/words.md)."""
 LONGEST_WORD_S = 2.5
 """Longest plausible word (s). From a faint hum alone the recogniser reports with certainty an
 eight-second "dog"."""
-MOST_UNSURE = 0.4
+MIN_CONFIDENT_SHARE = 0.4
 """Share of sure words below which none is used: English has 0.5 to 0.9 in eleven clips, French 0.2,
 and speech played backwards 0.1 to 0.4."""
-FEW_WORDS = 8
+MIN_WORDS_FOR_LANGUAGE = 8
 """Number of words below which the language of the speech cannot be judged."""
 MAX_WORDS_A_SECOND = 8
 """Fastest plausible speech; a text with more words belongs to another recording."""
-PATIENCE = (60.0, 6.0)
+TIMEOUT_S = (60.0, 6.0)
 """Time limit (s): a constant, and an amount per second of speech. Recognition takes 0.3 s per
 second on one free core."""
 
@@ -70,7 +70,7 @@ class WordRecognition:
         self._heard: RecognitionResult | None = None
         self._child: Child | None = None
         duration_s = len(waveform) / SAMPLE_RATE
-        self._ends = time.monotonic() + PATIENCE[0] + PATIENCE[1] * duration_s
+        self._ends = time.monotonic() + TIMEOUT_S[0] + TIMEOUT_S[1] * duration_s
         count = len((text or "").split())
         if count > MAX_WORDS_A_SECOND * (duration_s + 1.0):
             found = f"it has {count} words, more than are said in {duration_s:.1f} s"
@@ -131,12 +131,12 @@ def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) ->
     sure = [(word, phones) for word, phones in words if _is_sure(word)]
     count, unsure = len(words), len(words) - len(sure)
     share = len(sure) / max(1, count)
-    if is_aligned and share < MOST_UNSURE:
+    if is_aligned and share < MIN_CONFIDENT_SHARE:
         found = f"{unsure} of its {count} words are not where they should be"
         return RecognitionResult(
             notes=(MISMATCH_NOTE.format(found=found if words else "it is not said"),)
         )
-    if count >= FEW_WORDS and share < MOST_UNSURE:
+    if count >= MIN_WORDS_FOR_LANGUAGE and share < MIN_CONFIDENT_SHARE:
         return RecognitionResult(notes=(UNSURE_NOTE.format(unsure=unsure, count=count),))
     if not sure:
         return RecognitionResult(notes=(SILENT_NOTE,))

@@ -12,7 +12,7 @@ from model.storage.files import read_capped
 
 MAX_CARD_BYTES = 10**7
 BUNDLED_WEIGHTS = Path(__file__).parents[1] / "weights"
-CALM_AND_LIVELY = "hana", "june"
+DEFAULT_SPEAKER_PAIR = "hana", "june"
 """The calmest speaker of the bundled weights, and a lively one."""
 
 
@@ -31,7 +31,7 @@ class CheckpointError(ValueError):
 T = TypeVar("T")
 
 
-class Card(dict[str, Any]):
+class WeightsCard(dict[str, Any]):
     """The JSON object that describes weights: their identity and how they were trained.
 
     What every card states has a property; reading what one lacks raises a message for the user.
@@ -103,20 +103,20 @@ class Card(dict[str, Any]):
         return self.get("steps")
 
     @property
-    def whose(self) -> str | None:
+    def origin_note(self) -> str | None:
         """Description of weights that are not of this project; None for our own."""
         return self.get("weights_are")
 
 
-def _number(told: Any, kind: Callable[[Any], T]) -> T:
+def _number(value: Any, kind: Callable[[Any], T]) -> T:
     """Convert a value to a number; raises `TypeError` if it is none."""
     try:
-        return kind(told)
+        return kind(value)
     except (ValueError, OverflowError) as error:
         raise TypeError(str(error)) from None
 
 
-def load_card(folder: Path, system: str) -> Card:
+def load_card(folder: Path, system: str) -> WeightsCard:
     """Load the card of a system.
 
     Raises:
@@ -131,11 +131,11 @@ def load_card(folder: Path, system: str) -> Card:
     except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{path} cannot be read: {error}") from None
     if not isinstance(card, dict) or "sha256" not in card:
-        raise CheckpointError(f"{path} is no weights card: it has no sha256.")
-    return Card(card, system)
+        raise CheckpointError(f"{path} is not a weights card: it has no sha256.")
+    return WeightsCard(card, system)
 
 
-def with_setting(config: T, setting: str) -> T:
+def override_setting(config: T, setting: str) -> T:
     """Return the config with one field changed by ``outer.inner=value``; the value is JSON or text.
 
     Raises:
@@ -185,7 +185,7 @@ def from_dict(cls: type[T], values: dict[str, Any]) -> T:
         ValueError: if this version does not have a field.
     """
     if not is_dataclass(cls):
-        raise TypeError(f"{cls} is no config.")
+        raise TypeError(f"{cls} is not a config.")
     unknown = sorted(set(values) - {f.name for f in fields(cls)})
     if unknown:
         raise ValueError(f"{cls.__name__} has no field {', '.join(unknown)}.")

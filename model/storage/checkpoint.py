@@ -12,18 +12,21 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from jaxtyping import Shaped
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
 from conventions.names import file_stem
-from model.storage.cards import Card, CheckpointError, load_card
+from model.storage.cards import CheckpointError, WeightsCard, load_card
 from model.storage.files import read_capped, write_atomically
 
 KEEP_FLOAT32 = ("normaliser.", "prior.")
 
 
-def save_weights(folder: Path, system: str, tensors: dict[str, Tensor], card: dict) -> None:
+def save_weights(
+    folder: Path, system: str, tensors: dict[str, Shaped[Tensor, " ..."]], card: dict
+) -> None:
     """Write ``<system>.safetensors`` (fp16, statistics fp32) and ``<system>.json``, atomically."""
     folder.mkdir(parents=True, exist_ok=True)
     packed = {
@@ -39,7 +42,7 @@ def save_weights(folder: Path, system: str, tensors: dict[str, Tensor], card: di
         write_atomically(path, data)
 
 
-def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], Card]:
+def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], WeightsCard]:
     """Load the tensors (as float32) and the card of a system.
 
     Raises:
@@ -57,34 +60,38 @@ def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], Card]:
     try:
         tensors = load(content)
     except SafetensorError as error:
-        raise CheckpointError(f"{path} is no safetensors file: {error}") from None
+        raise CheckpointError(f"{path} is not a safetensors file: {error}") from None
     return {name: tensor.float() for name, tensor in tensors.items()}, card
 
 
-def load_into(module: torch.nn.Module, tensors: dict[str, Tensor], prefix: str, name: str) -> None:
+def load_module(
+    module: torch.nn.Module, tensors: dict[str, Shaped[Tensor, " ..."]], prefix: str, name: str
+) -> None:
     """Copy the tensors that start with ``prefix`` into ``module``, all of them and no other.
 
     Raises:
         CheckpointError: with the first tensor that differs, and how many do.
     """
     state = {key.removeprefix(prefix): t for key, t in tensors.items() if key.startswith(prefix)}
-    wrong = misfits(module.state_dict(), state)
+    wrong = tensor_mismatches(module.state_dict(), state)
     if wrong:
         more = f" ({len(wrong) - 1} more differ)" if len(wrong) > 1 else ""
         raise CheckpointError(f"The weights of {name} do not fit their card: {wrong[0]}{more}.")
     module.load_state_dict(state, strict=True)
 
 
-def misfits(wanted: Mapping[str, Tensor], found: Mapping[str, Tensor]) -> list[str]:
+def tensor_mismatches(
+    wanted: Mapping[str, Shaped[Tensor, " ..."]], tensors: Mapping[str, Shaped[Tensor, " ..."]]
+) -> list[str]:
     """Describe each mismatch between a module's tensors and others, in the module's order."""
     wrong = []
     for key, tensor in wanted.items():
-        if key not in found:
+        if key not in tensors:
             wrong.append(f"{key} is missing")
-        elif found[key].shape != tensor.shape:
-            shapes = (list(found[key].shape), list(tensor.shape))
+        elif tensors[key].shape != tensor.shape:
+            shapes = (list(tensors[key].shape), list(tensor.shape))
             wrong.append(f"{key} is of shape {shapes[0]} in place of {shapes[1]}")
-    return wrong + [f"{key} is not known" for key in found if key not in wanted]
+    return wrong + [f"{key} is not known" for key in tensors if key not in wanted]
 
 
 def _json_bytes(card: dict) -> bytes:
@@ -104,7 +111,7 @@ def read_tensors(path: Path) -> dict[str, Tensor]:
     of a parallel network, from any device; nothing in them is executed.
 
     Raises:
-        CheckpointError: if it is no such file.
+        CheckpointError: if it is not such a file.
     """
     try:
         content = _loaded(path)
@@ -155,23 +162,27 @@ def _loaded(path: Path) -> Any:
 
 
 def check_tensors(
-    wanted: Mapping[str, Tensor], found: Mapping[str, Tensor], name: str, what: str, advice: str
+    wanted: Mapping[str, Shaped[Tensor, " ..."]],
+    tensors: Mapping[str, Shaped[Tensor, " ..."]],
+    name: str,
+    network: str,
+    advice: str,
 ) -> None:
     """Check that tensors are all those of a network, no others, and finite.
 
     Args:
         name: name of their file.
-        what: the required network, as part of a sentence.
+        network: the required network, as part of a sentence.
         advice: which file to use, as the end of a sentence.
 
     Raises:
         CheckpointError: with the first key that differs.
     """
-    wrong = misfits(wanted, found)
+    wrong = tensor_mismatches(wanted, tensors)
     if wrong:
         more = f" ({len(wrong) - 1} more differ)" if len(wrong) > 1 else ""
-        raise CheckpointError(f"{name} is not {what}: {wrong[0]}{more}; give {advice}.")
-    unknown = [key for key, tensor in found.items() if not tensor.isfinite().all()]
+        raise CheckpointError(f"{name} is not {network}: {wrong[0]}{more}; give {advice}.")
+    unknown = [key for key, tensor in tensors.items() if not tensor.isfinite().all()]
     if unknown:
         raise CheckpointError(
             f"{name} holds values that are not finite (NaN or infinite), in {unknown[0]} first; "

@@ -24,7 +24,7 @@ _TEX = {
 _MARKDOWN = re.compile(r"([\\`*\[\]<>|])")
 
 
-def csv_cell(value: object) -> object:
+def escape_csv_cell(value: object) -> object:
     """Return a cell that no spreadsheet takes for a formula; numbers, also as text, are unchanged.
 
     An apostrophe is inserted before a sign that would start one.
@@ -38,7 +38,7 @@ def csv_text(rows: Iterable[Iterable[object]], line_end: str = "\r\n") -> str:
     """Format rows as CSV; None is an empty cell. Write the text to files with newline=""."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator=line_end)
-    writer.writerows([csv_cell(value) for value in row] for row in rows)
+    writer.writerows([escape_csv_cell(value) for value in row] for row in rows)
     return text.getvalue()
 
 

@@ -88,7 +88,7 @@ def write_atomically(path: str | Path, content: str | bytes) -> None:
 def read_capped(path: Path, most: int, error: type[ValueError]) -> bytes:
     """Read a file's content; raises ``error`` with one sentence if it is missing or too large."""
     if path.exists() and not path.is_file():  # a pipe would never end, nor a device
-        raise error(f"{path.name} could not be read: it is no regular file.")
+        raise error(f"{path.name} could not be read: it is not a regular file.")
     try:
         with path.open("rb") as file:
             data = file.read(most + 1)

@@ -12,11 +12,11 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from conventions.names import printable
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
-"""Pydantic settings: text and booleans are no numbers; unknown fields are ignored."""
+"""Pydantic settings: text and booleans are not numbers; unknown fields are ignored."""
 MAX_TEXT = 2000
 """Longest text of a field in characters."""
 Text = Annotated[str, Field(min_length=1, max_length=MAX_TEXT)]
-NO_JSON = "it is no whole JSON file (cut off or damaged)"
+NO_JSON = "it is not a whole JSON file (cut off or damaged)"
 _UNKNOWN = "unexpected_keyword_argument", "extra_forbidden"
 T = TypeVar("T")
 

@@ -47,7 +47,7 @@ def check_size(path: Path) -> None:
 
 
 @contextmanager
-def opened_archive(path: Path, content: io.BytesIO | None = None) -> Iterator[zipfile.ZipFile]:
+def open_archive(path: Path, content: io.BytesIO | None = None) -> Iterator[zipfile.ZipFile]:
     """Open the archive at ``path``, or ``content`` in its place.
 
     Raises:
@@ -86,7 +86,7 @@ def read_headers(
         names_objects: list arrays of Python objects, which are never loaded, instead of raising.
 
     Raises:
-        MotionError: for too many or too large arrays, and for members that are no arrays.
+        MotionError: for too many or too large arrays, and for members that are not arrays.
     """
     entries = archive.infolist()
     size = sum(entry.file_size for entry in entries)
@@ -143,13 +143,13 @@ def read_npy_file(path: Path) -> np.ndarray | None:
         return np.lib.format.read_array(file, allow_pickle=False)
 
 
-def listed(names: tuple[str, ...] | list[str]) -> str:
+def format_names(names: tuple[str, ...] | list[str]) -> str:
     """Format at most 12 names for a sentence, each at most 40 characters."""
     return ", ".join(printable(name[:40]) for name in names[:12])
 
 
 def _read_npy_header(file: io.BufferedIOBase) -> Header | None:
-    """Read the shape and dtype of one array; None if the bytes are no npy header."""
+    """Read the shape and dtype of one array; None if the bytes are not an npy header."""
     try:
         version = np.lib.format.read_magic(file)
         if version == (1, 0):

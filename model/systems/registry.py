@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import model.systems
 from model.generation.family import Family, FamilyError, Topic
 from model.sampling.samplers import UnknownNameError
-from model.storage.cards import BUNDLED_WEIGHTS, Card, CheckpointError
+from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, WeightsCard
 
 if TYPE_CHECKING:
     from model.generation.base import System
@@ -35,7 +35,7 @@ def register_installed(register: Callable[[Family], None]) -> tuple[str, ...]:
             check_family(family)
             register(family)
         except (Exception, SystemExit) as error:  # one package must not keep out the others
-            sentences.append(f"{_whose(entry)} is left out: {_why(error)}")
+            sentences.append(f"{_entry_label(entry)} is left out: {_why(error)}")
     return tuple(sentences)
 
 
@@ -43,7 +43,7 @@ def check_family(family: object) -> None:
     """Check that the object of an entry point is a complete family.
 
     Raises:
-        FamilyError: if it is no family, or a required declaration is missing.
+        FamilyError: if it is not a family, or a required declaration is missing.
     """
     if not isinstance(family, Family):
         raise FamilyError(f"it names a {type(family).__name__}, not a Family.")
@@ -66,7 +66,7 @@ def check_family(family: object) -> None:
             raise FamilyError(f"the card of {name} names no speakers.")
 
 
-def _whose(entry: Any) -> str:
+def _entry_label(entry: Any) -> str:
     # Where the backport importlib_metadata is imported, entries of other folders are of its class.
     package = f" of the package {entry.dist.name}" if entry.dist else ""
     return f"The family {entry.name!r}{package} ({entry.value})"
@@ -152,7 +152,7 @@ def list_systems(folder: Path = BUNDLED_WEIGHTS) -> tuple[str, ...]:
     return tuple(name for family in _FAMILIES for name in family.systems_in(folder))
 
 
-def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> Card:
+def read_card(name: str, folder: Path = BUNDLED_WEIGHTS) -> WeightsCard:
     """Read the model card of a system's weights."""
     return family_of(name).card(name, folder)
 

@@ -96,7 +96,7 @@ def make_card(
     origin: dict[str, Any] | None,
 ) -> dict[str, Any]:  # fmt: skip
     corpus = folder / "corpus.json"
-    train_clips = data.of_split("train")
+    train_clips = data.clips_of_split("train")
     seen = {clip.speaker for clip in train_clips}
     train_frames = sum(clip.num_frames for clip in train_clips if clip.copy == 0)
     return {
@@ -149,15 +149,15 @@ def train(
             "processes."
         )
     encoder = make_encoder(config.encoder)
-    with shard.first_alone():
+    with shard.first_process_first():
         data = prepare(
             data_folder,
             out.parent / f"prepared-{encoder.name}",
             encoder,
             augmented_copies=config.augmented_copies,
         )
-    train_clips, val_clips = data.of_split("train"), data.of_split("val")
-    with shard.first_alone():
+    train_clips, val_clips = data.clips_of_split("train"), data.clips_of_split("val")
+    with shard.first_process_first():
         if shard.is_first:
             open_run(config, out, resume)
     origin = None
@@ -167,7 +167,7 @@ def train(
     elif start is not None:
         card = load_card(start, config.system)
         origin = {"system": config.system, "sha256": card.sha256, "steps": card.steps}
-    with shard.first_alone():
+    with shard.first_process_first():
         task = make_task(config, data, TaskSetup(helpers, start, shard, may_compile))
     first = 0
     if resume:

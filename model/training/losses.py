@@ -16,7 +16,7 @@ from model.motion.packing import Decoded
 from model.training.config import GeometricWeights
 
 FEET = [JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("ankle", "foot")]
-STANDS_BELOW_M = 0.002
+CONTACT_SPEED_M = 0.002
 """Step (m) below which a foot counts as standing: 6 cm/s."""
 SMOOTH_L1_BETA = 0.02
 """Distance (m) at which the position terms turn from squared to absolute error (official code)."""
@@ -42,12 +42,14 @@ def contact_loss(
     positions: Float[Tensor, "B T 55 3"], target: Float[Tensor, "B T 55 3"]
 ) -> Float[Tensor, " B"]:
     """Compute squared horizontal steps (cm²) of ankles and feet that stand in the target."""
-    still = target[:, :, FEET].diff(dim=1).norm(dim=-1) < STANDS_BELOW_M
+    still = target[:, :, FEET].diff(dim=1).norm(dim=-1) < CONTACT_SPEED_M
     steps = 100 * positions[:, :, FEET][..., [0, 2]].diff(dim=1)
     return (steps.square().sum(-1) * still).mean((1, 2))
 
 
-def kl_loss(codes: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, " B"]:
+def kl_loss(
+    codes: Sequence[tuple[Float[Tensor, "B _ _"], Float[Tensor, "B _ _"]]],
+) -> Float[Tensor, " B"]:
     """Compute the KL divergence of codes from a standard normal, mean over a scale's numbers.
 
     Args:
@@ -85,7 +87,7 @@ def geometric_terms(
 ) -> dict[str, Float[Tensor, " B"]]:
     """Compute the weighted terms on positions, one value per sample, without those of weight 0."""
     world = predicted.positions, target.positions
-    positions = positions_of(weights, predicted, target)
+    positions = positions_to_compare(weights, predicted, target)
     terms = {
         "position": lambda: points_loss(*positions),
         "velocity": lambda: points_loss(*positions, 1),
@@ -95,7 +97,7 @@ def geometric_terms(
     return weighted(weights, terms)
 
 
-def positions_of(
+def positions_to_compare(
     weights: GeometricWeights, predicted: Decoded, target: Decoded
 ) -> tuple[Float[Tensor, "B T 55 3"], Float[Tensor, "B T 55 3"]]:
     """Return the joint positions to compare: in world coordinates, or pelvis-aligned."""

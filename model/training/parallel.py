@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import torch
 import torch.distributed as dist
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 from torch import Tensor, nn
 
 log = logging.getLogger(__name__)
@@ -41,7 +41,7 @@ class Shard:
         """Rows of the whole batch for this process."""
         return slice(self.rank, None, self.count)
 
-    def of(self, rows: Tensor) -> Tensor:
+    def of(self, rows: Shaped[Tensor, "B ..."]) -> Tensor:
         """Return this process's rows of a tensor that holds the whole batch, on its device."""
         return rows[self.mine].to(self.device)
 
@@ -57,7 +57,7 @@ class Shard:
         ids = [self.device] if self.device.type == "cuda" else None
         return nn.parallel.DistributedDataParallel(network, device_ids=ids, broadcast_buffers=False)
 
-    def mean(self, values: dict[str, Tensor]) -> dict[str, float]:
+    def mean(self, values: dict[str, Shaped[Tensor, ""]]) -> dict[str, float]:
         """Average each value over all processes."""
         stacked = torch.stack(list(values.values())).double()
         if self.count > 1:
@@ -65,7 +65,7 @@ class Shard:
         return dict(zip(values, (stacked / self.count).tolist(), strict=True))
 
     @contextmanager
-    def first_alone(self) -> Iterator[None]:
+    def first_process_first(self) -> Iterator[None]:
         """Run the block in the first process before the others."""
         if not self.is_first:
             self.wait()

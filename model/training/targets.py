@@ -35,7 +35,7 @@ from model.motion.spaces import (
 from model.networks.config import BranchConfig
 from model.networks.trained import TrainedWeights
 from model.sampling.prior import GaussianPrior, fit_components, fit_prior
-from model.speech.features import augment_mel, in_other_throats
+from model.speech.features import augment_mel, vocal_tract_perturbation
 from model.training.config import TrainConfig
 from model.training.parallel import ShardedRandom
 
@@ -65,7 +65,7 @@ class Targets:
         if rotations and self.space != "global":
             return vectors, decode(vectors, self.space, self.skeleton, self.root)
         decoded = Decoded(
-            global_rot=rotations_of(vectors, self.space) if rotations else None,
+            R_world_joint=rotations_of(vectors, self.space) if rotations else None,
             rooted=torch.from_numpy(self.rooted[batch.frames]).unflatten(-1, (NUM_JOINTS, 3)),
             root=root_positions(vectors[..., -ROOT_DIM:], self.root),
             global_vectors=vectors if rotations else None,
@@ -120,13 +120,13 @@ def augmented_speech(
     """Return the speech features of the whole batch, augmented in training."""
     speech = batch.speech
     if network.training and config.throats:
-        speech = in_other_throats(speech, config.throats, generator)
+        speech = vocal_tract_perturbation(speech, config.throats, generator)
     if network.training and config.augment_speech:
         speech = augment_mel(speech, generator)
     return speech
 
 
-def conditions(
+def network_conditions(
     config: TrainConfig,
     network: nn.Module,
     batch: Batch,
@@ -141,23 +141,23 @@ def conditions(
         hidden: names of the inputs with dropout, drawn in this order; all others are never dropped.
     """
     everybody = torch.ones(len(batch.clips), dtype=torch.bool)
-    kept: dict[str, Tensor] = dict.fromkeys(
+    conditions: dict[str, Tensor] = dict.fromkeys(
         ("seed", "speaker", "speech"), draws.shard.of(everybody)
     )
     for name in hidden:
-        kept[name] = draws.keep(getattr(config, f"{name}_dropout"))
+        conditions[name] = draws.keep(getattr(config, f"{name}_dropout"))
     return {
         "speech": draws.shard.of(augmented_speech(config, network, batch, draws.generator)),
-        "speaker": draws.shard.of(batch.speaker) * kept["speaker"],
-        "has_seed": kept["seed"],
-        "has_speech": kept["speech"],
+        "speaker": draws.shard.of(batch.speaker) * conditions["speaker"],
+        "has_seed": conditions["seed"],
+        "has_speech": conditions["speech"],
     }
 
 
 def statistics_batch(data: PreparedData, window_frames: int) -> Batch:
     """Draw at most 400 windows, always the same."""
     rng = np.random.default_rng(0)
-    return data.window_batch(data.of_split("train"), window_frames, WINDOWS, rng)
+    return data.window_batch(data.clips_of_split("train"), window_frames, WINDOWS, rng)
 
 
 def fit_features(data: PreparedData) -> Normaliser:
@@ -168,7 +168,7 @@ def fit_features(data: PreparedData) -> Normaliser:
 
 def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:
     """Yield the windows to which a linear-Gaussian prior is fitted."""
-    clips = data.of_split("train")
+    clips = data.clips_of_split("train")
     for k in range(PRIOR_BATCHES):
         rng = np.random.default_rng([k, 17])
         yield data.window_batch(clips, window_frames, PRIOR_BATCH_SIZE, rng)
@@ -187,29 +187,29 @@ def fit_normaliser(
 
 
 def fit_motion_prior(
-    data: PreparedData, targets: Targets, shape: BranchConfig, given: TrainedWeights | None
+    data: PreparedData, targets: Targets, shape: BranchConfig, start_weights: TrainedWeights | None
 ) -> tuple[Normaliser, GaussianPrior]:
-    """Fit components of motion and their Gaussian prior, or return those of ``given`` weights."""
-    if given is not None:
-        return given.normaliser, given.prior(shape.seed_frames)
+    """Fit components of motion and their Gaussian prior, or return those of ``start_weights``."""
+    if start_weights is not None:
+        return start_weights.normaliser, start_weights.prior(shape.seed_frames)
     windows = [targets.windows(batch) for batch in prior_batches(data, shape.window_frames)]
     normaliser = fit_normaliser(data, targets, shape.window_frames)
-    return with_components(normaliser, windows, shape.seed_frames)
+    return fit_component_prior(normaliser, windows, shape.seed_frames)
 
 
 def fit_face_prior(
-    data: PreparedData, shape: BranchConfig, given: TrainedWeights | None = None
+    data: PreparedData, shape: BranchConfig, start_weights: TrainedWeights | None = None
 ) -> tuple[Normaliser, GaussianPrior]:
     """Fit components of the blendshapes and their prior, as `fit_motion_prior` does for motion."""
-    if given is not None:
-        return given.normaliser, given.prior(shape.seed_frames)
+    if start_weights is not None:
+        return start_weights.normaliser, start_weights.prior(shape.seed_frames)
     windows = [batch.expression for batch in prior_batches(data, shape.window_frames)]
     units = torch.cat([batch.flatten(0, 1) for batch in windows])
     normaliser = Normaliser(units.mean(0), units.std(0).clamp_min(STD_FLOOR))
-    return with_components(normaliser, windows, shape.seed_frames)
+    return fit_component_prior(normaliser, windows, shape.seed_frames)
 
 
-def with_components(
+def fit_component_prior(
     normaliser: Normaliser, windows: Sequence[Float[Tensor, "N T C"]], seed_frames: int
 ) -> tuple[Normaliser, GaussianPrior]:
     """Add nearly uncorrelated components to the statistics, and fit their prior."""

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
@@ -18,7 +18,7 @@ from model.data.recordings import DataError
 from model.motion.packing import Normaliser
 from model.networks.trained import TrainedWeights
 from model.storage.cards import CheckpointError
-from model.storage.checkpoint import load_into
+from model.storage.checkpoint import load_module
 from model.training import losses
 from model.training.config import TrainConfig
 from model.training.parallel import UNSHARDED, Shard, ShardedRandom, can_compile
@@ -131,7 +131,7 @@ class StepLoss:
         return {name: part.detach() for name, part in parts.items()}
 
 
-class DescentTask(ABC):
+class SingleNetworkTask(ABC):
     """Task of one network with one loss, AdamW, and a moving average of the weights.
 
     Args:
@@ -151,15 +151,15 @@ class DescentTask(ABC):
         self,
         setup: TaskSetup,
         config: TrainConfig,
-        given: TrainedWeights | None,
+        start_weights: TrainedWeights | None,
         network: nn.Module,
         normaliser: Normaliser,
         window_frames: int,
         context: int = 0,
-        statistics: Mapping[str, Tensor] = MappingProxyType({}),
+        statistics: Mapping[str, Shaped[Tensor, " ..."]] = MappingProxyType({}),
     ) -> None:
-        if given is not None:
-            load_into(network, given.tensors, "network.", given.name)
+        if start_weights is not None:
+            load_module(network, start_weights.tensors, "network.", start_weights.name)
         self.setup, self.config = setup, config
         self.window_frames, self.context = window_frames, context
         self.network = network.to(self.shard.device)
@@ -212,10 +212,10 @@ class DescentTask(ABC):
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip_norm)
         numbers = self.shard.mean(loss.parts | {"gradient_norm": norm})
         losses.finite_or_raise(numbers, number, batch.clips)
-        self.descend(number, {self.optimizer: self.config.learning_rate})
+        self.optimizer_step(number, {self.optimizer: self.config.learning_rate})
         return numbers
 
-    def descend(self, number: int, rates: Mapping[torch.optim.Optimizer, float]) -> None:
+    def optimizer_step(self, number: int, rates: Mapping[torch.optim.Optimizer, float]) -> None:
         """Update the weights by their present gradients, and then the average of the weights."""
         for optimizer, rate in rates.items():
             for group in optimizer.param_groups:

@@ -172,8 +172,8 @@ class Body(BodyArrays):
     ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
         """Return global rotations and positions of the joints, without the translation."""
         _, shaped_joints = self.shaped(motion)
-        local_rot, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
-        return skinning.global_transforms(local_rot, joints)
+        R_parent_joint, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
+        return skinning.global_transforms(R_parent_joint, joints)
 
     def shaped(
         self, motion: BodyMotion
@@ -201,10 +201,10 @@ class Body(BodyArrays):
     ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
         """Return local rotations, and rest joints with the expression of each frame."""
         turns = motion.poses[frames].astype(np.float64).reshape(-1, 3)
-        local_rot = Rotation.from_rotvec(turns).as_matrix().reshape(-1, NUM_JOINTS, 3, 3)
+        R_parent_joint = Rotation.from_rotvec(turns).as_matrix().reshape(-1, NUM_JOINTS, 3, 3)
         expressions = self.expression_weights(motion, frames)
         shift = np.tensordot(expressions, self.expression_joints, 1)
-        return local_rot, shaped_joints + shift
+        return R_parent_joint, shaped_joints + shift
 
     def _pose(
         self,
@@ -213,18 +213,20 @@ class Body(BodyArrays):
         shaped_vertices: Float32[np.ndarray, "V 3"],
         shaped_joints: Float64[np.ndarray, "J 3"],
     ) -> Float32[np.ndarray, "T V 3"]:
-        local_rot, joints = self._joints(motion, frames, shaped_joints)
-        rest_vertices = np.repeat(shaped_vertices[None], len(local_rot), axis=0)
+        R_parent_joint, joints = self._joints(motion, frames, shaped_joints)
+        rest_vertices = np.repeat(shaped_vertices[None], len(R_parent_joint), axis=0)
         expressions = self.expression_weights(motion, frames)
         if expressions.any():
             rest_vertices[:, self.expression_vertices] += np.tensordot(
                 expressions, self.expression_dirs, 1
             )
-        skinning.add_pose_correctives(rest_vertices, self.pose_vertices, self.pose_dirs, local_rot)
-        global_rot, positions = skinning.global_transforms(local_rot, joints)
-        translations = positions - (global_rot @ joints[..., None])[..., 0]
+        skinning.add_pose_correctives(
+            rest_vertices, self.pose_vertices, self.pose_dirs, R_parent_joint
+        )
+        R_world_joint, positions = skinning.global_transforms(R_parent_joint, joints)
+        translations = positions - (R_world_joint @ joints[..., None])[..., 0]
         translations += motion.trans[frames, None]
-        return skinning.skin(rest_vertices, self.weights, global_rot, translations)
+        return skinning.skin(rest_vertices, self.weights, R_world_joint, translations)
 
 
 def load_body(path: Path | None = None, look: str = BODY_LOOKS[0]) -> Body:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float32, Float64, Int32, Int64
+from jaxtyping import Float32, Float64, Int32, Int64, Shaped
 
 from conventions.joints import NUM_JOINTS, PARENTS
 from conventions.views import BUILDS
@@ -114,7 +114,7 @@ def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
         raise BodyError(f"There is no body file at {path}.")
     if not zipfile.is_zipfile(path):
         raise BodyError(
-            f"{path.name} is no body file: an SMPL-X .npz is needed "
+            f"{path.name} is not a body file: an SMPL-X .npz is needed "
             "(a .pkl body has to be downloaded again as .npz)."
         )
     with path.open("rb") as file:
@@ -134,7 +134,9 @@ def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
     return arrays
 
 
-def _open_body(file: Mapping[str, np.ndarray], name: str, sha256: str, build: str) -> BodyArrays:
+def _open_body(
+    file: Mapping[str, Shaped[np.ndarray, " ..."]], name: str, sha256: str, build: str
+) -> BodyArrays:
     """Convert the arrays of `tools.bake`, which are trusted except for their format."""
     version = int(file["open_body_format"])
     if version != OPEN_BODY_FORMAT:
@@ -198,7 +200,9 @@ def _sparse_pose_dirs(
     )
 
 
-def _licensed_body(file: Mapping[str, np.ndarray], path: Path, sha256: str) -> BodyArrays:
+def _licensed_body(
+    file: Mapping[str, Shaped[np.ndarray, " ..."]], path: Path, sha256: str
+) -> BodyArrays:
     """Convert and check the arrays of a downloaded SMPL-X file."""
 
     def numbers(key: str, *shape: int | None) -> np.ndarray:
@@ -206,7 +210,9 @@ def _licensed_body(file: Mapping[str, np.ndarray], path: Path, sha256: str) -> B
         try:
             array = file[key]
         except KeyError:
-            raise BodyError(f"{path.name} is no SMPL-X body: it has no array '{key}'.") from None
+            raise BodyError(
+                f"{path.name} is not an SMPL-X body: it has no array '{key}'."
+            ) from None
         except ValueError as error:
             if "Object arrays" not in str(error):
                 raise

@@ -222,7 +222,7 @@ class _Character:
         legs = ("hip", "knee", "ankle")
         has_legs = all(f"{side}_{part}" in self.bones for side in _SIDES for part in legs)
 
-        def length(places: dict[str, np.ndarray]) -> float:
+        def length(places: dict[str, Float64[np.ndarray, " 3"]]) -> float:
             limbs = [
                 [places[f"{side}_{part}"] for part in (legs if has_legs else _ARM)]
                 for side in _SIDES
@@ -382,7 +382,7 @@ class _Character:
         return faces
 
     def _skinning(
-        self, primitive: dict, node: int, posed: np.ndarray, count: int
+        self, primitive: dict, node: int, posed: Float64[np.ndarray, "nodes 4 4"], count: int
     ) -> tuple[sp.csr_array, np.ndarray]:
         """Return weights (V, 55), and the matrix (3, 4) of each vertex to the zero pose."""
         gltf, attributes = self._gltf, primitive["attributes"]
@@ -442,7 +442,9 @@ Turns = dict[str, Rotation]
 """World rotation of each joint."""
 
 
-def _frame(along: np.ndarray, across: np.ndarray) -> Float64[np.ndarray, "3 3"]:
+def _frame(
+    along: Float64[np.ndarray, " 3"], across: Float64[np.ndarray, " 3"]
+) -> Float64[np.ndarray, "3 3"]:
     """Return an orthonormal frame whose first column points along a vector, as columns."""
     x = along / np.linalg.norm(along)
     y = across - x * (across @ x)
@@ -450,21 +452,25 @@ def _frame(along: np.ndarray, across: np.ndarray) -> Float64[np.ndarray, "3 3"]:
     return np.stack([x, y, np.cross(x, y)], axis=1)
 
 
-def _aligned(first: np.ndarray, other: np.ndarray) -> Rotation:
+def _aligned(first: Float64[np.ndarray, " 3"], other: Float64[np.ndarray, " 3"]) -> Rotation:
     """Return the smallest rotation from one direction to another."""
     if min(np.linalg.norm(first), np.linalg.norm(other)) < 1e-6:
         return Rotation.identity()
     return Rotation.align_vectors(other, first)[0]
 
 
-def _twist(first: np.ndarray, other: np.ndarray, axis: np.ndarray) -> float:
+def _twist(
+    first: Float64[np.ndarray, " 3"],
+    other: Float64[np.ndarray, " 3"],
+    axis: Float64[np.ndarray, " 3"],
+) -> float:
     """Return the angle (rad) about an axis from one direction to another."""
     axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
     flat = first @ other - (first @ axis) * (other @ axis)
     return float(np.arctan2(np.cross(first, other) @ axis, flat))
 
 
-def _about(axis: np.ndarray, angle: float) -> Rotation:
+def _about(axis: Float64[np.ndarray, " 3"], angle: float) -> Rotation:
     return Rotation.from_rotvec(angle * axis / max(float(np.linalg.norm(axis)), 1e-12))
 
 
@@ -537,8 +543,8 @@ def _twisted(
     turns: Turns,
     theirs: Places,
     ours: Places,
-    normal: np.ndarray,
-    wanted: np.ndarray,
+    normal: Float64[np.ndarray, " 3"],
+    wanted: Float64[np.ndarray, " 3"],
     most: float,
 ) -> Turns:
     """Return rotations of a limb's two bones, twisted until a normal at its end lies as wanted.

@@ -177,7 +177,7 @@ class _Collapse:
         return True
 
     @staticmethod
-    def _normal(corners: list[np.ndarray]) -> np.ndarray:
+    def _normal(corners: list[Float[np.ndarray, " 3"]]) -> np.ndarray:
         (a, b, c), (d, e, f) = corners[1] - corners[0], corners[2] - corners[0]
         return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
 

@@ -61,10 +61,12 @@ class Gltf:
     def __init__(self, content: bytes, name: str) -> None:
         self.name = name
         if len(content) < 20 or content[:4] != b"glTF":
-            raise BodyError(f"{name} is no binary glTF; export it as .glb or .vrm.")
+            raise BodyError(f"{name} is not a binary glTF; export it as .glb or .vrm.")
         self.version, length, json_bytes = struct.unpack_from("<III", content, 4)
         if self.version != 2 or content[16:20] != b"JSON" or length > len(content):
-            raise BodyError(f"{name} is no whole glTF 2.0 file; export it again as .glb or .vrm.")
+            raise BodyError(
+                f"{name} is not a whole glTF 2.0 file; export it again as .glb or .vrm."
+            )
         if json_bytes > MAX_JSON_BYTES:
             raise BodyError(
                 f"The description in {name} has {json_bytes / 1e6:.0f} MB; "

@@ -20,7 +20,7 @@ from renderer.body.body import Body
 from renderer.body.body_file import OPEN_BODY_PATH
 from renderer.body.decimation import decimate, surface_of
 
-COARSER_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
+LOD_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
 """Path of the coarser meshes of the open body, made by `tools.bake`."""
 NUM_DRAWN = 3
 """Number of coarser meshes that are used; the others would be visible in any picture."""
@@ -34,7 +34,7 @@ _CACHE_FORMAT = 2
 @functools.cache
 def open_body_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
     """Return the faces of each coarser mesh of the open body, from fine to coarse."""
-    with np.load(COARSER_PATH, allow_pickle=False) as archive:
+    with np.load(LOD_PATH, allow_pickle=False) as archive:
         return tuple(archive[f"faces_{k}"] for k in range(len(archive.files)))
 
 

@@ -15,28 +15,28 @@ from conventions.joints import NUM_JOINTS, PARENTS
 
 
 def global_transforms(
-    local_rot: Float64[np.ndarray, "T J 3 3"], rest_joints: Float64[np.ndarray, "T J 3"]
+    R_parent_joint: Float64[np.ndarray, "T J 3 3"], rest_joints: Float64[np.ndarray, "T J 3"]
 ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
     """Compute global rotation and position of each joint; the root stays at its rest position."""
-    global_rot = np.empty_like(local_rot)
+    R_world_joint = np.empty_like(R_parent_joint)
     positions = np.empty_like(rest_joints)
-    global_rot[:, 0], positions[:, 0] = local_rot[:, 0], rest_joints[:, 0]
+    R_world_joint[:, 0], positions[:, 0] = R_parent_joint[:, 0], rest_joints[:, 0]
     for joint in range(1, NUM_JOINTS):
         parent = PARENTS[joint]
-        global_rot[:, joint] = global_rot[:, parent] @ local_rot[:, joint]
+        R_world_joint[:, joint] = R_world_joint[:, parent] @ R_parent_joint[:, joint]
         bone = (rest_joints[:, joint] - rest_joints[:, parent])[:, :, None]
-        positions[:, joint] = positions[:, parent] + (global_rot[:, parent] @ bone)[:, :, 0]
-    return global_rot, positions
+        positions[:, joint] = positions[:, parent] + (R_world_joint[:, parent] @ bone)[:, :, 0]
+    return R_world_joint, positions
 
 
 def skin(
     rest_vertices: Float32[np.ndarray, "T V 3"],
     weights: sparse.csr_array,
-    global_rot: Float[np.ndarray, "T J 3 3"],
+    R_world_joint: Float[np.ndarray, "T J 3 3"],
     translations: Float[np.ndarray, "T J 3"],
 ) -> Float32[np.ndarray, "T V 3"]:
-    """Compute ``sum_j weight[v, j] (global_rot[j] rest[v] + translations[j])`` per vertex."""
-    transforms = np.concatenate([global_rot, translations[..., None]], -1).astype(np.float32)
+    """Compute ``sum_j weight[v, j] (R_world_joint[j] rest[v] + translations[j])`` per vertex."""
+    transforms = np.concatenate([R_world_joint, translations[..., None]], -1).astype(np.float32)
     posed = np.empty_like(rest_vertices)
     # One frame at a time: its blended matrices stay in the cache, which is six times as fast as
     # blending a block of frames at once.
@@ -51,11 +51,11 @@ def add_pose_correctives(
     rest_vertices: Float32[np.ndarray, "T V 3"],
     pose_vertices: Int32[np.ndarray, " P"],
     pose_dirs: sparse.csr_array | Float32[np.ndarray, "P3 N"],
-    local_rot: Float64[np.ndarray, "T J 3 3"],
+    R_parent_joint: Float64[np.ndarray, "T J 3 3"],
 ) -> None:
     """Add the correctives of the pose to ``rest_vertices``, in place."""
-    num_frames = len(local_rot)
-    features = (local_rot[:, 1:] - np.eye(3)).reshape(num_frames, -1).astype(np.float32)
+    num_frames = len(R_parent_joint)
+    features = (R_parent_joint[:, 1:] - np.eye(3)).reshape(num_frames, -1).astype(np.float32)
     offsets = (pose_dirs @ features.T).T  # (T, 3 P)
     rest_vertices[:, pose_vertices] += offsets.reshape(num_frames, -1, 3)
 

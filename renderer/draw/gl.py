@@ -390,13 +390,14 @@ def _in_order(
     return used[order], faces[np.argsort(faces.min(axis=1), kind="stable")]
 
 
-def near_openings(
+def faces_near_openings(
     faces: Int[np.ndarray, "F 3"], vertices: Float[np.ndarray, "V 3"]
 ) -> Bool[np.ndarray, " F"]:
     """Return a mask of faces that may be visible from inside, being near to where a mesh ends.
 
     Such ends are sleeves and collars. Farther in, back faces are hidden by front faces and need not
-    be drawn. Vertices at the same position are merged: seams of colours or normals are no openings.
+    be drawn. Vertices at the same position are merged: seams of colours or normals are not
+    openings.
     """
     joined = trimesh.Trimesh(vertices, faces, process=False)
     joined.merge_vertices()
@@ -467,7 +468,7 @@ class BodyScene:
         colors = subject.colors if first.colors is None else first.colors
         texture = subject.texture
         if texture is None:
-            is_open = near_openings(subject.faces, first.vertices)
+            is_open = faces_near_openings(subject.faces, first.vertices)
         else:
             is_open = texture.is_double_sided[subject.faces[:, 0]]
         if texture is not None and first.colors is not None:

@@ -169,12 +169,13 @@ def draw_error_growth(spreads: "DataFrame") -> "Figure":
     return figure
 
 
-SHOWN_S = 20.0
+PLOTTED_S = 20.0
 SPEECH_COLORS = ("#0072b2", "#d55e00")
 NOISE_LINES = ("-", (0, (3, 1.5)))
 BY_SPEECH, BY_NOISE = "#333333", "#b0b0b0"
 SPEECH_EFFECT_CAPTION = (
-    f"Arm speed: angular speeds of both shoulders and elbows, summed, over {SHOWN_S:.0f} s. Lines "
+    f"Arm speed: angular speeds of both shoulders and elbows, summed, over {PLOTTED_S:.0f} s. "
+    "Lines "
     "of one colour share the speech, lines of one kind (solid, dashed) the noise seed. If the "
     "motion follows the speech, lines of one colour rise and fall together; if it follows the "
     "noise, lines of one style do. Shares: correlation of two motions with the same speech (or "
@@ -209,14 +210,14 @@ def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
     part of the body.
     """
     figure = style.new_figure(style.PAGE_MM, min(10.0 + 38.0 * len(rows), style.MAX_HEIGHT_MM))
-    cut = round(SHOWN_S * FPS)
+    cut = round(PLOTTED_S * FPS)
     longest = max(len(speed) for row in rows for speed in row.arm_speed.values())
     highest = max(speed[:cut].max() for row in rows for speed in row.arm_speed.values())
     pairs = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(2.0, 1.0))
     for number, (row, (speeds, shares)) in enumerate(zip(rows, pairs, strict=True)):
         speeds.set_label(f"speed {number}")
         shares.set_label(f"shares {number}")
-        title = style.cut_text(row.name, style.TITLE_PT, 75.0)
+        title = style.truncate_text(row.name, style.TITLE_PT, 75.0)
         speeds.set_title(title, size=style.TITLE_PT, weight="bold")
         speeches, seeds = row.compared
         for (speech, seed), speed in row.arm_speed.items():
@@ -257,7 +258,7 @@ def _write_keys(figure: "Figure", row: SpeechEffectRow) -> None:
 
     speeches, seeds = row.compared
     handles: list[Any] = [
-        Line2D([], [], color=color, label=style.cut_text(name, style.LABEL_PT, 30.0))
+        Line2D([], [], color=color, label=style.truncate_text(name, style.LABEL_PT, 30.0))
         for color, name in zip(SPEECH_COLORS, speeches, strict=False)
     ]
     handles += [

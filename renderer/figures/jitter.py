@@ -126,14 +126,14 @@ JOINT_ORDER = tuple(sorted(range(len(JOINT_NAMES)), key=lambda j: _limb(JOINT_NA
 
 ROWS = {"depth": 40.0, "joints": 50.0, "spectrum": 40.0, "attribution": 50.0, "seams": 42.0}
 """Height of each row (mm)."""
-HEADS: dict[FilterVersion, str] = {
+COLUMN_TITLES: dict[FilterVersion, str] = {
     "raw": "As generated",
     "savgol": "Savitzky-Golay filter, 7 frames",
 }
 LIMIT_HZ = 5.0
 NO_DATA = "Not measured: too short, or no movement."
 NO_PERIOD = "No known windows, and no period between 2 and 240 frames in the jerk."
-LOG_FROM = 12.0
+LOG_SCALE_RATIO = 12.0
 """Ratio between systems from which an axis is logarithmic; a factor of 1.4, which matters most, is
 visible on a linear one."""
 _JERK = "jerk (m/s³)"
@@ -160,7 +160,7 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
             rows[row][0].set_ylabel(y_label)
             _scale(rows[row][0], row, curves)
     for kind, axes in zip(VERSIONS, rows["depth"], strict=True):
-        axes.set_title(HEADS[kind])
+        axes.set_title(COLUMN_TITLES[kind])
         axes.set_xlabel("depth (joints from the pelvis)")
         axes.xaxis.get_major_locator().set_params(integer=True)
     style.set_x_names(
@@ -230,7 +230,7 @@ def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
     if row == "attribution":
         room = 0.08 * float(np.ptp([*values, 0.0])) or 1.0
         axes.set_ylim(values.min(initial=0.0) - room, values.max(initial=0.0) + room)
-    elif row == "spectrum" or max(highest) > LOG_FROM * max(min(highest), 1e-9):
+    elif row == "spectrum" or max(highest) > LOG_SCALE_RATIO * max(min(highest), 1e-9):
         positive = values[values > 0.0]
         if positive.size:
             top = float(positive.max())

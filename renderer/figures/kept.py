@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Shaped
 
 from renderer.figures.curves import (
     SpeechEffectRow,
@@ -84,7 +85,7 @@ def draw_saved(path: Path, out: Path) -> None:
     save_figure(lambda: draw(contents), out.with_suffix(""), caption, (form,), places)
 
 
-def _as_json(value: Any, arrays: list[np.ndarray]) -> Any:
+def _as_json(value: Any, arrays: list[Shaped[np.ndarray, " ..."]]) -> Any:
     """Convert contents to JSON with the kind of each object; arrays are appended to ``arrays``."""
     if is_dataclass(value):
         of = {field.name: getattr(value, field.name) for field in fields(value)}
@@ -103,12 +104,12 @@ def _as_json(value: Any, arrays: list[np.ndarray]) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _from_json(told: Any, arrays: Mapping[str, np.ndarray]) -> Any:
-    if isinstance(told, Sequence) and not isinstance(told, str):
-        return tuple(_from_json(each, arrays) for each in told)
-    if not isinstance(told, Mapping):
-        return told
-    kind, of = told["kind"], told["of"]
+def _from_json(content: Any, arrays: Mapping[str, Shaped[np.ndarray, " ..."]]) -> Any:
+    if isinstance(content, Sequence) and not isinstance(content, str):
+        return tuple(_from_json(each, arrays) for each in content)
+    if not isinstance(content, Mapping):
+        return content
+    kind, of = content["kind"], content["of"]
     match kind:
         case "array":
             return arrays[str(of)]

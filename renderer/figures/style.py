@@ -221,7 +221,7 @@ def round_below(value: float) -> float:
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value)
 
 
-def cut_text(text: str, size_pt: float, width_mm: float) -> str:
+def truncate_text(text: str, size_pt: float, width_mm: float) -> str:
     """Return as much of a name as fits in one line, with an ellipsis; the legend has it whole."""
     first, *rest = wrap_text(text, size_pt, width_mm)
     return f"{first}\N{HORIZONTAL ELLIPSIS}" if rest else first
@@ -294,7 +294,7 @@ def save_figure(
     """
     caption, out_stem = printable(caption), Path(out_stem)
     out_stem.parent.mkdir(parents=True, exist_ok=True)
-    told: dict[str, dict[str, Any]] = {
+    metadata: dict[str, dict[str, Any]] = {
         "png": {"Description": caption},
         "svg": {"Date": None, "Description": caption},
         "pdf": {"CreationDate": None, "Subject": caption},
@@ -312,7 +312,7 @@ def save_figure(
         for form in forms:
             how: Any = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if form == "png" else {}
             path = Path(folder, f"figure.{form}")
-            figure.savefig(path, format=form, dpi=DPI, metadata=told[form], **how)
+            figure.savefig(path, format=form, dpi=DPI, metadata=metadata[form], **how)
         Path(folder, "figure.txt").write_text(f"{caption}\n", "utf-8")
         for path in files:
             os.replace(Path(folder, f"figure{path.suffix}"), path)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from renderer.body.body import Body, BodyMotion
@@ -82,14 +83,14 @@ def _local_transforms(
     return result
 
 
-def _rotations(matrices: np.ndarray) -> np.ndarray:
+def _rotations(matrices: Float[np.ndarray, "N 4 4"]) -> np.ndarray:
     """Return the nearest rotation of each matrix (N, 4, 4), as (N, 3, 3)."""
     left, _, right = np.linalg.svd(matrices[:, :3, :3])
     left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
     return left @ right
 
 
-def _split_matrix(described: dict, matrix: np.ndarray) -> None:
+def _split_matrix(described: dict, matrix: Float[np.ndarray, "4 4"]) -> None:
     """Write a node's matrix as translation, rotation and scale, which alone can be animated."""
     del described["matrix"]
     turn = _rotations(matrix[None])[0]

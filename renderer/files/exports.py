@@ -78,7 +78,7 @@ def _hierarchy(
     joint: int,
     depth: int,
     joints: Float[np.ndarray, "J 3"],
-    ends: dict[str, np.ndarray],
+    ends: dict[str, Float[np.ndarray, " 3"]],
 ) -> list[str]:
     indent = "  " * depth
     name = JOINT_NAMES[joint]
@@ -107,7 +107,7 @@ def _hierarchy(
     return [*lines, f"{indent}}}"]
 
 
-def _numbers(vector: np.ndarray) -> str:
+def _numbers(vector: Float[np.ndarray, " N"]) -> str:
     return " ".join(f"{value:.6f}" for value in vector)
 
 

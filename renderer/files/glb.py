@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Float32, UInt
+from jaxtyping import Float, Float32, Integer, Shaped, UInt
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -145,7 +145,7 @@ class Buffer:
 
     def accessor(
         self,
-        array: np.ndarray,
+        array: Shaped[np.ndarray, " N *C"],
         *,
         target: int | None = None,
         normalized: bool = False,
@@ -162,7 +162,7 @@ class Buffer:
         return len(self.accessors) - 1
 
     def sparse_accessor(
-        self, indices: np.ndarray, values: Float32[np.ndarray, "M 3"], count: int
+        self, indices: Integer[np.ndarray, " M"], values: Float32[np.ndarray, "M 3"], count: int
     ) -> int:
         """Add ``count`` vectors, zero except ``values`` at ``indices``; return its index."""
         bounds = np.concatenate([values, np.zeros((1, 3), np.float32)])
@@ -197,7 +197,7 @@ class Buffer:
         buffers = [{"byteLength": len(self.content)}, *self._document.get("buffers", ())[1:]]
         return joined(self._document | parts | {"buffers": buffers}, bytes(self.content))
 
-    def view(self, array: np.ndarray, target: int | None = None) -> int:
+    def view(self, array: Shaped[np.ndarray, " ..."], target: int | None = None) -> int:
         """Add the bytes of an array; return the index of their buffer view."""
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
         if target is not None:
@@ -208,7 +208,7 @@ class Buffer:
         return len(self.views) - 1
 
 
-def _description(array: np.ndarray) -> dict:
+def _description(array: Shaped[np.ndarray, " N *C"]) -> dict:
     width = array.shape[1] if array.ndim == 2 else 1
     return {
         "componentType": _COMPONENTS[array.dtype.name],

@@ -100,8 +100,8 @@ def fit_camera(
     radius = np.broadcast_to(radius_m, len(points))
     tan_y = (1.0 - MARGIN) * np.tan(0.5 * YFOV_RAD)
     tan_x = tan_y * aspect
-    x, z_for_x = _apex(right, backward, tan_x, radius)
-    y, z_for_y = _apex(up, backward, tan_y, radius)
+    x, z_for_x = _plane_intersection(right, backward, tan_x, radius)
+    y, z_for_y = _plane_intersection(up, backward, tan_y, radius)
     # Nothing may come nearer than the near plane, however small it is.
     z = max(z_for_x, z_for_y, float((backward + radius).max()) + 2.0 * Z_NEAR_M)
     eye = np.array([x, y, z]) @ axes
@@ -121,7 +121,7 @@ def extreme_points(
     return np.take_along_axis(points, farthest[..., None], axis=0)
 
 
-def _apex(
+def _plane_intersection(
     across: Float[np.ndarray, " N"],
     backward: Float[np.ndarray, " N"],
     tangent: float,
@@ -141,7 +141,7 @@ def _triple(vector: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
 
 MAX_PITCH_RAD = 1.48
 """Largest pitch from level, up or down (rad)."""
-ZOOMS = (0.4, 10.0)
+ZOOM_RANGE = (0.4, 10.0)
 MAX_PAN_M = 1.5
 """Largest offset to the side, and up or down (m)."""
 
@@ -172,7 +172,7 @@ class Orbit:
         for what, value, least, most in (
             ("yaw", self.yaw_rad, -1e6, 1e6),
             ("pitch", self.pitch_rad, -MAX_PITCH_RAD, MAX_PITCH_RAD),
-            ("zoom", self.zoom, *ZOOMS),
+            ("zoom", self.zoom, *ZOOM_RANGE),
             ("way to the right", self.right_m, -MAX_PAN_M, MAX_PAN_M),
             ("way up", self.up_m, -MAX_PAN_M, MAX_PAN_M),
         ):

@@ -18,7 +18,7 @@ CLOSE_UP_VIEWS: dict[str, tuple[str, ...]] = {
 }
 """Views of each close-up from left to right: from the front, the right hand is on the left."""
 
-_DRAWN = {
+_CLOSE_UP_FLESH = {
     "face": ("head", "jaw", "eye", "neck", "spine3", "collar", "shoulder"),
     **{
         f"{side}_hand": tuple(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", *FINGERS))
@@ -123,7 +123,7 @@ class SubMesh:
 
 def close_up_joints(view: str) -> list[int]:
     """Return the joints of the vertices that a close-up shows."""
-    parts = _DRAWN[view]
+    parts = _CLOSE_UP_FLESH[view]
     return [j for j, name in enumerate(JOINT_NAMES) if any(part in name for part in parts)]
 
 
@@ -140,16 +140,18 @@ def close_up_mesh(body: Body, view: str) -> SubMesh:
     is_whole = is_kept[body.faces].all(axis=1)
     faces = body.faces[is_whole]
     if is_arm:
-        faces = np.concatenate([faces, _lid(faces, body.faces[~is_whole])])
+        faces = np.concatenate([faces, _cap_hole(faces, body.faces[~is_whole])])
     vertices = np.unique(faces)
     place = np.zeros(body.num_vertices, np.int32)
     place[vertices] = np.arange(len(vertices), dtype=np.int32)
     return SubMesh(vertices, place[faces])
 
 
-def _lid(kept: Int[np.ndarray, "F 3"], others: Int[np.ndarray, "G 3"]) -> Int[np.ndarray, "N 3"]:
+def _cap_hole(
+    remaining: Int[np.ndarray, "F 3"], others: Int[np.ndarray, "G 3"]
+) -> Int[np.ndarray, "N 3"]:
     """Return faces that close the one end where faces were cut off: a fan from one corner."""
-    edges, theirs = (faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2) for faces in (kept, others))
+    edges, theirs = (faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2) for faces in (remaining, others))
     count = 1 + max(edges.max(), theirs.max())
     cut = edges[np.isin(edges @ (count, 1), theirs @ (1, count))]
     return np.column_stack([np.broadcast_to(cut[0, 0], len(cut)), cut[:, ::-1]])
@@ -245,9 +247,9 @@ def make_camera_setup(
         view: one of ``conventions.views.VIEWS``.
         aspect: width of the picture by its height.
         close_ups: panels that show parts of the body next to the picture.
-        framing: framing of a view that is no close-up.
+        framing: framing of a view that is not a close-up.
     """
-    reach = _reach(body)
+    reach = _flesh_radius(body)
     if framing == "knees":
         knees = [JOINT_INDEX[f"{side}_knee"] for side in ("left", "right")]
         reach[knees] = np.minimum(reach[knees], KNEE_FLESH_M)
@@ -336,7 +338,7 @@ def _track(
     return middle + (smooth - middle) * np.minimum(1.0, lead_m / np.maximum(away_m, 1e-9))
 
 
-def _reach(body: Body) -> Float[np.ndarray, " J"]:
+def _flesh_radius(body: Body) -> Float[np.ndarray, " J"]:
     """Return the distance from each joint to the farthest vertex that mainly follows it."""
     owner = body.main_joints
     distance = np.linalg.norm(body.template - body.rest_joints[owner], axis=1)

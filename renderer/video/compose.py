@@ -22,7 +22,7 @@ MAX_WIDTH_PX, MAX_HEIGHT_PX = 1920, 1080
 _SMALLEST_LABEL = 0.35
 """Smallest readable height of letters, as a share of the band; longer labels are cut."""
 _INK, _PAPER = (38, 42, 50), (255, 255, 255)
-_TO_VIDEO = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
+_YUV_FILTER = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
 
 
 Overlay = Literal["ghost", "wipe", "flicker"]
@@ -91,14 +91,16 @@ def compose_videos(
             label_band([labels[i] for i in row], grid.picture_width, shorter, grid.width)
             for row in grid.rows
         ]
-        graph = _beside(_held(lengths), grid, is_smaller=grid.picture_width != first.width)
+        graph = _side_by_side_filter(
+            _hold_last_frame(lengths), grid, is_smaller=grid.picture_width != first.width
+        )
     else:
         for video, each in zip(videos, facts, strict=True):
             if each.width > pair.width or each.height > pair.height:
                 raise VideoError(f"{video.name} is larger than the picture that it is to lie in.")
         inks = pair.inks if pair.overlay == "ghost" else None
         bands = [label_band(labels, pair.width // 2, pair.shorter, pair.width, inks)]
-        graph = _over(_held(lengths), pair)
+        graph = _overlay_filter(_hold_last_frame(lengths), pair)
     with tempfile.TemporaryDirectory() as folder:
         pictures = [Path(folder, f"labels{number}.png") for number in range(len(bands))]
         for band, path in zip(bands, pictures, strict=True):
@@ -119,7 +121,7 @@ def _check_alike(videos: Sequence[Path], facts: Sequence[VideoInfo]) -> None:
             )
 
 
-def _held(lengths: Sequence[int]) -> list[str]:
+def _hold_last_frame(lengths: Sequence[int]) -> list[str]:
     """Return a filter for each input video that holds its last frame until the longest ends."""
     return [
         f"[{i}:v]setpts=PTS-STARTPTS,tpad=stop={max(lengths) - length}:stop_mode=clone"
@@ -127,11 +129,13 @@ def _held(lengths: Sequence[int]) -> list[str]:
     ]
 
 
-def _named(picture: str, band_input: int, out: str, width: int, band: int, left: int = 0) -> str:
+def _with_label_band(
+    picture: str, band_input: int, out: str, width: int, band: int, left: int = 0
+) -> str:
     """Return a filter that puts a picture on white below its band of labels."""
     return (
         f"{picture}pad={width}:ih+{band}:{left}:{band}:white[under{band_input}];"
-        f"[{band_input}:v]format=rgb24,{_TO_VIDEO}[band{band_input}];"
+        f"[{band_input}:v]format=rgb24,{_YUV_FILTER}[band{band_input}];"
         f"[under{band_input}][band{band_input}]overlay=0:0:eof_action=repeat{out}"
     )
 
@@ -190,7 +194,7 @@ def _rows(count: int, num_columns: int) -> tuple[range, ...]:
     return tuple(range(i, min(i + num_columns, count)) for i in range(0, count, num_columns))
 
 
-def _beside(held: Sequence[str], grid: Grid, *, is_smaller: bool) -> list[str]:
+def _side_by_side_filter(held: Sequence[str], grid: Grid, *, is_smaller: bool) -> list[str]:
     """Return ffmpeg's filter graph of stacked rows, each below its band."""
     fitted = f",scale={grid.picture_width}:{grid.picture_height}:flags=bicubic" * is_smaller
     parts = [f"{each}{fitted}[v{i}]" for i, each in enumerate(held)]
@@ -199,7 +203,9 @@ def _beside(held: Sequence[str], grid: Grid, *, is_smaller: bool) -> list[str]:
         joined += f"hstack=inputs={len(row)}," if len(row) > 1 else ""
         left = _left_edge(len(row), grid.picture_width, grid.width)
         parts.append(
-            _named(joined, len(held) + number, f"[row{number}]", grid.width, grid.band, left)
+            _with_label_band(
+                joined, len(held) + number, f"[row{number}]", grid.width, grid.band, left
+            )
         )
     stack = "".join(f"[row{number}]" for number in range(len(grid.rows)))
     how = f"vstack=inputs={len(grid.rows)}" if len(grid.rows) > 1 else "null"
@@ -211,7 +217,7 @@ def _left_edge(count: int, picture_width: int, width: int) -> int:
     return 2 * ((width - count * picture_width) // 4)
 
 
-def _over(held: Sequence[str], pair: Pair) -> list[str]:
+def _overlay_filter(held: Sequence[str], pair: Pair) -> list[str]:
     """Return ffmpeg's filter graph of an overlay: both padded to the result, the second on top."""
     whole = [f"{each},pad={pair.width}:{pair.height}:0:0:white" for each in held]
     body = pair.body
@@ -225,9 +231,9 @@ def _over(held: Sequence[str], pair: Pair) -> list[str]:
         case "ghost":
             grey = f"{_crop(body)},scale=in_color_matrix=bt709:in_range=tv,format=gbrp,{_GREY}"
             parts += [
-                f"[first]{grey},{_printed(pair.inks[0])}[under]",
-                f"[second]{grey},{_printed(pair.inks[1])}[upper]",
-                f"[under][upper]blend=all_mode=darken,{_TO_VIDEO}[over]",
+                f"[first]{grey},{_tint(pair.inks[0])}[under]",
+                f"[second]{grey},{_tint(pair.inks[1])}[upper]",
+                f"[under][upper]blend=all_mode=darken,{_YUV_FILTER}[over]",
             ]
         case "wipe":
             edge = max(0, min(pair.edge, body.width - 2)) // 2 * 2
@@ -244,7 +250,7 @@ def _over(held: Sequence[str], pair: Pair) -> list[str]:
         parts += [f"{laid}{side[:-1]}under]", f"{side}{_crop(panel)}{side[:-1]}over]"]
         laid = f"{side[:-1]}under]{side[:-1]}over]overlay={panel.left}:{panel.top}"
     band = band_height(pair.shorter)
-    return [*parts, _named(f"{laid},", len(held), "[out]", pair.width, band)]
+    return [*parts, _with_label_band(f"{laid},", len(held), "[out]", pair.width, band)]
 
 
 _GREY = "colorchannelmixer=" + ":".join(
@@ -254,7 +260,7 @@ _GREY = "colorchannelmixer=" + ":".join(
 )
 
 
-def _printed(ink: str) -> str:
+def _tint(ink: str) -> str:
     """Return a filter that prints a grey picture in an ink on white."""
     shares = [int(ink[at : at + 2], 16) for at in (1, 3, 5)]
     return "lutrgb=" + ":".join(

@@ -63,7 +63,9 @@ def ffmpeg_path() -> str:
             error
         )
     if shutil.which(path) is None:  # from IMAGEIO_FFMPEG_EXE, which is not checked
-        raise VideoError(f"{path} is no ffmpeg that can be run; unset IMAGEIO_FFMPEG_EXE.")
+        raise VideoError(
+            f"{path} is not an ffmpeg program that can be run; unset IMAGEIO_FFMPEG_EXE."
+        )
     return path
 
 

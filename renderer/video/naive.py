@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from renderer.body.body import Body
 from renderer.draw.offscreen import load_opengl
@@ -13,7 +14,7 @@ from renderer.scene.studio import STUDIO
 
 
 def draw_baseline(
-    frames: Sequence[np.ndarray], body: Body, stage: CameraSetup, size_px: int
+    frames: Sequence[Float[np.ndarray, "V 3"]], body: Body, stage: CameraSetup, size_px: int
 ) -> list[np.ndarray]:
     """Draw precomputed vertices as in pyrender's examples.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8
+from jaxtyping import Bool, Float, Float32, Num, UInt8
 from PIL import Image, ImageDraw, ImageFont
 
 from renderer.body.body import Body
@@ -17,8 +17,8 @@ TRAIL_FRAMES = 30
 """Default length of a trail: the last second."""
 _SMOOTH = 3
 """Samples along each side of a pixel of a trail."""
-_INK, _PLATE = (28, 32, 40), (255, 255, 255, 216)
-_LOUD, _ON_LOUD = (196, 52, 0), (255, 255, 255)
+_INK, _LABEL_BACKGROUND = (28, 32, 40), (255, 255, 255, 216)
+_WARNING_COLOR, _ON_LOUD = (196, 52, 0), (255, 255, 255)
 
 # Grey stands still; then lighter to darker, so that neither colour-blindness nor a grey print hides
 # which is more (plasma of matplotlib, from its light end).
@@ -87,7 +87,7 @@ def heat_colors(
         yield (_along(HEAT_COLORS, body.weights @ of_joint) ** 2).astype(np.float32)
 
 
-def _along(colors: np.ndarray, shares: np.ndarray) -> np.ndarray:
+def _along(colors: Num[np.ndarray, "N C"], shares: Float[np.ndarray, "*S"]) -> np.ndarray:
     """Interpolate colours at shares of a scale."""
     stops = np.linspace(0.0, 1.0, len(colors))
     return np.stack([np.interp(shares, stops, channel) for channel in colors.T], axis=-1)
@@ -103,7 +103,7 @@ class OverlayPainter:
         if marks.trail is not None:
             shown = {marks.trail.close_up} | ({panels[0].view} if marks.trail.is_on_body else set())
             self._with_trail = [i for i, panel in enumerate(panels) if panel.view in shown]
-        self._plates = _plates(marks, panels)
+        self._plates = _static_images(marks, panels)
 
     def paint(
         self, picture: UInt8[np.ndarray, "H W C"], frame: int, cameras: Sequence[Camera]
@@ -124,11 +124,11 @@ class OverlayPainter:
         return np.asarray(painted)
 
 
-Plate = tuple[tuple[int, int], Image.Image]
+PlacedImage = tuple[tuple[int, int], Image.Image]
 """Image to paste on a picture, with the position of its upper left corner."""
 
 
-def _drawn_trail(panel: Panel, trail: Trail, frame: int, camera: Camera) -> Plate | None:
+def _drawn_trail(panel: Panel, trail: Trail, frame: int, camera: Camera) -> PlacedImage | None:
     """Draw the trail up to a frame within a panel; parts outside are cut off."""
     frames = np.arange(max(0, frame - trail.num_frames), frame + 1)
     way = camera.project(trail.points[frames], panel.width, panel.height)
@@ -162,11 +162,11 @@ def _dot(draw: ImageDraw.ImageDraw, place, radius: float, color) -> None:
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=color)
 
 
-def _plates(marks: Overlays, panels: Sequence[Panel]) -> list[Plate]:
+def _static_images(marks: Overlays, panels: Sequence[Panel]) -> list[PlacedImage]:
     """Return the overlays that are the same in all pictures."""
     body = panels[0]
     size = max(11.0, 0.036 * body.width)
-    plates: list[Plate] = []
+    plates: list[PlacedImage] = []
     bottom = body.top + body.height
     if marks.notice:
         band = _band(marks.notice, body.width, 1.5 * size)
@@ -190,18 +190,18 @@ def _band(words: str, width: int | None, size: float) -> Image.Image:
     """Draw a band with large letters, as wide as its text if ``width`` is None."""
     font = _fitting(words, size, width)
     box = (width or int(font.getlength(words) + size), int(1.5 * size))
-    band = Image.new("RGBA", box, (*_LOUD, 255))
+    band = Image.new("RGBA", box, (*_WARNING_COLOR, 255))
     middle = (box[0] / 2, box[1] / 2)
     ImageDraw.Draw(band).text(middle, words, fill=(*_ON_LOUD, 255), font=font, anchor="mm")
     return band
 
 
-def _legend(colors: np.ndarray, words: str, size: float, width: int) -> Image.Image:
+def _legend(colors: Num[np.ndarray, "N C"], words: str, size: float, width: int) -> Image.Image:
     """Draw a colour scale and its meaning on a plate."""
     bar, high = int(3.2 * size), int(0.6 * size)
     font = _fitting(words, size, int(width - bar - 2 * size))
     box = (int(bar + font.getlength(words) + 1.5 * size), int(1.5 * size))
-    plate = Image.new("RGBA", box, _PLATE)
+    plate = Image.new("RGBA", box, _LABEL_BACKGROUND)
     ramp = _along(colors, np.linspace(0.0, 1.0, bar)).astype(np.uint8)
     strip = Image.fromarray(np.tile(ramp[None], (high, 1, 1)))
     plate.paste(strip, (int(0.4 * size), (box[1] - high) // 2))

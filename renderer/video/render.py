@@ -39,7 +39,7 @@ class RenderSettings:
     view: str = "front"
     """View, one of ``conventions.views.VIEWS``."""
     framing: Framing = "whole"
-    """Framing of a view that is no close-up."""
+    """Framing of a view that is not a close-up."""
     crf: int = DEFAULT_CRF
     """x264's constant quality, 0 to 51; lower is better and larger."""
     backend: Backend | None = None
@@ -125,7 +125,9 @@ def draw_frames(
     stage, panels = stage or camera_setup_for(body, [motion], settings), settings.panels
     if [shot.view for shot in stage.shots[1:]] != [panel.view for panel in panels[1:]]:
         raise ValueError("The stage was set for other close-ups than these pictures have.")
-    meshes = [mesh_of(body, stage, *each) for each in zip(stage.shots, panels, strict=True)]
+    meshes = [
+        select_panel_mesh(body, stage, *each) for each in zip(stage.shots, panels, strict=True)
+    ]
     ways = [track[frames] for track in stage.tracks(body, motion)]
     heat, painter = marks and marks.heat, OverlayPainter(marks, panels) if marks else None
     chosen = select_frames(motion, frames)
@@ -149,7 +151,7 @@ def draw_frames(
         def fetch() -> None:
             for panel, canvas in zip(panels, canvases, strict=True):
                 whole[panel.box] = canvas.read_pixels()
-            _rule_off(whole, panels)
+            _draw_panel_borders(whole, panels)
 
         def cameras(index: int) -> list[Camera]:
             each = zip(stage.shots, ways, strict=True)
@@ -175,7 +177,7 @@ def draw_frames(
         yield painted(len(numbers) - 1)
 
 
-def mesh_of(body: Body, stage: CameraSetup, shot: PanelCamera, panel: Panel) -> Body:
+def select_panel_mesh(body: Body, stage: CameraSetup, shot: PanelCamera, panel: Panel) -> Body:
     """Return the part of a body that a panel shows, with a level of detail for its pixels."""
     pixel_m = stage.pixel_m(shot, panel.height)
     mesh = body_at(body, body.height_m / pixel_m) if pixel_m > 0.0 else body
@@ -185,7 +187,7 @@ def mesh_of(body: Body, stage: CameraSetup, shot: PanelCamera, panel: Panel) -> 
     return mesh.part(part.vertices, part.faces)
 
 
-def _rule_off(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> None:
+def _draw_panel_borders(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> None:
     """Draw a white line above and left of every panel that has a neighbour there."""
     for panel in panels:
         rows, columns = panel.box
@@ -206,7 +208,9 @@ def check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
             raise ValueError(f"Frame {frame} was asked for; the motion has {motion.num_frames}.")
 
 
-def stack_pictures(pictures: Iterable[np.ndarray], settings: RenderSettings) -> np.ndarray:
+def stack_pictures(
+    pictures: Iterable[UInt8[np.ndarray, "H W C"]], settings: RenderSettings
+) -> np.ndarray:
     """Stack pictures to one array, also without any."""
     return np.reshape(list(pictures), (-1, *settings.picture_shape)).astype(np.uint8, copy=False)
 

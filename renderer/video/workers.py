@@ -99,7 +99,7 @@ def draw_jobs(
                 worker = next((each for each in idle if each.is_alive()), None) or _Worker()
                 idle = [each for each in idle if each is not worker]
                 busy[waiting[0]] = worker
-                worker.begin(_decided(jobs[waiting.pop(0)]))
+                worker.begin(_resolved_job(jobs[waiting.pop(0)]))
             for name, worker in [*busy.items()]:
                 shares[name] = worker.progress()
                 if worker.stills is not None:
@@ -115,7 +115,7 @@ def draw_jobs(
     return done
 
 
-def _decided(job: RenderJob) -> RenderJob:
+def _resolved_job(job: RenderJob) -> RenderJob:
     """Return the job with a backend and absolute paths, for a process in another folder."""
     # Chosen here, where the result is cached: each new process would have to probe the drivers.
     backend = job.settings.backend or choose_backend()
@@ -163,7 +163,7 @@ class _Worker:
                     case _:
                         raise value
         except ChildExited as error:
-            raise failure(self._child.exit_report()) from error
+            raise worker_failure(self._child.exit_report()) from error
         return self._share
 
     def close(self) -> None:
@@ -173,7 +173,7 @@ class _Worker:
             partial_path(self._out, self._child.pid).unlink(missing_ok=True)
 
 
-def failure(ended: ExitReport) -> RuntimeError:
+def worker_failure(ended: ExitReport) -> RuntimeError:
     """Return the error for a drawing process that died: a driver's crash, or a bug."""
     told = ended.user_message(
         "The rendering process",

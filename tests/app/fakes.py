@@ -41,7 +41,13 @@ from model.speech.audio import load_speech
 from model.speech.transcript import Transcript, Word
 from tests.app.measured import diagnostics_of, measured
 
-ASSUMED = {"what": "up", "value": "z", "why": "so (--up)", "sure": "likely", "others": ["y"]}
+ASSUMED = {
+    "kind": "up",
+    "value": "z",
+    "reason": "so (--up)",
+    "confidence": "likely",
+    "alternatives": ["y"],
+}
 CATALOGUE = Catalogue(
     systems=("globaldiff/local", "globaldiff/global"),
     speakers=("wayne", "scott"),

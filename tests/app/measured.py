@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from model.diagnostics import OWN_WINDOWS, Diagnostics, RawAndFiltered, diagnose
-from model.metrics.results import Measures
+from model.diagnostics import GLOBALDIFF_WINDOWS, Diagnostics, RawAndFiltered, diagnose
+from model.metrics.results import MotionMetrics
 from model.motion.kinematics import open_body_skeleton
 from tests.helpers import smooth_motion_example
 
@@ -12,7 +12,7 @@ _FRAME = smooth_motion_example(1)
 BLANK = diagnose({"a": _FRAME}, open_body_skeleton(), reference=_FRAME).systems["a"].raw
 
 
-def measured(**numbers: Any) -> Measures:
+def measured(**numbers: Any) -> MotionMetrics:
     """Measures by their names in ``diagnostics.json``; errors only where one is given."""
     groups: dict[str, Any] = {"errors": None}
     for name, group in vars(BLANK).items():
@@ -34,7 +34,7 @@ def diagnostics_of(
     return Diagnostics(
         point="right_middle",
         tip_source="rigid",
-        windows=OWN_WINDOWS,
+        windows=GLOBALDIFF_WINDOWS,
         num_frames={},
         notes=[],
         findings={},

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from app import text
-from app.errors import RunError, sentence_of, visitor_sentence
+from app.errors import RunError, message_for_user, visitor_message
 
 
 @pytest.mark.parametrize(
@@ -29,11 +29,11 @@ from app.errors import RunError, sentence_of, visitor_sentence
     ],
 )
 def test_a_visitor_is_shown_no_option_no_folder_and_nothing_that_a_terminal_obeys(told, on_page):
-    assert visitor_sentence(RunError(told)) == on_page
+    assert visitor_message(RunError(told)) == on_page
 
 
 def test_faults_get_a_number_under_which_the_log_has_them(caplog):
-    shown = visitor_sentence(KeyError("secret /path"))
+    shown = visitor_message(KeyError("secret /path"))
     assert "secret" not in shown
     number = shown.rsplit(" ", 1)[1].rstrip(".")
     assert len(number) == 8 and number in caplog.text and "secret /path" in caplog.text
@@ -41,15 +41,15 @@ def test_faults_get_a_number_under_which_the_log_has_them(caplog):
 
 def test_of_the_systems_errors_those_are_told_that_a_person_can_do_something_about():
     full = OSError(28, "No space left on device", "/results/a.mp4")
-    assert sentence_of(full) == (
+    assert message_for_user(full) == (
         "The disk at /results is full; free some space or write to another folder."
     )
-    assert visitor_sentence(full) == text.DISK_FULL
-    assert sentence_of(OSError(13, "Permission denied")) == (
+    assert visitor_message(full) == text.DISK_FULL
+    assert message_for_user(OSError(13, "Permission denied")) == (
         "No permission to write there; choose another folder."
     )
-    assert "ran out of memory" in str(sentence_of(MemoryError()))
-    assert sentence_of(OSError(2, "No such file")) is None
+    assert "ran out of memory" in str(message_for_user(MemoryError()))
+    assert message_for_user(OSError(2, "No such file")) is None
 
 
 @contextmanager
@@ -82,4 +82,6 @@ def check_refusals(tmp_path):
             (closed / "b.wav", "b.wav may not be read"),
             (missing, f"No permission to write at {tmp_path}"),
         ):
-            assert words in str(sentence_of(PermissionError(13, "Permission denied", str(path))))
+            assert words in str(
+                message_for_user(PermissionError(13, "Permission denied", str(path)))
+            )

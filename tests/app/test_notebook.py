@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app import notebook
 from app.errors import RunError
 from app.findings.measure_rows import JERK
-from app.notebook import compare, diagnose, generate, named_motions, read_motion, read_speech
+from app.notebook import compare, diagnose, generate, motions_by_name, read_motion, read_speech
 from model.motion.motion import save_motion
 from model.speech.audio import SpeechError
 from tests.helpers import ROOT, smooth_motion_example
@@ -52,11 +53,11 @@ def test_fields_that_no_run_has_are_refused():
 def test_motions_have_their_files_names(tmp_path):
     motion = smooth_motion_example(40)
     save_motion(motion, tmp_path / "mine.npz")
-    assert list(named_motions(tmp_path / "mine.npz")) == ["mine"]
-    assert list(named_motions(motion)) == ["motion"]
+    assert list(motions_by_name(tmp_path / "mine.npz")) == ["mine"]
+    assert list(motions_by_name(motion)) == ["motion"]
     assert read_motion(motion) is motion
     with pytest.raises(RunError, match="at least one"):
-        named_motions({})
+        motions_by_name({})
 
 
 def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
@@ -67,7 +68,7 @@ def test_the_table_marks_the_nearest_and_leaves_out_what_nobody_has():
     calm_jerk, shaken_jerk, _ = found.table.loc[JERK]
     assert list(found.nearest[JERK]) == ["calm"] and shaken_jerk > 3 * calm_jerk
     assert not any("beat_align" in key for key in found.table.index)
-    assert set(found.apart_deg) == {
+    assert set(found.rotation_difference_deg) == {
         ("calm", "shaken"),
         ("calm", "reference"),
         ("shaken", "reference"),
@@ -142,3 +143,10 @@ def test_it_runs_from_top_to_bottom(monkeypatch):
     both = names["both"]
     assert list(both) == ["globaldiff/local", "globaldiff/global", "workbench/planned"]
     assert all(motion.num_frames == 180 for motion in both.values())
+
+
+def test_former_names_are_accepted_with_a_sentence():
+    with pytest.warns(FutureWarning, match="find_plan is now detect_plan; the former name will be"):
+        assert notebook.find_plan is notebook.detect_plan
+    with pytest.raises(AttributeError):
+        notebook.nothing  # noqa: B018

@@ -131,7 +131,8 @@ def fill(record: RunRecord) -> None:
         for k, text in enumerate(HOSTILE)
     ]
     for row, text in zip(record.rows, HOSTILE, strict=False):
-        about = {"what": text, "value": text, "why": text, "sure": "unsure", "others": HOSTILE[:40]}
+        about = {"kind": text, "value": text, "reason": text, "confidence": "unsure"}
+        about["alternatives"] = HOSTILE[:40]
         row.label, row.assumed = text, [about]  # type: ignore[list-item]
 
 

@@ -183,7 +183,7 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     page.wait_for_function(IN_ONE_VIEW)
     plan_field = editor(page).get_by_label("Plan from a file")
     plan_field.set_input_files({"name": "x.json", "mimeType": "text/json", "buffer": b"[]"})
-    said(page, "is no plan of format 1")
+    said(page, "is not a plan of format 1")
     expect(editor(page).locator(".said-of-edits.refused")).to_be_visible()
     assert right_hand(page, tmp_path) == [2.0, 6.5]
 
@@ -295,7 +295,7 @@ KEPT = "() => document.querySelector('#live-player .stage')?.dataset.bodies === 
 def test_one_speaks_and_the_body_moves_and_the_minute_is_kept(
     page: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("app.live.sessions.WATCHED_S", 1e9)  # a busy browser sends less
+    monkeypatch.setattr("app.live.sessions.RATE_WINDOW_S", 1e9)  # a busy browser sends less
     page.set_viewport_size({"width": 720, "height": 700})
     page.get_by_role("tab", name=live_tab.TAB).click()
     live, status = page.locator(".live"), page.locator(".live .asked").get_by_role("status")

@@ -18,13 +18,13 @@ from app.run.bodies import body_motion
 from app.run.display import ViewerState
 from app.run.frame_packets import frames_message
 from model.motion.motion import Motion
-from model.motion.transforms import exaggerate, smooth_motion
+from model.motion.transforms import exaggerate_tremor, smooth_motion
 from renderer.body.body import load_body
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import (
     MAX_PAN_M,
     MAX_PITCH_RAD,
-    ZOOMS,
+    ZOOM_RANGE,
     Camera,
     Orbit,
     fit_camera,
@@ -491,7 +491,7 @@ def test_motion_is_displayed_as_videos_have_it(page: Page) -> None:
     motion = replace(motion, poses=motion.poses + noise)
     for factor, is_smoothed in ((1, False), (1, True), (5, False), (20, False), (20, True)):
         base = smooth_motion(motion) if is_smoothed else motion
-        wanted = joints(exaggerate(base, factor))
+        wanted = joints(exaggerate_tremor(base, factor))
         found = np.array(page.evaluate(DISPLAYED, [told(motion), factor, 5, is_smoothed]))
         away_m = np.abs(found.reshape(wanted.shape) - wanted).max()
         assert away_m < (0.002 if factor == 1 else 0.01), (factor, is_smoothed)
@@ -535,7 +535,7 @@ def test_limits_and_cameras_are_those_of_videos(page: Page) -> None:
         assert moved.eye == pytest.approx(seen["eye"], abs=1e-9)
         assert np.allclose(moved.axes(), seen["axes"], atol=1e-9)
     (farthest,) = page.evaluate(MOVED, [[[0, 9, 99, 9, -9]], *before])
-    edge = Orbit(0.0, MAX_PITCH_RAD, ZOOMS[1], MAX_PAN_M, -MAX_PAN_M).apply(camera, around)
+    edge = Orbit(0.0, MAX_PITCH_RAD, ZOOM_RANGE[1], MAX_PAN_M, -MAX_PAN_M).apply(camera, around)
     assert edge.eye == pytest.approx(farthest["eye"]), "the same limits"
 
 

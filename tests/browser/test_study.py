@@ -15,9 +15,9 @@ from playwright.sync_api import BrowserContext, Page, expect
 from app.notebook import show
 from app.run.batch.leaderboard import Entry, MetricValue, leaderboard_html
 from app.study.design.key import Key, read_key
-from app.study.design.plan import wording
+from app.study.design.plan import load_wording
 from app.study.leaks import check_study
-from app.study.statistics.answers import Collected, collect
+from app.study.statistics.answers import Collected, collect_answers
 from model.speech.audio import Speech
 from tests.app.study.made_study import make_study
 from tests.browser.conftest import PATIENCE_MS, expect_fit, findings, saved, watched
@@ -27,7 +27,7 @@ from tests.model.made import made_waveform
 pytestmark = pytest.mark.browser
 
 SYSTEMS, CLIPS = ["localnet", "globalnet"], ["kitchen", "garden"]
-WORDS = wording()
+WORDS = load_wording()
 BUTTONS = WORDS["buttons"]
 RETURN_TO = "https://example.org/done?cc=C0DE"
 CONTACT = "ask@lab.example"
@@ -89,7 +89,7 @@ class Host:
         return read_key(self.root / protocol / "study" / "researcher_only" / "key.json")
 
     def collected(self, protocol: str, folder: Path) -> Collected:
-        return collect([folder], self.key(protocol))
+        return collect_answers([folder], self.key(protocol))
 
 
 @pytest.fixture(scope="module")

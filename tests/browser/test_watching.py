@@ -16,7 +16,7 @@ from app.page.tabs import own_motion
 from model.motion.motion import save_motion
 from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from model.speech.audio import write_wav
-from model.systems.globaldiff.config import BEST
+from model.systems.globaldiff.config import PRIORFLOW
 from tests.app import fakes
 from tests.browser.conftest import (
     FRAMES,
@@ -62,7 +62,7 @@ def address(
     the_fake: Fake, made_once: MadeOnce, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[str]:
     """Of a page over `Fake`, with its example."""
-    systems = {**TINY_SYSTEMS, BEST: TINY_BEST}
+    systems = {**TINY_SYSTEMS, PRIORFLOW: TINY_BEST}
     weights = made_once("with-best", lambda folder: make_weights(folder, systems))
     folder = tmp_path_factory.mktemp("walk")
     config = AppConfig(port=0, weights=weights, temp=folder / "page")

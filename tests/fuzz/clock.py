@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, Phase, seed, settings
 
-from app.errors import visitor_sentence
+from app.errors import visitor_message
 
 SECONDS = float(os.environ.get("FUZZ_SECONDS", "0"))
 """Of all fuzzing together; `make fuzz` gives an hour. Without it each test takes one seed."""
@@ -62,7 +62,7 @@ def is_done_or_refused(work: Callable[[], object], hidden: str = "\x1b") -> None
         except MemoryError:
             sentence = ""
         except Exception as error:
-            sentence = visitor_sentence(error)
+            sentence = visitor_message(error)
             assert not any(fault in sentence for fault in PROGRAM_FAULTS), repr(error)
     assert sentence, f"it took more than {MOST_BYTES / 2**30:g} GiB"
     assert sentence.isprintable() and len(sentence) < 2000, repr(sentence)

@@ -18,13 +18,13 @@ from app.run.bodies import body_motion
 from app.run.frame_packets import reaches
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import read_plan
-from app.study.statistics.answers import collect
+from app.study.statistics.answers import collect_answers
 from app.study.statistics.screening import screen
 from model.formats.read import read_unguarded
 from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import format_textgrid
 from model.plan.files import ENDINGS, markers_csv, read_plan_file, write_plan_file
-from model.plan.tiers import tiers_of
+from model.plan.tiers import plan_to_tiers
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript, read_words
 from renderer.body.body import load_body
@@ -87,7 +87,9 @@ item [2]:
  text = "stroke beat"
 """
 PRAAT = (
-    format_textgrid(tiers_of(made_plan(), for_praat=True), 6.0).replace("gaze", "words").encode()
+    format_textgrid(plan_to_tiers(made_plan(), for_praat=True), 6.0)
+    .replace("gaze", "words")
+    .encode()
 )
 DEEP = (b"[" * 100_000, b'{"answers": ' * 50_000, b"[" * 50_000 + b"]" * 50_000)
 Read = Callable[[Path], object]
@@ -258,13 +260,13 @@ def test_answers_and_keys(protocol: str, tmp_path: Path) -> None:
         return wild.map(as_json) | damaged(text) | st.sampled_from(DEEP)
 
     def read_answers(path: Path) -> None:
-        found = collect([path], key)
+        found = collect_answers([path], key)
         assert all(line.isprintable() and len(line) < 9000 for line in found.left_out)
         screen(found.participants, key)
 
     def read_both(path: Path) -> None:
         changed = read_key(path)
-        screen(collect([whole], changed).participants, changed)
+        screen(collect_answers([whole], changed).participants, changed)
 
     check_reads(wild(answers), tmp_path / "it.json", read_answers)
     check_reads(wild(whole_key), tmp_path / "it.json", read_both)

@@ -144,7 +144,7 @@ test("a little more is left until it is needed, or the last", async () => {
   assert.equal((await arrival.next(there(112, 3), 0)).length, 112);
 });
 
-test("a window that is missing, or comes twice, is no motion", () => {
+test("a window that is missing, or comes twice, is not a motion", () => {
   const first = new Uint8Array(message(5, () => [0, 0, 0, 1]));
   const third = new Uint8Array(message(5, () => [0, 0, 0, 1], 2, 10));
   for (const other of [first, third]) assert.throws(() => unpacked(new Uint8Array([...first, ...other]).buffer), /damaged/);

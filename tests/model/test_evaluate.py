@@ -16,9 +16,9 @@ import torch
 from model.data.recordings import DataError, read_files
 from model.evaluate import evaluate, main
 from model.evaluation.classifiers import (
-    NO_HEARING_JUDGE,
-    NO_SPEAKER_JUDGE,
-    UNKNOWN_SPEAKERS,
+    NO_MATCHING_CLASSIFIER,
+    NO_SPEAKER_CLASSIFIER,
+    SPEAKERS_NOT_COMPARED,
     wrist_speeds,
 )
 from model.evaluation.clips import ClipRow, EvaluationModels, as_table
@@ -49,7 +49,7 @@ def table_of(data, *systems, clips=CLIPS, seeds=1, judges=MappingProxyType({}), 
              **options) -> dict:  # fmt: skip
     cast = partial(EvaluationModels, systems, judges, matching)
     with tempfile.TemporaryDirectory() as folder:
-        return evaluate(cast, data, clips, seeds, **{"kept": Path(folder), **options})
+        return evaluate(cast, data, clips, seeds, **{"continued": Path(folder), **options})
 
 
 def of_test_split(folder):
@@ -100,7 +100,7 @@ def kept(tmp_path_factory):
 @pytest.fixture(scope="module")
 def plain(data, system, kept) -> dict:
     """Of one system, one seed and no judge."""
-    return table_of(data, system, kept=kept)
+    return table_of(data, system, continued=kept)
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +175,7 @@ def test_what_cannot_be_evaluated_is_told(data, weights, system, tmp_path, capsy
 
 
 def test_each_distance_has_an_interval_and_the_floor_of_its_own_encoder(judged):
-    others = [NO_HEARING_JUDGE, UNKNOWN_SPEAKERS, NO_SPEAKER_JUDGE]
+    others = [NO_MATCHING_CLASSIFIER, SPEAKERS_NOT_COMPARED, NO_SPEAKER_CLASSIFIER]
     assert judged["left_out"] == others  # no distance
     assert len({judged[f"{measure}_floor"]["mean"] for measure in ENCODERS}) == 3
     for measure in ENCODERS:
@@ -197,7 +197,11 @@ def test_faces_in_other_units_are_left_out_of_what_sees_faces(data, system, judg
     assert not {"fmd", "fed", "fmd_floor", "fed_floor"} & {*table["motion"][NAME], *table}
     assert "div" not in table["motion"]["recorded"] and "div_gesture" in table["motion"]["recorded"]
     sentence, *others = table["left_out"]
-    assert "ARKit" in sentence and others == [NO_HEARING_JUDGE, UNKNOWN_SPEAKERS, NO_SPEAKER_JUDGE]
+    assert "ARKit" in sentence and others == [
+        NO_MATCHING_CLASSIFIER,
+        SPEAKERS_NOT_COMPARED,
+        NO_SPEAKER_CLASSIFIER,
+    ]
 
 
 @pytest.mark.slow
@@ -216,13 +220,13 @@ def test_a_stopped_evaluation_goes_on_with_what_is_not_measured(
     assert [path.name.rpartition("-")[0] for path in files] == CLIPS
     times = [path.stat().st_mtime_ns for path in files]
     files[0].unlink()
-    assert table_of(data, system, kept=kept) == plain
+    assert table_of(data, system, continued=kept) == plain
     after = [path.stat().st_mtime_ns for path in sorted(kept.iterdir())]
     assert after[1] == times[1] and after[0] > times[0]
     assert sorted(kept.iterdir()) == files
     motion = load_motion(data / "smplxflame_30" / f"{CLIPS[0]}.npz")
     save_motion(first_frames(motion, 100), data / "smplxflame_30" / f"{CLIPS[0]}.npz")
-    twice = table_of(data, system, seeds=2, kept=kept)  # other seeds, other recordings
+    twice = table_of(data, system, seeds=2, continued=kept)  # other seeds, other recordings
     assert len(list(kept.iterdir())) == 4
     assert twice["motion"][NAME]["spread_at_will_m"]["mean"] > 0
     assert "spread_at_will_m" not in twice["motion"]["recorded"]  # two clips of two speakers
@@ -251,11 +255,11 @@ def test_manner_stands_beside_that_of_recordings_where_speakers_are_known(data, 
     manner = {"calm_over_lively", "arms_by_speaker", "arm_rotations_other_speaker"}
     assert {*motion[NAME]} >= {*manner, "arms_in_silence"}
     assert "arms_in_silence" not in motion["recorded"], "no silence of 5 s is recorded"
-    assert UNKNOWN_SPEAKERS not in table["left_out"]
+    assert SPEAKERS_NOT_COMPARED not in table["left_out"]
     assert not manner & {*plain["motion"][NAME]}
     assert "spread_at_will_m" not in plain["motion"][NAME], "it needs two of a kind"
     assert plain["motion"][NAME]["arms_in_silence"]["mean"] > 0
-    assert plain["left_out"][-2:] == [UNKNOWN_SPEAKERS, NO_SPEAKER_JUDGE]
+    assert plain["left_out"][-2:] == [SPEAKERS_NOT_COMPARED, NO_SPEAKER_CLASSIFIER]
 
 
 def test_recorded_clips_are_paired_with_those_of_their_speaker():

@@ -20,7 +20,8 @@ from conventions.joints import (
     MIRROR_PERMUTATION,
     chain_to_root,
 )
-from model.diagnostics import OWN_WINDOWS, diagnose, raw_evidence
+from model.diagnostics import GLOBALDIFF_WINDOWS, analyse_raw, diagnose, parse_diagnostics
+from model.faults.analysis import Finding
 from model.generation.base import Windowing
 from model.metrics import posture, smoothness, tracked_point
 from model.metrics.beats import read_mean_speeds
@@ -37,7 +38,7 @@ from model.motion.kinematics import (
 )
 from model.motion.motion import Motion, load_motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
-from model.motion.tracks import moving_chain, point_words, track_points
+from model.motion.tracks import moving_chain, point_label, track_points
 from model.motion.transforms import smooth_motion, smooth_rotations
 from model.storage.npz import MotionError
 from tests.helpers import ROOT, beat2_folder, smooth_motion_example
@@ -48,7 +49,7 @@ SKELETON = open_body_skeleton()
 
 def measures(motion: Motion, **options: Any) -> dict[str, Any]:
     """Of one, as the file tells them."""
-    return raw_evidence(motion, SKELETON, windows=OWN_WINDOWS, **options).raw.as_json()
+    return analyse_raw(motion, SKELETON, windows=GLOBALDIFF_WINDOWS, **options).raw.as_json()
 
 
 def told(*motions: Any, **options: Any) -> dict[str, Any]:
@@ -209,13 +210,13 @@ def test_attribution_points_at_the_joint_that_shakes(noisy):
 
 def test_attribution_is_forward_kinematics_with_one_joint_smoothed():
     motion = smooth_motion_example(60, seed=4)
-    local_rot = motion.local_rotations().double()
+    R_parent_joint = motion.local_rotations().double()
     joint = JOINT_INDEX["right_shoulder"]
-    changed = local_rot.clone()
-    changed[:, joint] = smooth_rotations(local_rot[:, joint])
+    changed = R_parent_joint.clone()
+    changed[:, joint] = smooth_rotations(R_parent_joint[:, joint])
     transl = torch.from_numpy(motion.trans).double()
-    global_rot, positions = joint_positions_from_local(changed, SKELETON, transl)
-    tip = fingertip_positions(global_rot, positions, SKELETON)[:, 6].numpy()
+    R_world_joint, positions = joint_positions_from_local(changed, SKELETON, transl)
+    tip = fingertip_positions(R_world_joint, positions, SKELETON)[:, 6].numpy()
     tracks = track_points(motion, SKELETON)
     found = attribute_jerk(tracks.point("right_middle"), tracks, moving_chain("right_middle"))
     after, before = (
@@ -241,9 +242,9 @@ def test_chains_and_names_of_points():
     assert moving_chain("right_middle")[-1] == FINGERTIP_JOINTS[6]
     assert moving_chain("right_middle")[0] == 0
     assert moving_chain("left_hip") == (0,) and moving_chain("pelvis") == ()
-    assert point_words("right_middle") == "right middle fingertip"
-    assert point_words("left_thumb2") == "left thumb joint 2"
-    assert point_words("spine3") == "spine3" and point_words("left_hip") == "left hip"
+    assert point_label("right_middle") == "right middle fingertip"
+    assert point_label("left_thumb2") == "left thumb joint 2"
+    assert point_label("spine3") == "spine3" and point_label("left_hip") == "left hip"
 
 
 def test_tracks_do_not_depend_on_chunks(monkeypatch):
@@ -274,7 +275,7 @@ def test_feet_slide_by_their_speed_on_the_ground_and_stand_above_the_lower_one()
     planted[:, 1, 1] = 0.02 * np.abs(np.sin(5 * t))  # a heel may lift a little
     assert posture.foot_slide(planted) == 0 and math.isnan(posture.foot_slide(planted[:1]))
     fallen = np.concatenate([np.stack([sliding, sliding], axis=1)] * 3)
-    fallen[4, 0, 1] -= 1.0  # one bad frame is no new ground
+    fallen[4, 0, 1] -= 1.0  # one bad frame is not new ground
     assert posture.foot_slide(fallen) > 0.4
     planted[:, :, 1] = 0.7
     planted[:, 1, 1] += np.linspace(0.0, 0.2, 90)
@@ -327,9 +328,9 @@ def test_fingers_outside_the_human_range():
 
 def test_elbows_bend_to_the_front():
     bent = posed(2, left_elbow=about(1, -1.5), right_elbow=about(1, -1.5))
-    local_rot = bent.local_rotations().numpy()
-    assert elbow_backwards_share(local_rot, SKELETON, "left") == 0
-    assert elbow_backwards_share(local_rot, SKELETON, "right") == 1
+    R_parent_joint = bent.local_rotations().numpy()
+    assert elbow_backwards_share(R_parent_joint, SKELETON, "left") == 0
+    assert elbow_backwards_share(R_parent_joint, SKELETON, "right") == 1
 
 
 def test_errors_to_a_reference_of_one_turned_joint():
@@ -371,24 +372,24 @@ def test_beats_come_with_chance_and_speeds_of_somebody_decide_what_is_one(tmp_pa
     motion, onsets_s = smooth_motion_example(400), np.arange(2.5, 11, 0.4)
 
     def beats(onsets_s: np.ndarray, **given: Any):
-        found = raw_evidence(motion, SKELETON, onsets_s=onsets_s, **given).raw.beats
+        found = analyse_raw(motion, SKELETON, onsets_s=onsets_s, **given).raw.beats
         assert found is not None
         return found
 
     own = beats(onsets_s)
     assert 0 < own.beat_align <= 1 and 0 < own.beat_align_chance <= own.beat_align_chance_highest
     assert own.beat_align_chance_highest <= 1
-    assert (own.beat_onsets, own.beat_speeds_of) == (len(onsets_s), "own")
+    assert (own.beat_onsets, own.beat_speed_reference) == (len(onsets_s), "own")
     outside = beats(np.array([0.5, 1.9]))
     assert math.isnan(outside.beat_align) and outside.beat_onsets == 0
-    beside = beats(onsets_s, reference=raw_evidence(motion, SKELETON))
-    assert beside.beat_speeds_of == "reference" and beside.beat_align == own.beat_align
+    beside = beats(onsets_s, reference=analyse_raw(motion, SKELETON))
+    assert beside.beat_speed_reference == "reference" and beside.beat_align == own.beat_align
     rates = []
     for speed in (1e-3, 1e3):
         np.save(tmp_path / "speeds.npy", np.full(55, speed, np.float32))
         speeds = read_mean_speeds(tmp_path / "speeds.npy")
         given = beats(onsets_s, inputs=ProtocolInputs(mean_speeds=speeds))
-        assert given.beat_speeds_of == "emage"
+        assert given.beat_speed_reference == "emage"
         rates.append(given.beats_per_joint_s)
     assert rates[0] > own.beats_per_joint_s > rates[1] == 0
 
@@ -450,7 +451,11 @@ def test_all_is_gathered_raw_and_filtered_and_every_key_is_documented():
     given: dict[str, Any] = {"onsets_s": np.arange(0.5, 3, 0.5), "reference": other}
     motions = {"globaldiff/local": motion, "other": other}
     result = told(motions, SKELETON, windows=windows, **given)
-    assert (result["fps"], result["tip"], result["tip_source"]) == (30, "right_middle", "rigid")
+    assert (result["fps"], result["fingertip"], result["tracked_point_source"]) == (
+        30,
+        "right_middle",
+        "rigid",
+    )
     assert result["window_advance_frames"] is None and set(result["systems"]) == set(motions)
     alone = told({"other": other}, SKELETON, windows=windows)
     assert (alone["window_advance_frames"], alone["window_overlap_frames"]) == (52, 8)
@@ -472,15 +477,45 @@ def test_all_is_gathered_raw_and_filtered_and_every_key_is_documented():
         assert f"`{key}`" in documented
 
 
+def test_files_of_the_format_before_have_the_present_keys():
+    before = json.loads((ROOT / "tests/model/kept/diagnostics_format_1.json").read_text())
+    content = parse_diagnostics(before)
+    assert parse_diagnostics(content) == content
+    motion = smooth_motion_example(60)
+    now = told({"a": motion}, SKELETON, reference=motion, onsets_s=np.arange(0.5, 2, 0.5))
+    assert set(content) == set(now)
+    old, new = content["systems"]["noisy"]["raw"], now["systems"]["a"]["raw"]
+    lag = {"lag_s", "lag_low_s", "lag_high_s", "lag_drift_s"}
+    lag |= {"lag_corrected_fps", "lag_source", "lag_z_score"}  # of speech
+    assert set(old) - set(new) == lag and set(new) - set(old) <= {"protocols"}
+    assert set(old["recurring_jerk"]) == set(new["recurring_jerk"])
+    assert old["tip_jerk_m_s3"] == before["systems"]["noisy"]["raw"]["tip_jerk_m_s3"]
+    assert content["assumptions"]["noisy"][-1] == {
+        "kind": "facing",
+        "value": "z",
+        "reason": "as you say",
+        "confidence": "user",
+        "alternatives": ["x", "-z", "-x", "as-is"],
+    }
+    fresh = Finding("It jumps.", {}, kind="jerk", worst_frame=3).as_json()
+    assert set(fresh) <= set(content["findings"]["noisy"][0])
+    with pytest.raises(ValueError, match="format 9; this version reads up to 2"):
+        parse_diagnostics({"format": 9})
+
+
+def tracked(result: dict[str, Any]) -> tuple[str | None, str, str]:
+    return result["fingertip"], result["tracked_point"], result["tracked_point_source"]
+
+
 def test_a_joint_another_tip_or_a_given_track_is_followed():
     motion = smooth_motion_example(40)
     result = told({"a": motion}, SKELETON, point="left_wrist")
-    assert (result["tip"], result["joint"], result["tip_source"]) == (None, "left_wrist", "joint")
+    assert tracked(result) == (None, "left_wrist", "joint")
     raw = result["systems"]["a"]["raw"]
     wrist_jerk = raw["joint_jerk_m_s3"][JOINT_INDEX["left_wrist"]]
     assert raw["tip_jerk_m_s3"] == pytest.approx(wrist_jerk)
     tip = told({"a": motion}, SKELETON, point="left_thumb")
-    assert (tip["tip"], tip["joint"], tip["tip_source"]) == ("left_thumb", "left_thumb", "rigid")
+    assert tracked(tip) == ("left_thumb", "left_thumb", "rigid")
     tips = track_points(motion, SKELETON).fingertips
     expected = smoothness.derivative_magnitudes(tips[:, FINGERTIP_NAMES.index("left_thumb")], 3)
     assert tip["systems"]["a"]["raw"]["tip_jerk_m_s3"] == pytest.approx(expected.mean())

@@ -21,14 +21,14 @@ from model.speech.encoder import CodesConfig
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, to_json
 from model.storage.checkpoint import load_weights, save_weights
-from model.systems.globaldiff.config import BEST
+from model.systems.globaldiff.config import PRIORFLOW
 from model.systems.helpers.config import MOTION_VAE
 from model.systems.planned.config import PLANNED, PLANNER
 from model.systems.registry import family_of, load_system
 from model.train import main
 from model.training.loop import TrainingError
 from model.training.parallel import UNSHARDED, Shard, ShardedRandom
-from model.training.task import DescentTask, TaskSetup
+from model.training.task import SingleNetworkTask, TaskSetup
 from tests.model.training.made import (
     assert_equal_states,
     killed_at,
@@ -59,7 +59,7 @@ def data(root, annotated_folder) -> PreparedData:
     return prepare(annotated_folder, root / "prepared-mel64", MelEncoder())
 
 
-@pytest.mark.parametrize("system", ["globaldiff/global", pytest.param(BEST, marks=SLOW)])
+@pytest.mark.parametrize("system", ["globaldiff/global", pytest.param(PRIORFLOW, marks=SLOW)])
 def test_a_training_leaves_weights_that_load_a_card_and_a_log(trained, weights, tmp_path, system):
     for file in (*(trained(system) / "weights").iterdir(), *weights.glob("expression.*")):
         shutil.copy(file, tmp_path)
@@ -76,7 +76,10 @@ def test_a_training_leaves_weights_that_load_a_card_and_a_log(trained, weights, 
 
 @pytest.mark.parametrize(
     "system",
-    ["globaldiff/global", *(pytest.param(s, marks=SLOW) for s in (BEST, "expression", "gan/20"))],
+    [
+        "globaldiff/global",
+        *(pytest.param(s, marks=SLOW) for s in (PRIORFLOW, "expression", "gan/20")),
+    ],
 )
 def test_a_killed_and_resumed_run_equals_one_that_was_not(trained, root, annotated_folder, system):
     out = root / f"killed-{system.replace('/', '-')}"
@@ -128,7 +131,7 @@ def test_the_command_begins_with_given_weights_and_their_statistics_and_keeps_th
 def made_task(config, data: PreparedData, size: int = 4):
     task = family_of(config.system).make_task(config, data, TaskSetup(BUNDLED_WEIGHTS))
     rng = np.random.default_rng(0)
-    clips = data.of_split("train")
+    clips = data.clips_of_split("train")
     return task, data.window_batch(clips, task.window_frames, size, rng, context=task.context)
 
 
@@ -141,7 +144,15 @@ class Asked(torch.nn.Module):
         raise Told(args, kwargs)
 
 
-EVERY = ("globaldiff/full", BEST, "expression", "asynfusion/ddim", MOTION_VAE, PLANNER, PLANNED)
+EVERY = (
+    "globaldiff/full",
+    PRIORFLOW,
+    "expression",
+    "asynfusion/ddim",
+    MOTION_VAE,
+    PLANNER,
+    PLANNED,
+)
 
 
 @pytest.mark.parametrize("system", [*EVERY, "gan/20", "hearing-judge"])
@@ -153,7 +164,7 @@ def test_shares_of_processes_add_up_on_their_device_and_a_loss_is_descended(
     if system == PLANNER:
         config = replace(config, planner=replace(config.planner, codes=CodesConfig.codes))
     task, batch = made_task(config, data, size=2)
-    assert isinstance(task, DescentTask)
+    assert isinstance(task, SingleNetworkTask)
 
     def parts(shard: Shard) -> dict[str, torch.Tensor]:
         generator = torch.Generator().manual_seed(0)
@@ -169,11 +180,11 @@ def test_shares_of_processes_add_up_on_their_device_and_a_loss_is_descended(
             for k in range(3)  # the same draws each time
         ]
         assert found[-1] < found[0]
-    monkeypatch.setattr(DescentTask, "adam", lambda *_: None)
+    monkeypatch.setattr(SingleNetworkTask, "adam", lambda *_: None)
     monkeypatch.setattr(Shard, "autocast", lambda _: nullcontext())
     shard = replace(UNSHARDED, device=torch.device("meta"))
     remote = family_of(system).make_task(config, data, TaskSetup(BUNDLED_WEIGHTS, shard=shard))
-    assert isinstance(remote, DescentTask)
+    assert isinstance(remote, SingleNetworkTask)
     with pytest.raises(Told) as caught:
         remote.step_loss(Asked(), batch, torch.Generator().manual_seed(0), shard)
     told = [each for each in tree_leaves(caught.value.args) if isinstance(each, torch.Tensor)]

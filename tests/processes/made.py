@@ -91,7 +91,7 @@ def done(folder: Path) -> list[str]:
 def main(place: Path, who: str) -> None:
     pool = JobPool(int(who)) if who.isdigit() else JobPool(scheduler=who)
     try:
-        pool.do_all(make_jobs(place, 6, are_held=True))
+        pool.run_all(make_jobs(place, 6, are_held=True))
     except JobsError as error:
         sys.exit(str(error))
 

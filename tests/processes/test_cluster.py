@@ -60,7 +60,7 @@ def test_a_cluster_does_each_job_once_and_tells_of_one_that_fails(tmp_path):
     told: list[str] = []
     here = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "protocol": "tcp"}
     with distributed.LocalCluster(**here, dashboard_address=None) as local:
-        failed = JobPool(scheduler=local.scheduler_address).do_all(jobs, told.append)
+        failed = JobPool(scheduler=local.scheduler_address).run_all(jobs, told.append)
     assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"]), failed
     assert sorted(told) == ["job0", "job1", "job3"]
     assert sorted(done(tmp_path)) == sorted(["job2", *told])
@@ -78,7 +78,7 @@ def test_a_killed_worker_costs_no_job_and_none_is_done_twice(tmp_path):
             (tmp_path / "go").touch()
 
         threading.Thread(target=strike, daemon=True).start()
-        failed = JobPool(scheduler=file).do_all(jobs, told.append)
+        failed = JobPool(scheduler=file).run_all(jobs, told.append)
         assert struck.wait() == -signal.SIGKILL
     assert list(failed) == ["bad"] and "bad cannot be done" in str(failed["bad"]), failed
     assert sorted(told) == sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
@@ -103,7 +103,7 @@ def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes
     before = done(tmp_path)
     assert 2 <= len(before) < 6
     with scheduler(tmp_path) as (_, file), workers(file, 1):
-        assert JobPool(scheduler=file).do_all(make_jobs(tmp_path, 6)) == {}
+        assert JobPool(scheduler=file).run_all(make_jobs(tmp_path, 6)) == {}
     assert done(tmp_path)[: len(before)] == before
     assert sorted(done(tmp_path)) == [f"job{n}" for n in range(6)]
 
@@ -111,4 +111,4 @@ def test_after_a_kill_of_the_scheduler_a_sentence_says_so_and_the_same_call_goes
 def test_without_a_scheduler_a_sentence_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr(pool, "CONNECT_S", 1)
     with pytest.raises(JobsError, match=r"No Dask scheduler answers at tcp://127\.0\.0\.1:9"):
-        JobPool(scheduler="tcp://127.0.0.1:9").do_all(make_jobs(tmp_path, 1))
+        JobPool(scheduler="tcp://127.0.0.1:9").run_all(make_jobs(tmp_path, 1))

@@ -39,7 +39,7 @@ def test_each_job_is_done_once_and_one_that_fails_holds_up_no_other(tmp_path, po
     (tmp_path / "log").write_text("job3\n")
     told: list[str] = []
     for _ in range(2):
-        failed = pool.do_all(jobs, told.append)
+        failed = pool.run_all(jobs, told.append)
         assert list(failed) == ["bad"] and str(failed["bad"]) == "bad cannot be done"
         assert sorted(told) == ["job0", "job1", "job2", "job4"]
         assert sorted(done(tmp_path)) == sorted(["job3", *told])
@@ -49,7 +49,7 @@ def test_each_job_is_done_once_and_one_that_fails_holds_up_no_other(tmp_path, po
 def test_a_cancelled_job_ends_all_and_no_other_is_begun(tmp_path, pool):
     jobs = [made_job(tmp_path, f"job{number}", work=cancel) for number in range(12)]
     with pytest.raises(Cancelled):
-        pool.do_all(jobs)
+        pool.run_all(jobs)
     assert len(done(tmp_path)) <= (pool.processes or 0)
 
 
@@ -59,7 +59,7 @@ def test_news_of_jobs_come_in_order_and_all_end_when_the_caller_cancels(tmp_path
     jobs = [replace(made_job(tmp_path, name, tell_and_wait), has_news=True) for name in names]
     told: dict[str, list[int]] = {name: [] for name in names}
     with pytest.raises(Cancelled):
-        pool.do_all(
+        pool.run_all(
             jobs,
             on_news=lambda name, news: told[name].append(news),
             should_cancel=lambda: all(len(news) == 3 for news in told.values()),
@@ -70,7 +70,7 @@ def test_news_of_jobs_come_in_order_and_all_end_when_the_caller_cancels(tmp_path
 def test_a_killed_worker_costs_no_job(tmp_path):
     jobs = [*make_jobs(tmp_path, 4), made_job(tmp_path, "struck", work=kill_worker_once)]
     told: list[str] = []
-    assert TWO.do_all(jobs, told.append) == {}
+    assert TWO.run_all(jobs, told.append) == {}
     assert (tmp_path / "struck.killed").exists()
     assert sorted(told) == sorted({*done(tmp_path)}) == [*(f"job{n}" for n in range(4)), "struck"]
     assert len(done(tmp_path)) == 5
@@ -86,7 +86,7 @@ def test_a_killed_worker_costs_no_job(tmp_path):
 def test_a_worker_that_always_dies_ends_it_and_says_how(work, words, tmp_path):
     jobs = [made_job(tmp_path, name, work=work) for name in "ab"]
     with pytest.raises(JobsError) as told:
-        TWO.do_all(jobs)
+        TWO.run_all(jobs)
     sentence = str(told.value)
     assert all(word in sentence for word in words), sentence
     assert ("fewer processes" in sentence) == (work is run_out_of_memory)
@@ -94,7 +94,7 @@ def test_a_worker_that_always_dies_ends_it_and_says_how(work, words, tmp_path):
 
 def test_a_job_that_leaves_python_fails_alone(tmp_path):
     jobs = [made_job(tmp_path, "left", work=leave_python), *make_jobs(tmp_path, 2)]
-    failed = TWO.do_all(jobs)
+    failed = TWO.run_all(jobs)
     assert list(failed) == ["left"] and "exit status 3" in str(failed["left"])
     assert sorted(done(tmp_path)) == ["job0", "job1"]
 

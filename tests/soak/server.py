@@ -29,7 +29,7 @@ signal.signal(signal.SIGUSR1, put_forward)
 
 from app.page import launch
 parse, keep_s = launch.parse_config, float(sys.argv.pop(1))
-launch.parse_config = lambda argv: replace(parse(argv), keep_results_s=keep_s)
+launch.parse_config = lambda argv: replace(parse(argv), result_lifetime_s=keep_s)
 launch.main()
 """
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from conventions.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 from model.storage.files import written_atomically
@@ -279,7 +279,7 @@ def skeleton_arrays(body: BakedBody) -> dict[str, np.ndarray]:
     }
 
 
-def write_npz(path: Path, arrays: dict[str, np.ndarray]) -> None:
+def write_npz(path: Path, arrays: dict[str, Shaped[np.ndarray, " ..."]]) -> None:
     """Write a compressed npz atomically."""
     with written_atomically(path) as part:
         np.savez_compressed(part, **arrays)  # type: ignore[arg-type]

@@ -99,7 +99,7 @@ def _shoes(cloth: Mesh, wearer: GarmentCuts) -> Mesh:
     def above_sole(points: Points) -> Heights:
         return points[:, 1] - (ground + SOLE_HEIGHT_M)
 
-    shoes = geometry.cut(_hemmed(shoes, HEM_DEPTH_M), above_sole)
+    shoes = geometry.cut_along_field(_hemmed(shoes, HEM_DEPTH_M), above_sole)
     # The sole is flat below and stands a little wider than the upper.
     share = np.clip((shoes.positions[:, 1] - ground) / SOLE_HEIGHT_M, 0, 1)
     outward = geometry.normals(shoes) * [1, 0, 1]
@@ -115,7 +115,7 @@ def _thicken(cloth: Mesh, thickness: Float[np.ndarray, " V"]) -> Mesh:
 
 
 def _keep(mesh: Mesh, field: geometry.Field) -> Mesh:
-    mesh = geometry.cut(mesh, field)
+    mesh = geometry.cut_along_field(mesh, field)
     return mesh.faces_only(field(geometry.centres(mesh)) > 0)
 
 

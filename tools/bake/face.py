@@ -239,7 +239,7 @@ def make_head(skin: Mesh, quads: Int[np.ndarray, "Q 4"], paint: FacePaint) -> Me
     head = geometry.paint(skin.triangles(), np.tile(regions, 2))
 
     for field in paint.brow_fields():
-        head = geometry.cut(head, field, within=paint.in_front)
+        head = geometry.cut_along_field(head, field, within=paint.in_front)
     regions = head.regions[head.faces[:, 0]].copy()
     middle = geometry.centres(head)
     brows = np.all([field(middle) > 0 for field in paint.brow_fields()], axis=0)
@@ -254,7 +254,7 @@ def _hair(skin: Mesh, paint: FacePaint) -> Mesh:
     """Make hair as a cap on the scalp, finer than the skin so that its outline is round."""
     on_scalp = paint.above_hairline(skin.positions) > -SCALP_MARGIN_M
     scalp = geometry.subdivide(skin.faces_only(np.asarray(on_scalp[skin.faces].all(axis=1))))
-    hair = geometry.cut(scalp, paint.above_hairline)
+    hair = geometry.cut_along_field(scalp, paint.above_hairline)
     hair = hair.faces_only(paint.above_hairline(geometry.centres(hair)) > 0)
     hairline = np.unique(geometry.border_edges(hair.faces))
     distance, _ = KDTree(hair.positions[hairline]).query(hair.positions)

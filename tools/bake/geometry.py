@@ -167,7 +167,7 @@ def _matrix(
     )
 
 
-def cut(
+def cut_along_field(
     mesh: Mesh,
     field: Field,
     within: Callable[[Float[np.ndarray, "N 3"]], Bool[np.ndarray, " N"]] | None = None,

@@ -24,13 +24,13 @@ def rotate_towards(
 
 
 def posed_joints(
-    joints: Float64[np.ndarray, "J 3"], global_rot: Float64[np.ndarray, "J 3 3"]
+    joints: Float64[np.ndarray, "J 3"], R_world_joint: Float64[np.ndarray, "J 3 3"]
 ) -> Float64[np.ndarray, "J 3"]:
     """Return joint positions with each bone turned by the global rotation of its parent joint."""
     posed = joints.copy()
     for joint in range(1, NUM_JOINTS):
         parent = PARENTS[joint]
-        posed[joint] = posed[parent] + global_rot[parent] @ (joints[joint] - joints[parent])
+        posed[joint] = posed[parent] + R_world_joint[parent] @ (joints[joint] - joints[parent])
     return posed
 
 
@@ -38,11 +38,11 @@ def linear_blend(
     vertices: Float64[np.ndarray, "V 3"],
     weights: Float64[np.ndarray, "V J"],
     joints: Float64[np.ndarray, "J 3"],
-    global_rot: Float64[np.ndarray, "J 3 3"],
+    R_world_joint: Float64[np.ndarray, "J 3 3"],
 ) -> Float64[np.ndarray, "V 3"]:
     """Blend vertices linearly as the renderer does, without correctives."""
-    translations = _translations(joints, global_rot)
-    blended = np.tensordot(weights, global_rot, 1)
+    translations = _translations(joints, R_world_joint)
+    blended = np.tensordot(weights, R_world_joint, 1)
     return np.einsum("vab,vb->va", blended, vertices) + weights @ translations
 
 
@@ -50,12 +50,12 @@ def dual_quaternion_blend(
     vertices: Float64[np.ndarray, "V 3"],
     weights: Float64[np.ndarray, "V J"],
     joints: Float64[np.ndarray, "J 3"],
-    global_rot: Float64[np.ndarray, "J 3 3"],
+    R_world_joint: Float64[np.ndarray, "J 3 3"],
 ) -> Float64[np.ndarray, "V 3"]:
     """Blend vertices with dual quaternions (Kavan et al. 2007)."""
-    real = Rotation.from_matrix(global_rot).as_quat(scalar_first=True)
+    real = Rotation.from_matrix(R_world_joint).as_quat(scalar_first=True)
     real *= np.where(real[:, :1] < 0, -1, 1)
-    shift = _translations(joints, global_rot)
+    shift = _translations(joints, R_world_joint)
     dual = 0.5 * np.concatenate(
         [
             -(shift * real[:, 1:]).sum(1, keepdims=True),
@@ -72,9 +72,9 @@ def dual_quaternion_blend(
 
 
 def _translations(
-    joints: Float64[np.ndarray, "J 3"], global_rot: Float64[np.ndarray, "J 3 3"]
+    joints: Float64[np.ndarray, "J 3"], R_world_joint: Float64[np.ndarray, "J 3 3"]
 ) -> Float64[np.ndarray, "J 3"]:
-    return posed_joints(joints, global_rot) - np.einsum("jab,jb->ja", global_rot, joints)
+    return posed_joints(joints, R_world_joint) - np.einsum("jab,jb->ja", R_world_joint, joints)
 
 
 NUM_SAMPLES = 120
@@ -127,15 +127,15 @@ def _fit_joint(
     targets = np.empty((NUM_SAMPLES, len(mixed) * 3))
     for sample in range(NUM_SAMPLES):
         rotation = _random_rotation(joint, rng)
-        global_rot = np.where(branch[:, None, None], rotation, np.eye(3))
-        linear = linear_blend(vertices[mixed], weights[mixed], joints, global_rot)
-        dual = dual_quaternion_blend(vertices[mixed], weights[mixed], joints, global_rot)
+        R_world_joint = np.where(branch[:, None, None], rotation, np.eye(3))
+        linear = linear_blend(vertices[mixed], weights[mixed], joints, R_world_joint)
+        dual = dual_quaternion_blend(vertices[mixed], weights[mixed], joints, R_world_joint)
         if JOINT_NAMES[joint].endswith("shoulder"):
             dual += LINEAR_SHOULDER_SHARE * (linear - dual)
             hanging = max(0.0, -np.sign(joints[joint, 0]) * rotation[1, 0])
             dual -= CAP_SHRINKING * hanging * cap[mixed, None] * (dual - joints[joint])
         # The corrective is added before skinning, so it is turned back by the blended matrix.
-        blended = np.tensordot(weights[mixed], global_rot, 1) + 0.01 * np.eye(3)
+        blended = np.tensordot(weights[mixed], R_world_joint, 1) + 0.01 * np.eye(3)
         targets[sample] = np.linalg.solve(blended, (dual - linear)[..., None]).ravel()
         features[sample] = (rotation - np.eye(3)).ravel()
     # Small rotations need as small an error, or a nearly straight limb shows a crease.

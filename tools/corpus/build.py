@@ -162,7 +162,7 @@ def _make_clips(jobs: list[ClipJob], workers: int) -> None:
     pieces = [Job(job.clip_id, job.is_done, partial(make_job, job)) for job in jobs]
     with tqdm(total=len(jobs), initial=done, unit="clip", desc="Corpus", delay=1) as bar:
         try:
-            failed = JobPool(workers).do_all(pieces, lambda _: bar.update())
+            failed = JobPool(workers).run_all(pieces, lambda _: bar.update())
         except JobsError as error:
             raise CorpusError(str(error)) from error
     for error in failed.values():
@@ -170,10 +170,10 @@ def _make_clips(jobs: list[ClipJob], workers: int) -> None:
 
 
 def make_job(job: ClipJob) -> None:
-    write_clip(job.root, job.clip_id, made_clip(job))
+    write_clip(job.root, job.clip_id, make_clip_of_job(job))
 
 
-def made_clip(job: ClipJob) -> CorpusClip:
+def make_clip_of_job(job: ClipJob) -> CorpusClip:
     seed = [job.seed, job.index]
     length_s = job.clip_s * (0.87 + 0.26 * ((job.index * 0.618) % 1.0))
     return make_clip(open_body_rig(), job.speaker, job.split, length_s, seed)

@@ -167,12 +167,12 @@ def textgrid(clip: CorpusClip) -> str:
     duration_s = utterance.duration_s
 
     def intervals(name: str, rows: list[Span]) -> NamedTier:
-        found: list[Interval] = []
+        merged: list[Interval] = []
         for row in rows:
-            clipped = _clipped(row, found[-1].end_s if found else 0.0, duration_s)
+            clipped = _clipped(row, merged[-1].end_s if merged else 0.0, duration_s)
             if clipped is not None:
-                found.append(Interval(*clipped))
-        return NamedTier(name, tuple(found))
+                merged.append(Interval(*clipped))
+        return NamedTier(name, tuple(merged))
 
     def moments(name: str, rows: list[Point]) -> NamedTier:
         return NamedTier(

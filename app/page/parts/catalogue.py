@@ -11,7 +11,7 @@ from app.errors import RunError
 from app.findings.comparison import point_title
 from conventions.joints import JOINT_NAMES, TIP_VERTICES
 from conventions.names import short_names
-from model.storage.cards import Card
+from model.storage.cards import WeightsCard
 from model.systems.registry import (
     families,
     family_of,
@@ -105,9 +105,11 @@ def point_choices() -> list[tuple[str, str]]:
     return [(point_title(point), point) for point in (*TIP_VERTICES, *JOINT_NAMES)]
 
 
-def _trained_on(cards: list[Card]) -> str:
+def _trained_on(cards: list[WeightsCard]) -> str:
     """Describe the training data according to the model cards, which hold for any weights."""
-    cards = [card for card in cards if card.whose is None]  # without checkpoints of other authors
+    cards = [
+        card for card in cards if card.origin_note is None
+    ]  # without checkpoints of other authors
     hours = [card.training_hours for card in cards]
     if max(hours, default=0.0) == 0.0 or not any(card.steps for card in cards):
         return ""

@@ -21,7 +21,7 @@ from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
 from app import text
-from app.errors import page_sentence, without_folders
+from app.errors import page_message, without_folders
 from app.page.parts import markup
 from app.page.parts.markup import Updates, shown
 from app.page.results.player import Showing, showings_in
@@ -74,9 +74,9 @@ class KeptRun:
     ) -> Updates:
         """Return the updates of a tab that opens the run; with ``begins``, it plays at once."""
         showing = showing or self.showing
-        record, notes = showing.record, map(page_sentence, showing.record.notes)
+        record, notes = showing.record, map(page_message, showing.record.notes)
         is_done, why = record.state == "done", without_folders(record.sentence)
-        failed = "" if is_done else markup.error_message(page_sentence(why))
+        failed = "" if is_done else markup.error_message(page_message(why))
         line = record.sentence if is_done else text.STOPPED
         if self.clips:
             done = [run for run in self.clips.values() if run.record.state == "done"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.errors import RunError, page_sentence
+from app.errors import RunError, page_message
 from app.page.routes.media import Address, Media
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import (
@@ -169,7 +169,7 @@ def showings_in(
 
 def _assumed(row: Row) -> dict[str, Any]:
     """Return the interpretation of a row's file for the player, with the file's kind."""
-    read = [{**each, "why": page_sentence(each["why"])} for each in row.assumed]
+    read = [{**each, "reason": page_message(each["reason"])} for each in row.assumed]
     return {"kind": f"*{row.ending}", "read": read}
 
 

@@ -214,10 +214,10 @@ def worst_of_both(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the worst seconds without overlap."""
     kept: list[dict[str, Any]] = []
 
-    def order(second: Mapping[str, Any]) -> float:
+    def badness_rank(second: Mapping[str, Any]) -> float:
         return -second.get("jerk_m_s3", math.inf if second.get("is_gravest") else 0.0)
 
-    for each in sorted(seconds, key=order):
+    for each in sorted(seconds, key=badness_rank):
         if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
             kept.append(each)
     return kept[:NUM_WORST_SECONDS]

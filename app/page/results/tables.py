@@ -11,22 +11,22 @@ from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 from app import text
-from app.errors import page_sentence, without_folders
-from app.findings.comparison import by_measure, kinds_told, plain, point_title
+from app.errors import page_message, without_folders
+from app.findings.comparison import by_measure, format_kinds, format_number, point_title
 from app.findings.measure_rows import (
     FGD,
     JERK,
-    MEASURES,
+    METRICS,
     TITLES,
-    Measure,
+    Metric,
     Numbers,
     definition_of,
+    format_difference,
+    format_value,
     nearest,
     ranged,
-    signed,
-    written,
 )
-from app.findings.verdict import verdict_of
+from app.findings.verdict import make_verdict
 from app.page.parts import markup
 from app.run.batch.table import cells_of, interval, star_legend
 from app.run.output.run_folder import FindingRecord, RunRecord
@@ -49,10 +49,10 @@ class Column:
     speeds: BeatSpeeds = "own"
     """Source of the mean speeds of BeatAlign."""
 
-    def read(self, measure: Measure, version: FilterVersion) -> float | None:
+    def read(self, measure: Metric, version: FilterVersion) -> float | None:
         return self.numbers.get(version, {}).get(measure.key)
 
-    def by_protocol(self, measure: Measure, protocol: str) -> Column:
+    def by_protocol(self, measure: Metric, protocol: str) -> Column:
         """Return the column, without numbers if the measure is by another protocol here."""
         return (
             self if protocol_of(measure.key, self.speeds) == protocol else replace(self, numbers={})
@@ -116,14 +116,14 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
     """
     numbers = [
         (measure, protocol_of(measure.key, column.speeds), column, version, value)
-        for measure in MEASURES
+        for measure in METRICS
         for column in columns
         for version in VERSIONS
         if (value := column.read(measure, version)) is not None
     ]
     shown = [*dict.fromkeys((measure, protocol) for measure, protocol, *_ in numbers)]
     several = Counter(measure for measure, _ in shown)
-    firsts = {measure.group for measure, _ in shown if measure.is_first}
+    firsts = {measure.group for measure, _ in shown if measure.is_primary}
     head = "".join(
         f'<th scope="col"{each.of_kind} data-name="{escape(each.name)}" '
         f'title="{escape(each.name)}">{escape(each.label)}</th>'
@@ -164,7 +164,7 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
         f'<a class="csv" download="measures.csv" href="data:text/csv;charset=utf-8,{quote(csv)}">'
         f"{text.CSV_LABEL}</a></div>"
         f"{markup.table(text.NUMBERS_HEADING, 'Metric', head, body)}"
-        f"{'' if all(each.is_first for each, _ in shown) else more}"
+        f"{'' if all(each.is_primary for each, _ in shown) else more}"
         f"{_rules((each.key, protocol) for each, protocol in shown)}</div>"
     )
 
@@ -180,8 +180,10 @@ def _rules(metrics: Iterable[tuple[str, str]]) -> str:
     return f'<details class="rules"><summary>{summary}</summary><dl>{rows}</dl></details>'
 
 
-def _row(measure: Measure, columns: Sequence[Column]) -> str:
-    recorded = [each for each in columns if each.kind == "reference" and measure.has_target]
+def _row(measure: Metric, columns: Sequence[Column]) -> str:
+    recorded = [
+        each for each in columns if each.kind == "reference" and measure.has_reference_value
+    ]
     motions = [each for each in columns if not each.kind]
     near: dict[FilterVersion, Sequence[str]] = {}
     for version in VERSIONS:
@@ -190,16 +192,16 @@ def _row(measure: Measure, columns: Sequence[Column]) -> str:
         near[version] = nearest(of_motions, target)
     cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
-    later = "" if measure.is_first else ' class="later"'
-    name = f'<span title="{escape(measure.about)}">{escape(measure.title)}</span>{unit}'
+    later = "" if measure.is_primary else ' class="later"'
+    name = f'<span title="{escape(measure.description)}">{escape(measure.title)}</span>{unit}'
     return (
         f'<tr data-measure="{measure.key}"{later}>'
         f'<th scope="row"><div>{name}</div></th>{cells}</tr>'
     )
 
 
-def _cell(measure: Measure, column: Column, near: Mapping[FilterVersion, Sequence[str]]) -> str:
-    write = signed if column.kind == "difference" else written
+def _cell(measure: Metric, column: Column, near: Mapping[FilterVersion, Sequence[str]]) -> str:
+    write = format_difference if column.kind == "difference" else format_value
     spans = ""
     for kind in VERSIONS:
         is_near = column.name in near[kind]
@@ -246,7 +248,11 @@ def jerk_bars(*runs: RunRecord) -> str:
     colors = {row.name: row.color for row in runs[0].rows}
     title = f"{point_title(runs[0].point)} jerk (m/s³)"
     values = {
-        runs[0].label(name): (plain(ends[0]), _bar_color(name, colors), [v / most for v in ends])
+        runs[0].label(name): (
+            format_number(ends[0]),
+            _bar_color(name, colors),
+            [v / most for v in ends],
+        )
         for name, ends in found.items()
     }
     return markup.bars(title + text.OVER_CLIPS if len(runs) > 1 else title, values, len(runs) > 1)
@@ -278,7 +284,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         return ""
     point = next(iter(runs.values())).point
     measured = [run.numbers for run in runs.values()]
-    verdict = verdict_of(point, measured)
+    verdict = make_verdict(point, measured)
     raw = by_measure({name: of["raw"] for name, of in clip.items()} for clip in measured)
     jerk = raw.get(JERK, {})
     above = ""
@@ -287,11 +293,13 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         above += _says(markup.claim_of(verdict.judgement)[1])
     names = short_names(jerk)
     rows = [
-        _clip_row(clip, [plain(of[number]) if number in of else "…" for of in jerk.values()], run)
+        _clip_row(
+            clip, [format_number(of[number]) if number in of else "…" for of in jerk.values()], run
+        )
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
     means = [interval(list(of.values())) for of in jerk.values()]
-    cells = [ranged(*found, plain) for found in means]
+    cells = [ranged(*found, format_number) for found in means]
     head = markup.heads({name: names[name] for name in jerk})
     title = f"{point_title(point)} jerk in m/s³, as generated, clip by clip"
     foot = f"<tfoot>{markup.row(text.CLIPS_MEAN, cells)}</tfoot>"
@@ -307,7 +315,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
 def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
     if run.state not in ("failed", "cancelled"):
         return markup.row(clip, cells)
-    why = escape(page_sentence(without_folders(run.sentence)) or text.STOPPED)
+    why = escape(page_message(without_folders(run.sentence)) or text.STOPPED)
     return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
 
 
@@ -338,7 +346,7 @@ def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, link
 def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return label and name of every clip, the worst first."""
     worst: dict[str, str] = {
-        each["clip"]: f"{each['clip']}: {kinds_told(each['kinds'])}" for each in told["worst"]
+        each["clip"]: f"{each['clip']}: {format_kinds(each['kinds'])}" for each in told["worst"]
     }
     clips: list[str] = told["clips"]
     return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *clips])]
@@ -347,17 +355,18 @@ def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     if not worst:
         return '<p class="says">No findings in any clip.</p>'
-    unit = next(row.unit for row in MEASURES if row.key == JERK)
+    unit = next(row.unit for row in METRICS if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
-        f"{escape(kinds_told(each['kinds']))}; jerk {written(each['jerk'])} {unit}</span></li>"
+        f"{escape(format_kinds(each['kinds']))}; jerk {format_value(each['jerk'])} "
+        f"{unit}</span></li>"
         for each in worst
     ]
     return _listed(f"<h3>{WORST_FIRST}</h3>", items, MOST_SHOWN, f"{len(items) - MOST_SHOWN} more")
 
 
 def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips: int) -> str:
-    firsts = {row.key for row in MEASURES if row.is_first} | {FGD}
+    firsts = {row.key for row in METRICS if row.is_primary} | {FGD}
     head = markup.heads({name: name for name in systems})
 
     def table(chosen: list[Mapping[str, Any]]) -> str:

@@ -17,7 +17,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from app.config import EXAMPLES
-from app.errors import RunError, visitor_sentence
+from app.errors import RunError, visitor_message
 from app.live.sessions import LiveSessions
 from app.page.routes.guard import is_from_page
 from app.page.visitors.visitors import COOKIE, address_of
@@ -80,7 +80,7 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
     except Exception as error:
         why = error.exceptions[0] if isinstance(error, ExceptionGroup) else error
         if not isinstance(why, WebSocketDisconnect):
-            await _end(socket, visitor_sentence(why))
+            await _end(socket, visitor_message(why))
     finally:
         if number is not None:
             sessions.close(number)

@@ -32,7 +32,7 @@ from starlette.datastructures import QueryParams
 from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
-from app.errors import RunError, visitor_sentence
+from app.errors import RunError, visitor_message
 from app.page.parts.catalogue import point_choices
 from app.page.routes.bodies import CHARACTER_ROUTE
 from app.page.visitors.characters import FILE, Characters
@@ -144,7 +144,7 @@ class MadeFiles:
             await anyio.to_thread.run_sync(self._do, task, request(out), limiter=self._turns)
         except Exception as error:
             shutil.rmtree(folder, ignore_errors=True)
-            return PlainTextResponse(visitor_sentence(error), status_code=400)
+            return PlainTextResponse(visitor_message(error), status_code=400)
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)  # the visitor has gone
             raise
@@ -317,7 +317,7 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
                 quota.set_upload(owner, characters.folder(cookie), FILE, size)
             return answer
         except (RunError, OSError) as error:  # the quota, or the disk
-            return PlainTextResponse(visitor_sentence(error), status_code=413)
+            return PlainTextResponse(visitor_message(error), status_code=413)
         finally:
             reading.pop(folder, None)
             shutil.rmtree(folder, ignore_errors=True)
@@ -370,7 +370,7 @@ def _route(path: str, make: Callable[[], bytes], media_type: str) -> APIRoute:
     return APIRoute(path, answer, methods=["GET"], include_in_schema=False)
 
 
-def prepare() -> None:
+def warm_caches() -> None:
     """Make the data that the first page would wait for."""
     body_glb()
     stage_facts()

@@ -13,7 +13,7 @@ from typing import Any
 import gradio as gr
 
 from app import text
-from app.errors import Cancelled, visitor_sentence
+from app.errors import Cancelled, visitor_message
 from app.page.parts import markup
 from app.page.parts.asked import Fields, values_of
 from app.page.parts.markup import AT_ONCE, Updates, reveal_on_click, shown
@@ -176,7 +176,7 @@ class RunRunner(TabRunner):
         except Cancelled:
             raise
         except Exception as error:
-            begun, sentence = showings().values(), visitor_sentence(error)
+            begun, sentence = showings().values(), visitor_message(error)
             undone = [each.folder for each in begun if each.record.state != "done"]
             has_left = [end_run(folder, sentence) for folder in undone]
             if not any(has_left) and len(undone) == len(begun):
@@ -288,7 +288,7 @@ class Opening:
         if self.services.first_look is not None:
             updates[parts.player] = self.services.first_look
         if tokens:
-            gone = text.RUN_GONE.format(minutes=round(self.services.config.keep_results_s / 60))
+            gone = text.RUN_GONE.format(minutes=round(self.services.config.result_lifetime_s / 60))
             updates[parts.message] = shown(markup.note(gone))
         return updates
 

@@ -27,7 +27,7 @@ from app.page.visitors.visitors import Kept
 from app.run.batch.archives import UNPACKED, is_packed, stem_of
 from app.run.batch.saved_run import is_saved_run
 from app.run.callbacks import RunCallbacks
-from app.run.examples import RECORDED, faulty_example_files
+from app.run.examples import RECORDED, write_faulty_example
 from app.run.requests.convert import replace_fields, request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest
@@ -87,7 +87,7 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
     motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
     reveal_on_click(planted, parts.status)
     filled = planted.click(
-        lambda: (faulty_example_files(services.config.temp / "planted"), RECORDED),
+        lambda: (write_faulty_example(services.config.temp / "planted"), RECORDED),
         outputs=[motions, recorded],
         **PRIVATE,
         trigger_mode="once",
@@ -203,7 +203,7 @@ MAX_NAME = 60
 def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRequest:
     """Make the request of a form from the result of `values_of`; raises RunError."""
     told = with_panels(told)
-    told |= as_they_are(told["motions"], told.pop("recorded"))
+    told |= sort_files_by_kind(told["motions"], told.pop("recorded"))
     motions, reference, speech = told["motions"], told["reference"], told["speech"]
     if not motions:
         raise RunError("Choose at least one motion file (.npz, .npy or .bvh), or a zip of many.")
@@ -230,7 +230,7 @@ def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRe
     return page_request(DiagnoseRequest, {**SHOWN, **told}, config, job)
 
 
-def as_they_are(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
+def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
     """Assign files to the request's fields by their kind; raises RunError if that is not unique.
 
     Args:

@@ -18,7 +18,7 @@ import gradio as gr
 
 from app import text
 from app.config import AppConfig
-from app.errors import Cancelled, RunError, visitor_sentence
+from app.errors import Cancelled, RunError, visitor_message
 from app.live.sessions import LiveSessions
 from app.page.parts import markup
 from app.page.parts.asked import Fields, named_fields
@@ -122,7 +122,7 @@ class Services:
         except Exception as error:  # the check itself failed or timed out
             log.warning("an upload could not be checked: %s", error)
             return ""
-        return visitor_sentence(RunError(sentence)) if sentence else ""
+        return visitor_message(RunError(sentence)) if sentence else ""
 
 
 Asked = TypeVar("Asked")
@@ -272,7 +272,7 @@ class TabRunner(ABC):
             yield self.stopped(markup.sentence_status(text.CANCELLED), "")
         except Exception as error:
             self._unfinished.discard(visitor)
-            sentence = visitor_sentence(error)
+            sentence = visitor_message(error)
             yield self.stopped(markup.sentence_status(text.STOPPED), markup.error_message(sentence))
             # Otherwise only for API clients, as the tab shows it already.
             visible = not self.is_told

@@ -14,7 +14,7 @@ import gradio as gr
 from pydantic import BaseModel, Field, ValidationError
 
 from app import text
-from app.errors import Cancelled, RunError, page_sentence, visitor_sentence
+from app.errors import Cancelled, RunError, page_message, visitor_message
 from app.page.parts import markup
 from app.page.parts.markup import PRIVATE, Updates, shown
 from app.page.results.kept_runs import KeptRun
@@ -107,10 +107,10 @@ class TakesRunner(TabRunner):
             take = yield from self.done(job, REGENERATE_EDITED, wanted, coming)
         except Exception as error:
             drop_unfinished(showing.folder)
-            yield said(visitor_sentence(error), is_refused=True)
+            yield said(visitor_message(error), is_refused=True)
             return
         if take.offers:
-            yield said(page_sentence(take.notes[0]), is_refused=True, offers=take.offers)
+            yield said(page_message(take.notes[0]), is_refused=True, offers=take.offers)
             return
         done = text.TAKE_DONE.format(number=take.number) if take.number else text.EDITOR_READY
         yield said(" ".join((done, *take.notes)))
@@ -204,7 +204,7 @@ def line_of(line: str, share: float | None = None, more: str = "") -> str:
 class Remaining:
     """Estimator of the remaining time from the rate since the first progress.
 
-    The time before, such as the start of a process, is no evidence of the rate.
+    The time before, such as the start of a process, is not evidence of the rate.
     """
 
     first: tuple[float, float] | None = None
@@ -280,7 +280,7 @@ class VideosBehind:
         except Cancelled:
             return  # replaced by another run of the visitor
         except Exception as error:  # the finished run stays, with the error
-            yield self._line(run, f"The videos could not be rendered: {visitor_sentence(error)}")
+            yield self._line(run, f"The videos could not be rendered: {visitor_message(error)}")
 
     def _drawn(self, job: Job, run: KeptRun, video: VideoOptions) -> Iterator[Updates]:
         remaining = Remaining()

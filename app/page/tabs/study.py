@@ -27,8 +27,8 @@ from app.page.visitors.files import Job
 from app.page.visitors.uploads import MAX_FILES
 from app.run.callbacks import RunCallbacks
 from app.study.analyse import AnalysisRequest, analyse
-from app.study.design.plan import Plan, read_plan, wording
-from app.study.design.trials import make_design, size_of
+from app.study.design.plan import Plan, load_wording, read_plan
+from app.study.design.trials import make_design, study_size
 from app.study.make.workspace import EXPORT_STUDY, ExportRequest
 from conventions.views import VIEWS
 from model.systems.registry import default_planner
@@ -174,7 +174,7 @@ def _build_settings() -> dict[str, Any]:
             )
         of["ethics"] = gr.Textbox("", label="Ethics approval: board and number")
         of["consent"] = gr.Textbox(
-            "", label="Consent text", placeholder=wording()["consent"]["text"].strip(), lines=5
+            "", label="Consent text", placeholder=load_wording()["consent"]["text"].strip(), lines=5
         )
     return of
 
@@ -364,7 +364,7 @@ class StudyRunner(TabRunner):
         path = job.folder / "plan.toml"
         path.write_text(plan_text(told), "utf-8")
         plan = read_plan(path)
-        size = size_of(plan, make_design(plan))[1]
+        size = study_size(plan, make_design(plan))[1]
         yield {self.status: markup.sentence_status(text.STARTING), self.made_part: shown("")}
         address = self.services.media.share(job.folder, job.cookie)
         yield from self._made(job, told, path, size, address)
@@ -416,7 +416,9 @@ class StudyRunner(TabRunner):
             _link("study-participants", address(bundle), bundle.name, PARTICIPANTS),
             _link("study-plan", address(job.folder / plan.name), plan.name, PLAN),
         )
-        made = f"{_key(token, config.keep_results_s)}{_preview(f'{look}&preview')}{''.join(files)}"
+        made = (
+            f"{_key(token, config.result_lifetime_s)}{_preview(f'{look}&preview')}{''.join(files)}"
+        )
         yield {
             self.status: markup.sentence_status(f"{MADE} {size}"),
             self.made_part: shown(f'<div class="downloads">{made}</div>'),

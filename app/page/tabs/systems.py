@@ -31,7 +31,7 @@ from app.run.requests.requests import (
 )
 from app.run.tasks import COMPARE_ROTATION_NOISE, MEASURE_SPEECH_EFFECT, MEASURE_STEPS, Task
 from model.generation.family import Ablation, AblationStep, ExtraSystem, Topic
-from model.storage.cards import CALM_AND_LIVELY
+from model.storage.cards import DEFAULT_SPEAKER_PAIR
 from model.systems.registry import families, family_of, representatives
 
 NOT_HERE = "weights not installed"
@@ -276,7 +276,7 @@ class HearingRunner(FigureRunner):
             label=text.GUIDANCE_LABEL,
             elem_id="hearing-strength",
         )
-        calm, lively = CALM_AND_LIVELY
+        calm, lively = DEFAULT_SPEAKER_PAIR
         speakers = gr.Checkbox(
             label=f"Also compare the speakers {calm} and {lively}",
             info="A calm and a lively speaker, for the first speech and the same seeds.",
@@ -295,7 +295,7 @@ class HearingRunner(FigureRunner):
             raise RunError(
                 "Upload two speeches to compare; this installation has fewer than two examples."
             )
-        speakers = CALM_AND_LIVELY if asked["speakers"] else None
+        speakers = DEFAULT_SPEAKER_PAIR if asked["speakers"] else None
         return {**asked, "speeches": (*given, *spare[:missing]), "speakers": speakers}
 
 

@@ -60,7 +60,7 @@ class Turns(queueing.Queue):
             options: options of Gradio's queue.
         """
         super().__init__(max_size=None, **options)
-        self.max_waiting = max_waiting
+        self.max_queue_size = max_waiting
         self.pending_messages_per_session = _AllMessages(MAX_SESSIONS)
         self._jobs = jobs
         self._abandoned: set[str] = set()
@@ -76,7 +76,7 @@ class Turns(queueing.Queue):
             kind = route_utils.get_fn(self.blocks, None, body).concurrency_id
             self._drop_unheard()
             waiting = [event for event in self._waiting() if event.concurrency_id != CHECKS]
-            if kind != CHECKS and len(waiting) >= self.max_waiting:
+            if kind != CHECKS and len(waiting) >= self.max_queue_size:
                 return False, FULL.format(count=len(waiting)), "queue_full"
             limit = MAX_CHECKS_OF_ADDRESS if kind == CHECKS else MAX_OF_ADDRESS
             own = [event for event in self._waiting(kind) if _is_from(event, address_of(request))]

@@ -22,7 +22,7 @@ MAX_FILES = 250
 MAX_BODY_BYTES = 2 * 10**9
 """Maximum size of one request (bytes)."""
 MAX_FIELD_BYTES = 1 << 16
-"""Maximum size (bytes) of a field that is no file, which is held in memory."""
+"""Maximum size (bytes) of a field that is not a file, which is held in memory."""
 _CHECK_BYTES = 1 << 24
 """Number of uploaded bytes between two checks of the disk."""
 _PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048

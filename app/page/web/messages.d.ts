@@ -70,7 +70,7 @@ export interface GesturePlan {
   brows: Brow[];
   smiles: Smile[];
   blinks: Blink[];
-  stands: Stand[];
+  stands: Stance[];
   planted: FootContact[];
 }
 
@@ -231,7 +231,7 @@ export interface Blink {
 }
 
 /** Stance: the leg that carries the body's weight. */
-export interface Stand {
+export interface Stance {
   start_s: number;
   end_s: number;
   leg: "left" | "right" | "both";
@@ -274,11 +274,11 @@ export interface EditSuggestionJson {
 
 /** Interpretation of a file in one respect; see `model.formats.reading.Assumption`. */
 export interface AssumptionRecord {
-  what: string;
+  kind: string;
   value: string;
-  why: string;
-  sure: "told" | "stated" | "sure" | "likely" | "unsure";
-  others: string[];
+  reason: string;
+  confidence: "user" | "stated" | "sure" | "likely" | "unsure";
+  alternatives: string[];
 }
 
 export interface ViewerConstants {

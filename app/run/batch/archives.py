@@ -82,7 +82,7 @@ def unpack_archives(
 
 
 def is_packed(path: Path) -> bool:
-    """Check whether a path is named like an archive, and is no folder."""
+    """Check whether a path is named like an archive, and is not a folder."""
     return _ending_of(path.name) is not None and not path.is_dir()
 
 
@@ -178,11 +178,11 @@ class _Archive:
             if error.filename is not None and Path(error.filename) != self._path:
                 raise write_error(Path(error.filename), error) from error
             if isinstance(error, gzip.BadGzipFile):
-                raise RunError(f"{name} is no readable {noun}; pack it again.") from error
+                raise RunError(f"{name} is not a readable {noun}; pack it again.") from error
             raise RunError(f"{name} cannot be read: {error.strerror or error}.") from error
         except _DAMAGED as error:
             raise RunError(
-                f"{name} is no readable {noun}; pack it again, without a password."
+                f"{name} is not a readable {noun}; pack it again, without a password."
             ) from error
         within = [folder / entry.path for entry in wanted if _ending_of(entry.path.name)]
         return len(wanted) - len(within) + sum(map(self._unpack_within, within))

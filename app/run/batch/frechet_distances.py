@@ -14,14 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from app.errors import RunError
 from app.findings.measure_rows import FGD, FGD_EMAGE, FGD_GENEA, TITLES
 from app.run.batch.published_metrics import DRAWS, PLAIN, interval_rows, varied
 from app.run.requests.parts import MetricOptions
 from conventions.names import REFERENCE_NAME
-from model.evaluation.frechet import Moments, distance_of, motion_features
-from model.evaluation.tables import drawn_clips
+from model.evaluation.frechet import FeatureMoments, frechet_from_moments, motion_features
+from model.evaluation.tables import bootstrap_indices
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
@@ -49,7 +50,7 @@ class FeatureEncoder:
     frames_a_code: int
     sha256: str
     offset: float = 0.0
-    """Offset argument of `distance_of`."""
+    """Offset argument of `frechet_from_moments`."""
 
 
 def feature_encoders(metrics: MetricOptions) -> tuple[FeatureEncoder, ...]:
@@ -72,7 +73,7 @@ def _load_encoders(metrics: MetricOptions, versions: FileVersions) -> tuple[Feat
     ]
     if metrics.emage_weights is not None:
         theirs = emage.load_emage_encoder(metrics.emage_weights)
-        frames, sha256 = emage.FRAMES_A_CODE, file_sha256(metrics.emage_weights)
+        frames, sha256 = emage.FRAMES_PER_CODE, file_sha256(metrics.emage_weights)
         judges.append(
             FeatureEncoder(
                 FGD_EMAGE,
@@ -168,8 +169,8 @@ def distance_values(
                 continue
             for name in (name for name in systems if name != REFERENCE_NAME):
                 codes = np.concatenate(list(_codes_of(number, records, name, variation)))
-                moments = Moments.of(recorded), Moments.of(codes)
-                distance = distance_of(*moments, judge.offset)
+                moments = FeatureMoments.of(recorded), FeatureMoments.of(codes)
+                distance = frechet_from_moments(*moments, judge.offset)
                 values[name, judge.protocol, "fgd", variation] = distance
     return values
 
@@ -216,12 +217,12 @@ def _rows(
     judge: FeatureEncoder,
     systems: Sequence[str],
     num_clips: int,
-    clips: Callable[[str], Iterator[np.ndarray]],
+    clips: Callable[[str], Iterator[Float[np.ndarray, "codes C"]]],
 ) -> Iterator[tuple[Any, ...]]:
     recorded = _drawn(clips(REFERENCE_NAME), num_clips)
     values = {
         name: np.array([
-            distance_of(real, other, judge.offset)
+            frechet_from_moments(real, other, judge.offset)
             for real, other in zip(recorded, _drawn(clips(name), num_clips), strict=True)
         ])
         for name in systems
@@ -231,9 +232,9 @@ def _rows(
     return interval_rows((judge.metric, ""), values, counts, judge.protocol)
 
 
-def _drawn(clips: Iterator[np.ndarray], num_clips: int) -> list[Moments]:
+def _drawn(clips: Iterator[Float[np.ndarray, "codes C"]], num_clips: int) -> list[FeatureMoments]:
     """Sum up the features of all clips, and then those of each bootstrap draw."""
-    drawn = [np.bincount(each, minlength=num_clips) for each in drawn_clips(num_clips, DRAWS)]
+    drawn = [np.bincount(each, minlength=num_clips) for each in bootstrap_indices(num_clips, DRAWS)]
     times = np.array([np.ones(num_clips), *drawn])
     sums: Any = 0.0
     for start in range(0, num_clips, _CLIPS_AT_ONCE):
@@ -241,4 +242,4 @@ def _drawn(clips: Iterator[np.ndarray], num_clips: int) -> list[Moments]:
         some = [np.insert(codes, 0, 1.0, axis=1) for codes in islice(clips, _CLIPS_AT_ONCE)]
         products = np.array([codes.T @ codes for codes in some])
         sums = sums + np.tensordot(times[:, start : start + _CLIPS_AT_ONCE], products, 1)
-    return [Moments(round(each[0, 0]), each[0, 1:], each[1:, 1:]) for each in sums]
+    return [FeatureMoments(round(each[0, 0]), each[0, 1:], each[1:, 1:]) for each in sums]

@@ -18,17 +18,17 @@ import jinja2
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from app.errors import RunError
-from app.findings.comparison import kinds_told
+from app.findings.comparison import format_kinds
 from app.findings.measure_rows import (
-    FAST_POWER,
     FGD,
     FGD_EMAGE,
     FGD_GENEA,
-    MEASURES,
+    METRICS,
+    POWER_ABOVE_5_HZ,
     TITLES,
     definition_of,
+    format_value,
     with_partners,
-    written,
 )
 from conventions.names import REFERENCE_NAME, printable
 from model.storage.files import read_capped, write_atomically
@@ -88,7 +88,7 @@ class Entry:
     def finding_counts(self) -> list[str]:
         """Kinds of findings with their numbers of clips, the most frequent first."""
         kinds = sorted(self.findings.items(), key=lambda item: -item[1])
-        return [f"{kinds_told([kind])} {count}" for kind, count in kinds]
+        return [f"{format_kinds([kind])} {count}" for kind, count in kinds]
 
 
 class Leaderboard(BaseModel):
@@ -114,7 +114,7 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
     try:
         told = json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise RunError(f"{path} is no JSON.") from error
+        raise RunError(f"{path} is not JSON.") from error
     try:
         return _entries(told, folder, note, set(names))
     except RunError:
@@ -126,8 +126,8 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
         ) from error
 
 
-def _entries(told: dict[str, Any], folder: Path, note: str, names: set[str]) -> list[Entry]:
-    where = told["provenance"]
+def _entries(results: dict[str, Any], folder: Path, note: str, names: set[str]) -> list[Entry]:
+    where = results["provenance"]
     if not where["reference"]:
         raise RunError(
             f"{folder.name} was measured without a recorded set, and so cannot be held against "
@@ -142,19 +142,21 @@ def _entries(told: dict[str, Any], folder: Path, note: str, names: set[str]) -> 
     if len(note) > MAX_NOTE:
         raise RunError(f"A note has at most {MAX_NOTE} letters; this one has {len(note)}.")
     taken = wanted | {REFERENCE_NAME}
-    entries = [_entry(told, where, name, note) for name in where["systems"] if name in taken]
+    entries = [_entry(results, where, name, note) for name in where["systems"] if name in taken]
     return Leaderboard.model_validate_json(
         json.dumps({"entries": list(map(asdict, entries))})
     ).entries
 
 
-def _entry(told: dict[str, Any], where: dict[str, Any], name: str, note: str) -> Entry:
-    rows = [row for row in told["measures"] if row["system"] == name and not row["difference_to"]]
+def _entry(results: dict[str, Any], where: dict[str, Any], name: str, note: str) -> Entry:
+    rows = [
+        row for row in results["measures"] if row["system"] == name and not row["difference_to"]
+    ]
     return Entry(
         system=name,
         test=_test_of(where),
         files=where["systems"][name],
-        clips=len(told["clips"]),
+        clips=len(results["clips"]),
         made_at=where["made_at"],
         project=where["project"],
         measures={
@@ -163,7 +165,7 @@ def _entry(told: dict[str, Any], where: dict[str, Any], name: str, note: str) ->
             )
             for row in rows
         },
-        findings=told["clips_with_finding"].get(name, {}),
+        findings=results["clips_with_finding"].get(name, {}),
         note="" if name == REFERENCE_NAME else note,
     )
 
@@ -179,17 +181,17 @@ def merge_entries(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
 
     If it has no note, it gets the earlier one's.
     """
-    found: dict[tuple[str, str, str], Entry] = {}
+    merged: dict[tuple[str, str, str], Entry] = {}
     for board in boards:
         for entry in board:
-            known = found.get(entry.key)
+            known = merged.get(entry.key)
             if known is None:
-                found[entry.key] = entry
+                merged[entry.key] = entry
                 continue
             newer, older = sorted((entry, known), key=lambda one: one.made_at, reverse=True)
-            found[entry.key] = replace(newer, note=newer.note or older.note)
+            merged[entry.key] = replace(newer, note=newer.note or older.note)
     return sorted(
-        found.values(), key=lambda one: (one.test, one.is_recorded, one.system, one.made_at)
+        merged.values(), key=lambda one: (one.test, one.is_recorded, one.system, one.made_at)
     )
 
 
@@ -203,16 +205,16 @@ def read_leaderboard(path: Path) -> list[Entry]:
     try:
         return read_json(path, Leaderboard, MAX_BYTES).entries
     except FieldError as error:
-        raise RunError(f"{path.name} is no leaderboard of format {FORMAT}: {error}.") from None
+        raise RunError(f"{path.name} is not a leaderboard of format {FORMAT}: {error}.") from None
 
 
 _BY = " · "
 """Separator of a metric's key and its protocol, where a table has several of one metric."""
 _OF_SETS = {FGD, FGD_EMAGE, *FGD_GENEA.values()}
-_TO_RECORDED = _OF_SETS | {row.key for row in MEASURES if row.is_error}
+_TO_RECORDED = _OF_SETS | {row.key for row in METRICS if row.is_error}
 """Metrics that are distances to the recorded motion."""
-_WITHOUT_AIM = {row.key for row in MEASURES if not row.has_target}
-_FIRST = {row.key for row in MEASURES if row.is_first or row.key == FAST_POWER}
+_WITHOUT_AIM = {row.key for row in METRICS if not row.has_reference_value}
+_FIRST = {row.key for row in METRICS if row.is_primary or row.key == POWER_ABOVE_5_HZ}
 
 
 def leaderboard_html(entries: Sequence[Entry]) -> str:
@@ -237,7 +239,7 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
         tables=[_table(of) for of in tests],
         definition_of=definition_of,
         titles=TITLES,
-        written=written,
+        written=format_value,
     )
 
 

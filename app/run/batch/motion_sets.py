@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.findings.measure_rows import MEASURES, numbers_of, parts_apart
+from app.findings.measure_rows import METRICS, incomparable_parts, numbers_of
 from app.run.batch.archives import UNPACKED, UnpackLimits, unpack_archives
 from app.run.batch.frechet_distances import (
     check_weights,
@@ -51,11 +51,11 @@ from app.run.requests.parts import MetricOptions
 from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import SetResults
 from conventions.names import REFERENCE_NAME, printable
-from model.diagnostics import raw_evidence
+from model.diagnostics import analyse_raw
 from model.faults.table import drop_missing_parts, find_faults
 from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, read_any_motion
-from model.formats.reading import LACKS, MOTIONS, REFERENCE, ImportedMotion
+from model.formats.reading import MISSING_PART_TEXTS, MOTIONS, REFERENCE, ImportedMotion
 from model.metrics.lag import speech_bands_by_frame
 from model.metrics.protocols.clip import Clip, ProtocolInputs, Sums
 from model.metrics.protocols.formulas import protocol_sums
@@ -106,7 +106,7 @@ def diagnose_folders(
         pool: workers; by default this process.
 
     Raises:
-        RunError: if folders have no readable clip in common, one is no folder, or an archive is
+        RunError: if folders have no readable clip in common, one is not a folder, or an archive is
             hostile.
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if the workers are lost.
@@ -209,7 +209,7 @@ def _diagnose_clips(
     records = {clip: each.record for clip, each in measured.items() if clip not in left_out}
     numbers = {clip: json.loads(path.read_text()) for clip, path in records.items()}
     notes += [sentence for each in numbers.values() for sentence in each["unread"]]
-    above = told_above(files, list(numbers.values()))
+    above = notes_on_sets(files, list(numbers.values()))
     notes[:0] = above
     systems, kept_records = list(files), list(records.values())
     distances, unsaid = distance_rows(systems, kept_records, here.metrics)
@@ -302,7 +302,7 @@ def _named_folders(request: DiagnoseRequest) -> dict[str, Path]:
         folders[REFERENCE_NAME] = request.imports.reference
     wrong = next((folder for folder in folders.values() if not folder.is_dir()), None)
     if wrong is not None:
-        raise RunError(f"{wrong} is no folder or zip; give sets only, or files only.")
+        raise RunError(f"{wrong} is not a folder or zip; give sets only, or files only.")
     return folders
 
 
@@ -311,7 +311,7 @@ def _speech_folder(request: DiagnoseRequest) -> Path | None:
         raise RunError("Mean speeds are of use with sound only; give both (--speech FOLDER).")
     if request.speech.path is not None and not request.speech.path.is_dir():
         raise RunError(
-            f"{request.speech.path} is no folder or zip; sets of motion go with a set of sound, "
+            f"{request.speech.path} is not a folder or zip; sets of motion go with a set of sound, "
             "whose files have the clips' names."
         )
     return request.speech.path
@@ -383,7 +383,7 @@ class _Clip:
         }
         shortest = min(each.motion.num_frames for each in of_all.values())
         heard = self._shared_inputs(shortest)
-        apart = parts_apart({which: each.missing_parts for which, each in of_all.items()})
+        apart = incomparable_parts({which: each.missing_parts for which, each in of_all.items()})
         reference = None
         systems: dict[str, Any] = {}
         motions: dict[str, list[Motion]] = {}
@@ -393,7 +393,7 @@ class _Clip:
             for sample, reading in readings[name].items():
                 motion = first_frames(reading.motion, shortest)
                 motions.setdefault(name, []).append(motion)
-                evidence = raw_evidence(motion, open_body_skeleton(), reference, **heard)
+                evidence = analyse_raw(motion, open_body_skeleton(), reference, **heard)
                 recorded = None if name == REFERENCE_NAME else clips.get(REFERENCE_NAME, [None])[0]
                 clip = heard["inputs"].clip(motion, evidence.tracks, recorded)
                 clips.setdefault(name, []).append(clip)
@@ -448,7 +448,7 @@ class _Clip:
         }  # fmt: skip
 
     def _shared_inputs(self, num_frames: int) -> dict[str, Any]:
-        """Return the arguments of `raw_evidence` that do not depend on the motion."""
+        """Return the arguments of `analyse_raw` that do not depend on the motion."""
         speech = None
         if self.sound is not None:
             speech = load_speech(self.sound, SpeechLimits(channel=self.request.speech.channel))
@@ -457,7 +457,7 @@ class _Clip:
         if speech is None:
             return {"inputs": inputs}
         heard = speech_bands_by_frame(speech.waveform)
-        return {"onsets_s": onsets_of(speech), "heard": heard, "inputs": inputs}
+        return {"onsets_s": onsets_of(speech), "speech_bands": heard, "inputs": inputs}
 
     def _readings(self, name: str, unread: list[str]) -> dict[str, ImportedMotion]:
         """Read the samples of a set, and append the reasons of unreadable ones to ``unread``.
@@ -509,12 +509,12 @@ def assumed_in(reading: ImportedMotion) -> dict[str, Any]:
     """Return the assumptions on a file that differ from our format, and what it lacks."""
     told = [each for each in reading.assumptions if not each.is_default]
     return {
-        "said": [[each.kind, each.value, each.why] for each in told],
+        "said": [[each.kind, each.value, each.reason] for each in told],
         "lacks": sorted(reading.missing_parts),
     }
 
 
-def told_above(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> list[str]:
+def notes_on_sets(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> list[str]:
     """Return notes on all clips: what sets lack, how they differ, and their assumptions.
 
     Assumptions are the most frequent first, such as ``mine: up z in 40 of 40``.
@@ -542,14 +542,14 @@ def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
     lacks = {
         name: {part for file in of_set for part in file["lacks"]} for name, of_set in files.items()
     }
-    apart = parts_apart(lacks)
-    for part, (what, _) in LACKS.items():
+    apart = incomparable_parts(lacks)
+    for part, (what, _) in MISSING_PART_TEXTS.items():
         if part == "face":  # in the counts of assumptions
             continue
         for name, of_set in files.items():
             count = sum(part in file["lacks"] for file in of_set)
-            rows = [row for row in MEASURES if part in row.needs]
-            rows += [row for row in MEASURES if part in row.compared_with and part in apart[name]]
+            rows = [row for row in METRICS if part in row.parts]
+            rows += [row for row in METRICS if part in row.compared_with and part in apart[name]]
             titles = ", ".join(row.title for row in rows)
             out = f": {titles} say nothing of it and are left out" if rows else ""
             some = "" if count == len(of_set) else f" in {count} of {len(of_set)} files"

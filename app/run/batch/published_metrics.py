@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from app.findings.measure_rows import written
+from app.findings.measure_rows import format_value
 from conventions.names import REFERENCE_NAME
-from model.evaluation.tables import drawn_clips, interval_of
+from model.evaluation.tables import bootstrap_indices, percentile_interval
 from model.metrics.protocols.clip import Clip, ProtocolInputs, Sums
 from model.metrics.protocols.formulas import FORMULAS
 from model.metrics.protocols.table import PROTOCOLS
@@ -128,7 +129,7 @@ class PublishedMetrics:
 
     def __init__(self, records: Sequence[Path]) -> None:
         count = len(records)
-        drawn = [np.bincount(each, minlength=count) for each in drawn_clips(count, DRAWS)]
+        drawn = [np.bincount(each, minlength=count) for each in bootstrap_indices(count, DRAWS)]
         self._draws = np.array([np.ones(count), *drawn])
         # Sums by variation, protocol, system and key, and the clips that have them.
         self._sums: dict[tuple[str, str, str], dict[str, Any]] = {}
@@ -172,7 +173,7 @@ class PublishedMetrics:
 
 def interval_rows(
     head: tuple[str, str],
-    values: Mapping[str, np.ndarray],
+    values: Mapping[str, Float[np.ndarray, " draws"]],
     clips: Mapping[str, int],
     protocol: str,
 ) -> Iterator[tuple[Any, ...]]:
@@ -191,9 +192,9 @@ def interval_rows(
             yield (*own, "", "", "", other, *apart, protocol)
 
 
-def _interval(values: np.ndarray) -> tuple[float, float, float]:
+def _interval(values: Float[np.ndarray, " draws"]) -> tuple[float, float, float]:
     drawn = values[1:][~np.isnan(values[1:])]
-    found = interval_of(values[0], drawn if len(drawn) else values[:1])
+    found = percentile_interval(values[0], drawn if len(drawn) else values[:1])
     return found.mean, found.low, found.high
 
 
@@ -241,7 +242,7 @@ def rule_lines(
                     name,
                     escape_markdown(system),
                     rule,
-                    written(value),
+                    format_value(value),
                     told if place else "",
                     *gap,
                 )

@@ -14,8 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from app.errors import RunError, sentence_of
-from app.findings.verdict import verdict_of
+from app.errors import RunError, message_for_user
+from app.findings.verdict import make_verdict
 from app.run.batch.pairing import has_suffix
 from app.run.batch.table import write_tables
 from app.run.callbacks import NO_CALLBACKS, Progress, RunCallbacks, RunEvent, RunStage
@@ -116,7 +116,7 @@ def run_batch(
         notes: list[str] = []
         if clips:
             runs = [read_run(requests[clip].output.out) for clip in clips]
-            verdict = verdict_of(runs[0].point, [run.numbers for run in runs])
+            verdict = make_verdict(runs[0].point, [run.numbers for run in runs])
             notes += [] if verdict is None else [verdict.text]
             names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
             numbers = dict(zip(clips, map(_kept, runs), strict=True))
@@ -145,7 +145,7 @@ def run_jobs(
 
     Args:
         on_done: called with the name of each finished job, and the fraction done.
-        further: callbacks of `JobPool.do_all`.
+        further: callbacks of `JobPool.run_all`.
     """
     kept = done = sum(job.is_done() for job in jobs)
 
@@ -154,7 +154,7 @@ def run_jobs(
         done += 1
         on_done(name, done / len(jobs))
 
-    failed = pool.do_all(jobs, tell, **further)
+    failed = pool.run_all(jobs, tell, **further)
     return kept, {name: _sentence(error) for name, error in failed.items()}
 
 
@@ -205,7 +205,7 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
     """Return the gesture plan file of each clip, which has the clip's name.
 
     Raises:
-        RunError: if the path is no folder, or a clip has no plan.
+        RunError: if the path is not a folder, or a clip has no plan.
     """
     from model.plan.files import ENDINGS as PLAN_ENDINGS
 
@@ -213,7 +213,8 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
         return {}
     if not folder.is_dir():
         raise RunError(
-            f"{folder} is no folder; many pieces of speech take a folder of plans, each named as "
+            f"{folder} is not a folder; many pieces of speech take a folder of plans, each named "
+            "as "
             f"its speech ({', '.join(PLAN_ENDINGS)})."
         )
     known = tuple(ending.lower() for ending in PLAN_ENDINGS)
@@ -243,13 +244,13 @@ def _stamp(request: AnyRun) -> str:
     return inputs_digest(files if body is None else files | {"body": body}, asked)
 
 
-def inputs_digest(files: Mapping[str, Path], said: object) -> str:
+def inputs_digest(files: Mapping[str, Path], transcript: object) -> str:
     """Return the digest of a request and its files, by name, size and modification time."""
     of_files = {}
     for name, path in files.items():
         found = path.stat()
         of_files[name] = [path.name, found.st_size, found.st_mtime_ns]
-    told = json.dumps({"said": said, "files": of_files}, default=str, sort_keys=True)
+    told = json.dumps({"said": transcript, "files": of_files}, default=str, sort_keys=True)
     return hashlib.sha256(told.encode()).hexdigest()
 
 
@@ -289,7 +290,7 @@ def _kept(run: RunRecord) -> dict[str, Any]:
 
 
 def _sentence(error: Exception) -> str:
-    sentence = sentence_of(error)
+    sentence = message_for_user(error)
     if sentence is None:
         raise error
     return sentence

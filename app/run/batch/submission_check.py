@@ -49,7 +49,7 @@ def check_sets(
             split.
 
     Raises:
-        RunError: without a reference, or for anything that is no set, or a hostile archive.
+        RunError: without a reference, or for anything that is not a set, or a hostile archive.
     """
     if reference is None:
         raise RunError(
@@ -65,7 +65,7 @@ def check_sets(
             raise RunError("Two sets have the same name, or one is called 'reference'; rename one.")
         for folder in (*named.values(), recorded):
             if not folder.is_dir():
-                raise RunError(f"{folder} is no folder or archive; --check takes whole sets.")
+                raise RunError(f"{folder} is not a folder or archive; --check takes whole sets.")
         found = {name: _checked(name, folder, recorded) for name, folder in named.items()}
         lines = ["# Held against the rules of the GENEA leaderboard", ""]
         for each in found.values():

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.findings.comparison import kinds_told
-from app.findings.measure_rows import JERK, MEASURES, TITLES, Measure, ranged, written
-from app.findings.verdict import ENOUGH_CLIPS
+from app.findings.comparison import format_kinds
+from app.findings.measure_rows import JERK, METRICS, TITLES, Metric, format_value, ranged
+from app.findings.verdict import MIN_CLIPS_FOR_CLAIM
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
 from model.metrics.protocols.table import WORKBENCH, protocol_of
@@ -40,26 +40,26 @@ HEADER = (
 )
 
 
-def mean_of_samples(told: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def mean_of_samples(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Average the samples of a clip: means, standard deviations (``spread``) and common findings.
 
     Common findings are those of at least half of the samples.
     """
-    if len(told) == 1:
-        return dict(told[0])
+    if len(samples) == 1:
+        return dict(samples[0])
     known = {
-        row.key: [each["numbers"][row.key] for each in told if row.key in each["numbers"]]
-        for row in MEASURES
+        row.key: [each["numbers"][row.key] for each in samples if row.key in each["numbers"]]
+        for row in METRICS
     }
-    counts = Counter(kind for each in told for kind in set(each["findings"]))
+    counts = Counter(kind for each in samples for kind in set(each["findings"]))
     return {
         "numbers": {key: float(np.mean(values)) for key, values in known.items() if values},
         "spread": {
             key: float(np.std(values, ddof=1)) for key, values in known.items() if len(values) > 1
         },
-        "samples": len(told),
-        "findings": [kind for kind, count in counts.items() if 2 * count >= len(told)],
-        "sha256": [each["sha256"] for each in told],
+        "samples": len(samples),
+        "findings": [kind for kind, count in counts.items() if 2 * count >= len(samples)],
+        "sha256": [each["sha256"] for each in samples],
     }
 
 
@@ -86,7 +86,7 @@ def write_tables(
     """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
 
     Args:
-        numbers: records by clip, with the raw ``numbers`` (keys of `MEASURES`) and the ``findings``
+        numbers: records by clip, with the raw ``numbers`` (keys of `METRICS`) and the ``findings``
             of each of the ``systems``.
         notes: notes above the numbers.
         left_out: reasons by omitted clip.
@@ -107,7 +107,7 @@ def write_tables(
         name: dict(Counter(kind for _, each in of for kind in set(each["findings"])).most_common())
         for name, of in of_systems.items()
     }
-    told: dict[str, Any] = {
+    results: dict[str, Any] = {
         "clips": list(numbers),
         "measures": [dict(zip(HEADER, row, strict=True)) for row in rows],
         "clips_with_finding": findings,
@@ -115,30 +115,30 @@ def write_tables(
         "notes": list(notes),
         "left_out": dict(left_out),
     } | ({} if origin is None else {"provenance": dict(origin)})
-    means = cells_of(systems, told["measures"])
+    means = cells_of(systems, results["measures"])
     sheet = [
-        *_sheet(systems, told, means),
-        *_worst_lines(told["worst"]),
+        *_sheet(systems, results, means),
+        *_worst_lines(results["worst"]),
         *_spread_lines(of_systems),
         *below,
     ]
     contents = {
         "many.csv": csv_text([HEADER, *rows]),
-        "many.json": json.dumps(told, indent=1, allow_nan=False) + "\n",
+        "many.json": json.dumps(results, indent=1, allow_nan=False) + "\n",
         "clips.csv": csv_text(_clip_rows(of_systems, left_out, speeds)),
         "sheet.md": "\n".join(sheet) + "\n",
         "table.tex": _latex(systems, len(numbers), means),
     }
     for name, content in contents.items():
         (out / name).write_text(content, "utf-8", newline="")
-    return tuple(out / name for name in TABLES), told
+    return tuple(out / name for name in TABLES), results
 
 
 def _clip_rows(
     of_systems: OfSystems, left_out: Mapping[str, str], speeds: BeatSpeeds
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the header, a row for each clip of each system, and one for each omitted clip."""
-    keys = [row.key for row in MEASURES]
+    keys = [row.key for row in METRICS]
     others = [
         (key, protocol) for key in keys if (protocol := protocol_of(key, speeds)) != WORKBENCH
     ]
@@ -162,7 +162,7 @@ def worst_clips(of_systems: OfSystems) -> list[dict[str, Any]]:
     def badness(each: dict[str, Any]) -> tuple[int, float]:
         return len(each["kinds"]), each["jerk"] or 0.0
 
-    found: list[dict[str, Any]] = []
+    worst: list[dict[str, Any]] = []
     for name, clips in of_systems.items():
         if name == REFERENCE_NAME:
             continue
@@ -171,8 +171,8 @@ def worst_clips(of_systems: OfSystems) -> list[dict[str, Any]]:
             for clip, told in clips
             if (kinds := list(dict.fromkeys(told["findings"])))
         ]
-        found += sorted(faulty, key=badness, reverse=True)[:NUM_WORST]
-    return sorted(found, key=badness, reverse=True)
+        worst += sorted(faulty, key=badness, reverse=True)[:NUM_WORST]
+    return sorted(worst, key=badness, reverse=True)
 
 
 def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -181,14 +181,14 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
     rows = (
         map(
             escape_markdown,
-            (of["system"], of["clip"], kinds_told(of["kinds"]), written(of["jerk"])),
+            (of["system"], of["clip"], format_kinds(of["kinds"]), format_value(of["jerk"])),
         )
         for of in worst
     )
     title = (
         f"Clips with the most findings, at most {NUM_WORST} per system; ties are ordered by jerk"
     )
-    (unit,) = (row.unit for row in MEASURES if row.key == JERK)
+    (unit,) = (row.unit for row in METRICS if row.key == JERK)
     table = _grid(("system", "clip", "findings", f"jerk ({unit})"), rows)
     return ["", f"{title} first. All are in `clips.csv`.", "", *table]
 
@@ -208,10 +208,10 @@ def _spread_lines(of_systems: OfSystems) -> list[str]:
     }
     spreads = {name: of for name, of in spreads.items() if of}
     rows = []
-    for row in MEASURES:
+    for row in METRICS:
         known = [[each[row.key] for each in of if row.key in each] for of in spreads.values()]
         if any(known):
-            cells = (written(float(np.mean(each)) if each else None) for each in known)
+            cells = (format_value(float(np.mean(each)) if each else None) for each in known)
             rows.append((title_with_unit(row), *cells))
     title = "Variation between samples of one clip: standard deviation, averaged over clips."
     return ["", title, "", *_grid(("measure", *spreads), rows)] if spreads else []
@@ -237,7 +237,7 @@ def _latex(systems: list[str], clips: int, means: Cells) -> str:
 
 def _rows(of_systems: OfSystems, speeds: BeatSpeeds) -> Iterator[Row]:
     """Yield the mean of each system and the differences of all pairs, by metric."""
-    for measure in MEASURES:
+    for measure in METRICS:
         values = {
             name: np.array([told["numbers"].get(measure.key, np.nan) for _, told in clips])
             for name, clips in of_systems.items()
@@ -269,7 +269,7 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
 
     Values of different protocols are never in one row; the title names all but the workbench's own.
     """
-    told: Cells = {}
+    cells_by_title: Cells = {}
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault((row["measure"], row["protocol"]), []).append(row)
@@ -277,14 +277,14 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
         cells = [_cell(own, name, systems[-1]) for name in systems]
         title = _with_unit(TITLES.get(str(key), str(key)), own[0]["unit"])
         is_named = protocol == WORKBENCH or str(key).startswith(protocol)
-        told[title if is_named else f"{title} · {protocol}"] = cells
-    return told
+        cells_by_title[title if is_named else f"{title} · {protocol}"] = cells
+    return cells_by_title
 
 
 def star_legend(systems: Sequence[str], clips: int) -> str:
     """Return the explanation of stars; with few clips there are none."""
-    if clips < ENOUGH_CLIPS:
-        return f"With fewer than {ENOUGH_CLIPS} clips no difference is starred."
+    if clips < MIN_CLIPS_FOR_CLAIM:
+        return f"With fewer than {MIN_CLIPS_FOR_CLAIM} clips no difference is starred."
     return f"* the interval of the paired difference to {systems[-1]} leaves out 0."
 
 
@@ -294,21 +294,21 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
     if mean is None:
         return "n/a"
     is_sure = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
-    star = is_sure and by_other[last]["clips"] >= ENOUGH_CLIPS
+    star = is_sure and by_other[last]["clips"] >= MIN_CLIPS_FOR_CLAIM
     return f"{ranged(mean['mean'], mean['low'], mean['high'])}{'*' if star else ''}"
 
 
-def _sheet(systems: list[str], told: Mapping[str, Any], means: Cells) -> list[str]:
-    findings = told["clips_with_finding"]
-    out = [f"Left out: {clip}: {why}" for clip, why in told["left_out"].items()]
-    noted = [f"- {escape_markdown(note)}" for note in (*told["notes"], *out)]
+def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list[str]:
+    findings = results["clips_with_finding"]
+    out = [f"Left out: {clip}: {why}" for clip, why in results["left_out"].items()]
+    noted = [f"- {escape_markdown(note)}" for note in (*results["notes"], *out)]
     lines = [
-        f"# {len(told['clips'])} clips",
+        f"# {len(results['clips'])} clips",
         "",
         *noted,
         *([""] if noted else []),
         "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered."
-        f" {escape_markdown(star_legend(systems, len(told['clips'])))} {OTHER_PROTOCOLS}"
+        f" {escape_markdown(star_legend(systems, len(results['clips'])))} {OTHER_PROTOCOLS}"
         " Differences of all pairs are in `many.csv`.",
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
@@ -316,7 +316,7 @@ def _sheet(systems: list[str], told: Mapping[str, Any], means: Cells) -> list[st
     kinds = sorted({kind for found in findings.values() for kind in found})
     if kinds:
         counts = (
-            (kinds_told([kind]), *(str(findings[name].get(kind, 0)) for name in systems))
+            (format_kinds([kind]), *(str(findings[name].get(kind, 0)) for name in systems))
             for kind in kinds
         )
         lines += ["", *_grid(("clips with", *systems), counts)]
@@ -349,8 +349,8 @@ def draw_spread(
     values = DataFrame(
         [
             (_with_unit(f"{row.title}{_whose(row)}", row.unit), name, value)
-            for row in MEASURES
-            if row.is_first
+            for row in METRICS
+            if row.is_primary
             for name in shown
             for each in numbers
             if (value := each["systems"][name]["numbers"].get(row.key)) is not None
@@ -367,11 +367,11 @@ def draw_spread(
     return tuple(files), [f"distributions.png leaves out {', '.join(left_out)}: too many systems."]
 
 
-def _whose(row: Measure) -> str:
+def _whose(row: Metric) -> str:
     return " of the tracked point" if row.key.startswith("tracked_point") else ""
 
 
-def title_with_unit(row: Measure) -> str:
+def title_with_unit(row: Metric) -> str:
     return _with_unit(row.full_title, row.unit)
 
 

@@ -21,11 +21,11 @@ from app.run.requests.requests import (
 from app.run.run_writer import RunWriter, open_run_writer
 from app.run.videos.videos import draw_videos
 from model.formats.read import read_any_motion
-from model.metrics.error_growth import ErrorGrowth, growth_sentence, measure_error_growth
+from model.metrics.error_growth import ErrorGrowth, error_growth_summary, measure_error_growth
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
 from model.motion.tracks import moving_chain
-from model.motion.transforms import noisy_motions
+from model.motion.transforms import add_rotation_noise
 from model.speech.transcript import EMPTY_TRANSCRIPT
 from renderer.video.compose import compose_videos
 
@@ -57,7 +57,7 @@ def compare_rotation_noise(
         found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
     )
     noisy = dict(
-        zip(NAMES, noisy_motions(found.motion, request.noise_rad, request.seed), strict=True)
+        zip(NAMES, add_rotation_noise(found.motion, request.noise_rad, request.seed), strict=True)
     )
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
     with open_run_writer(
@@ -78,13 +78,13 @@ def _draw_growth(request: RotationNoiseRequest, growth: ErrorGrowth, run: RunWri
     spreads = DataFrame(
         {
             "point": growth.points,
-            "local": growth.local_spread_m,
-            "global": growth.global_spread_m,
+            "local": growth.local_rms_m,
+            "global": growth.global_rms_m,
             "predicted_local": growth.predicted_local_spread_m,
             "predicted_global": growth.predicted_global_spread_m,
         }
     )
-    said = growth_sentence(growth, request.noise_rad)
+    said = error_growth_summary(growth, request.noise_rad)
     run.write_figure("error_growth", spreads, said, request.output.figure_forms)
 
 
@@ -117,7 +117,7 @@ def _draw_bodies(
 def _growth_sentences(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
     """Yield sentences on the result of the experiment, and on its limits."""
     jerk = growth.jerk_m_s3
-    yield growth_sentence(growth, noise_rad)
+    yield error_growth_summary(growth, noise_rad)
     yield (
         f"Its jerk is {jerk['local']:.0f} m/s³ with noise on local rotations, {jerk['global']:.0f} "
         f"on global ones and {jerk['clean']:.0f} without noise."

@@ -25,7 +25,7 @@ from app.run.requests.requests import (
 )
 from app.run.run_writer import RunWriter, open_run_writer
 from conventions.names import file_stem, pluralise, short_names
-from model.evaluation.classifiers import manner_of, wrist_speeds
+from model.evaluation.classifiers import speaker_effect, wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
@@ -33,7 +33,7 @@ from model.metrics.protocols.table import WORKBENCH
 from model.metrics.speech_effect import (
     CorrelationShares,
     Grid,
-    arm_rotations_same_noise,
+    arm_rotation_correlation_same_noise,
     arm_speed,
     speech_and_noise_shares,
 )
@@ -155,7 +155,7 @@ def _generated(
     }
     on_share, done = run.progress_callback("numbers"), itertools.count(1)
     on_share(0.0)
-    failed = pool_for(seconds_of_motion).do_all(
+    failed = pool_for(seconds_of_motion).run_all(
         jobs, lambda _: on_share(next(done) / len(jobs)), should_cancel=run.should_cancel
     )
     for error in failed.values():
@@ -195,27 +195,31 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
     return dict(grids)
 
 
-def _effect_numbers(system: str, made: _Made, speakers: tuple[str, str] | None) -> dict[str, Any]:
+def _effect_numbers(
+    system: str, generated: _Made, speakers: tuple[str, str] | None
+) -> dict[str, Any]:
     """Return the content of ``hearing.json`` for one system."""
 
-    def shares(found: CorrelationShares) -> dict[str, float]:
-        return {column: getattr(found, column) for column in _COLUMNS}
+    def shares(shares_of_motion: CorrelationShares) -> dict[str, float]:
+        return {column: getattr(shares_of_motion, column) for column in _COLUMNS}
 
     try:
-        parts = {part: shares(found) for part, found in speech_and_noise_shares(made.grid).items()}
+        parts = {
+            part: shares(found) for part, found in speech_and_noise_shares(generated.grid).items()
+        }
         told = {
             "protocol": WORKBENCH,
-            "guidance": made.guidance,
-            "arm_rotations_same_noise": arm_rotations_same_noise(made.grid),
+            "guidance": generated.guidance,
+            "arm_rotations_same_noise": arm_rotation_correlation_same_noise(generated.grid),
             "parts": parts,
         }
         if speakers is None:
             return told
-        calm, lively = wrist_speeds(made.by_speaker, speakers).values()
+        calm, lively = wrist_speeds(generated.by_speaker, speakers).values()
         compared = {
             "calm": speakers[0],
             "lively": speakers[1],
-            "manner": manner_of(made.by_speaker),
+            "manner": speaker_effect(generated.by_speaker),
             "calm_over_lively": calm / lively,
         }
     except ValueError as error:
@@ -247,14 +251,15 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
     return (
         f"{told} For the speakers {calm} and {both['lively']}, the speaker accounts for "
         f"{_percent(manner['by_speaker'])} of the arm-speed correlation. With the same noise and "
-        f"speech, their arm rotations correlate with r = {manner['arm_rotations_same_noise']:.2f}, "
+        "speech, their arm rotations correlate with r = "
+        f"{manner['arm_rotations_same_noise']:.2f}, "
         f"and {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast as "
         f"{both['lively']}'s. {verdict}"
     )
 
 
 def _draw_hearing(
-    told: Mapping[str, Mapping[str, Any]],
+    numbers: Mapping[str, Mapping[str, Any]],
     of_system: Mapping[str, _Made],
     run: RunWriter,
     request: SpeechEffectRequest,
@@ -268,7 +273,7 @@ def _draw_hearing(
                 for part, shares in numbers["parts"].items()
             },
         )
-        for system, numbers in told.items()
+        for system, numbers in numbers.items()
     ]
     run.write_figure("hearing", rows, SPEECH_EFFECT_CAPTION, request.output.figure_forms)
 

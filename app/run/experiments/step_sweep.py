@@ -87,7 +87,7 @@ def _points_of(
     counts = sorted(set(request.counts), reverse=True)  # the first is the reference of the others
     speaker = request.speaker or next(iter(system.speakers))
     generate_motion(system, speech, GenerateOptions(speaker, steps=1))  # warm-up
-    found: list[StepPoint] = []
+    points: list[StepPoint] = []
     most: np.ndarray | None = None
     for done, count in enumerate(counts):
         on_share(done / len(counts))
@@ -99,7 +99,7 @@ def _points_of(
         tracks = track_points(motion, open_body_skeleton())
         most = tracks.joints if most is None else most
         apart = ((tracks.joints - most) ** 2).sum(-1) ** 0.5
-        found.append(
+        points.append(
             StepPoint(
                 system=system.name,
                 steps=count,
@@ -110,7 +110,7 @@ def _points_of(
                 distance_cm=100 * float(apart.mean()),
             )
         )
-    return found[::-1]
+    return points[::-1]
 
 
 def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:

@@ -16,14 +16,14 @@ from conventions.names import printable
 class ProgressBars:
     """Progress bars of a terminal or notebook cell, one below the other; a context manager."""
 
-    def __init__(self, *, is_shown: bool | None = None, stays: bool = True) -> None:
+    def __init__(self, *, is_visible: bool | None = None, stays: bool = True) -> None:
         """Configure the progress bars.
 
         Args:
-            is_shown: whether bars are shown; by default only on a terminal.
+            is_visible: whether bars are shown; by default only on a terminal.
             stays: whether bars remain when they are finished.
         """
-        self._is_shown, self._stays = is_shown, stays
+        self._is_shown, self._stays = is_visible, stays
         self._bars: dict[str, Any] = {}
 
     def __enter__(self) -> ProgressBars:

@@ -191,10 +191,10 @@ def _words(request: RunRequest) -> str:
     return "recognised" if request.speech.words == "recognise" else NONE
 
 
-def _of_systems(asked: Steps | float | str) -> str:
-    if isinstance(asked, Mapping):
-        names = short_names(asked)
-        return ", ".join(f"{names[name]} {count}" for name, count in asked.items()) or USUAL
-    if isinstance(asked, str):
-        return sampler_title(asked)
-    return USUAL if asked is None else f"{asked:g}"
+def _of_systems(option: Steps | float | str) -> str:
+    if isinstance(option, Mapping):
+        names = short_names(option)
+        return ", ".join(f"{names[name]} {count}" for name, count in option.items()) or USUAL
+    if isinstance(option, str):
+        return sampler_title(option)
+    return USUAL if option is None else f"{option:g}"

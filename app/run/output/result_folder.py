@@ -129,6 +129,16 @@ class ResultFolder:
     Files of an earlier run with the same names are replaced only then; an interrupted run removes
     its files, and the folder too if it created it. The folder is locked meanwhile. A disk that
     becomes full raises `DiskFullError`.
+
+    Example:
+        >>> import tempfile
+        >>> temp = tempfile.TemporaryDirectory()
+        >>> with ResultFolder(Path(temp.name) / "run") as folder:
+        ...     _ = folder.path("notes.txt").write_text("two motions")
+        ...     [path] = folder.publish()
+        >>> path.parent.name, path.read_text()
+        ('run', 'two motions')
+        >>> temp.cleanup()
     """
 
     def __init__(self, out: Path, *, is_kept: bool = False) -> None:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from typing_extensions import TypedDict
 
 from app.errors import RunError
@@ -31,6 +31,7 @@ from conventions.names import (
     printable,
     short_names,
 )
+from model.formats.reading import current_assumption
 from model.storage.files import opened_zip, write_atomically
 from model.storage.json_validation import FieldError, read_json
 
@@ -108,11 +109,15 @@ class EditInfo(_Strict):
 class AssumptionRecord(TypedDict):
     """Interpretation of a file in one respect; see `model.formats.reading.Assumption`."""
 
-    what: Text
+    kind: Text
     value: Text
-    why: Text
-    sure: Literal["told", "stated", "sure", "likely", "unsure"]
-    others: Annotated[list[Text], Field(max_length=40)]
+    reason: Text
+    confidence: Literal["user", "stated", "sure", "likely", "unsure"]
+    alternatives: Annotated[list[Text], Field(max_length=40)]
+
+
+def _current(assumption: Any) -> Any:
+    return current_assumption(assumption) if isinstance(assumption, dict) else assumption
 
 
 class Row(_Strict):
@@ -124,7 +129,9 @@ class Row(_Strict):
     files: dict[RowFileKind, FileName] = {}
     there: FramesAvailable | None = None
     take: EditInfo | None = None
-    assumed: Annotated[list[AssumptionRecord], Field(max_length=40)] = []
+    assumed: Annotated[
+        list[Annotated[AssumptionRecord, BeforeValidator(_current)]], Field(max_length=40)
+    ] = []
     """Interpretation of the motion's file, if it was imported."""
     ending: Annotated[str, Field(pattern=_ENDING)] = ""
     """Suffix of the imported file; see `safe_suffix`."""
@@ -398,9 +405,9 @@ def end_run(folder: Path, sentence: str) -> bool:
     return any("motion" in row.files for row in record.rows)
 
 
-def save_run(asked: tuple[Path, Path], *_: object) -> None:
+def save_run(paths: tuple[Path, Path], *_: object) -> None:
     """Zip a folder into a file, as a task."""
-    zip_run(*asked)
+    zip_run(*paths)
 
 
 def zip_run(folder: Path, out: Path) -> Path:
@@ -428,9 +435,9 @@ def is_run_zip(path: Path) -> bool:
     return 0 < found <= MAX_CLIPS
 
 
-def truncate(told: str) -> str:
+def truncate(text: str) -> str:
     """Shorten a text to the maximum length in ``run.json``."""
-    return printable(told)[:MAX_TEXT]
+    return printable(text)[:MAX_TEXT]
 
 
 def safe_suffix(path: Path) -> str:

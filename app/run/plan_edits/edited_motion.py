@@ -39,17 +39,17 @@ from conventions.names import FilterVersion, PostFilter, SampleName, file_stem
 from conventions.rates import FPS
 from model.generation.base import System
 from model.generation.regenerate import (
-    ENDING,
+    STATE_SUFFIX,
     GenerationState,
-    load_performance,
+    load_state,
     regenerate,
-    save_performance,
+    save_state,
 )
 from model.generation.windows import GenerateOptions
 from model.motion.motion import Motion, load_motion
-from model.motion.transforms import filtered
+from model.motion.transforms import apply_post_filter
 from model.plan.editing import Gesture as Which
-from model.plan.editing import partner_of
+from model.plan.editing import other_hand_gesture
 from model.plan.files import read_plan_file
 from model.plan.kinds import (
     HOLD_S,
@@ -58,7 +58,7 @@ from model.plan.kinds import (
     STROKE_S,
     TWO_HANDED_KINDS,
     Place,
-    strokes_of,
+    gesture_strokes,
 )
 from model.plan.plan import GesturePlan, PlanError, Side
 from model.plan.style import style_of
@@ -170,9 +170,9 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
         options = replace(options, conditions=(written,))
         made = regenerate(system, speech, options, before, callbacks.should_cancel, on_piece)
         take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
-        row.files["windows"] = viewer_file_name(name, ENDING)
-        save_performance(made, request.run / row.files["windows"])
-        shown = filtered(made.motion, sampling.post_filter)
+        row.files["windows"] = viewer_file_name(name, STATE_SUFFIX)
+        save_state(made, request.run / row.files["windows"])
+        shown = apply_post_filter(made.motion, sampling.post_filter)
         run.write_motion(name, shown, f"{file_stem(name)}.npz")
         _tell(request.run, row, written, words)
         run.add_files(request.run / row.files["told"])
@@ -222,11 +222,11 @@ def _ready(
     windows = file_of(folder, row.files.get("windows"))
     if windows is not None:
         motion = load_motion(_there(folder, read_run(folder), row.name))
-        return load_performance(windows, system, plan, motion)
+        return load_state(windows, system, plan, motion)
     performed = replace(options, conditions=(plan,))
     made = regenerate(system, speech, performed, None, callbacks.should_cancel)
-    row.files["windows"] = viewer_file_name(row.name, ENDING)
-    save_performance(made, folder / row.files["windows"])
+    row.files["windows"] = viewer_file_name(row.name, STATE_SUFFIX)
+    save_state(made, folder / row.files["windows"])
     _tell(folder, row, plan, words)
     with edit_record(folder) as record:
         record.set_row(row)
@@ -252,12 +252,12 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
 def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     """Return the plan editor's JSON: gestures, style parameters and available gesture types."""
     gestures = []
-    for stroke in strokes_of(plan):
+    for stroke in gesture_strokes(plan):
         phases = plan.hand(stroke.side)[stroke.first : stroke.last + 1]
         lands = stroke.last_stroke
         holds = [each for each in phases if each.phase == "hold" and each.start_s >= lands.end_s]
         hold_s = sum(each.end_s - each.start_s for each in holds)
-        partner = partner_of(plan, Which(stroke.side, lands.end_s))
+        partner = other_hand_gesture(plan, Which(stroke.side, lands.end_s))
         gestures.append({
             "side": stroke.side, "start": phases[0].start_s, "end": phases[-1].end_s,
             "lands": lands.end_s, "hold": round(hold_s, 4), "kind": lands.kind,

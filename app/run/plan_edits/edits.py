@@ -13,17 +13,17 @@ from typing_extensions import TypedDict
 from app.errors import RunError
 from conventions.names import printable
 from model.plan import editing
-from model.plan.editing import SAME_S, Gesture, Hands, NoTimeError
-from model.plan.files import check_ending, plan_in
+from model.plan.editing import TIME_TOLERANCE_S, Gesture, Hands, NoRoomError
+from model.plan.files import check_ending, parse_plan
 from model.plan.plan import (
     SIDES,
     Blink,
     Gaze,
     GesturePlan,
-    Moment,
     Nod,
     PlanError,
     PlanResult,
+    Point,
     Side,
     Span,
 )
@@ -103,18 +103,18 @@ class EditResult:
     offers: tuple[EditSuggestion, ...] = ()
 
 
-def parse_edits(told: object) -> tuple[Edit, ...]:
+def parse_edits(message: object) -> tuple[Edit, ...]:
     """Parse a list of edits.
 
     Args:
-        told: list of objects, as written by app/page/web/player/editing.js.
+        message: list of objects, as written by app/page/web/player/editing.js.
 
     Raises:
         RunError: if it is anything else.
     """
-    if not isinstance(told, list) or len(told) > MAX_EDITS:
+    if not isinstance(message, list) or len(message) > MAX_EDITS:
         raise RunError(f"Edits come as a list of at most {MAX_EDITS}.")
-    return tuple(_edit(one) for one in told)
+    return tuple(_edit(one) for one in message)
 
 
 def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> PlanResult:
@@ -148,7 +148,7 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Said) -> tuple[EditSugge
 
     try:
         apply_edits(plan, (edit,), words)
-    except NoTimeError as error:
+    except NoRoomError as error:
         offers = []
         if edit.do in ("add", "move"):
             lands_s, _ = _place(edit.values, words)
@@ -182,16 +182,16 @@ def check_duration(plan: GesturePlan, duration_s: float) -> GesturePlan:
     return plan
 
 
-def _edit(told: object) -> Edit:
-    if not isinstance(told, dict):
+def _edit(message: object) -> Edit:
+    if not isinstance(message, dict):
         raise RunError("An edit is an object that says what to do.")
-    do = told.get("do")
+    do = message.get("do")
     kind = KINDS.get(do) if isinstance(do, str) else None
     if not isinstance(do, str) or kind is None:
         known = ", ".join(KINDS)
         raise RunError(f"There is no edit {printable(str(do))[:40]!r}; there are {known}.")
     try:
-        values = kind.reader.validate_python({k: v for k, v in told.items() if k != "do"})
+        values = kind.reader.validate_python({k: v for k, v in message.items() if k != "do"})
     except ValidationError as error:
         raise RunError(f"The edit {do!r} cannot be read: {validation_message(error)}.") from error
     if do in ("move", "add") and ("at" in values) == ("word" in values):
@@ -199,17 +199,17 @@ def _edit(told: object) -> Edit:
     return Edit(do, values)
 
 
-def _gesture(told: Values) -> Gesture:
-    return Gesture(told["side"], told["lands"])
+def _gesture(values: Values) -> Gesture:
+    return Gesture(values["side"], values["lands"])
 
 
-def _place(told: Values, words: Said) -> tuple[float, str | None]:
+def _place(values: Values, words: Said) -> tuple[float, str | None]:
     """Return the stroke end (s), and its word if the edit names one."""
-    if "word" not in told:
-        return told["at"], None
-    if told["word"] >= len(words):
+    if "word" not in values:
+        return values["at"], None
+    if values["word"] >= len(words):
         raise RunError(f"The transcript has {len(words)} words; choose one of them.")
-    word = words[told["word"]]
+    word = words[values["word"]]
     return editing.stroke_time_on_word(word), word.text.lower()[:80]
 
 
@@ -221,43 +221,44 @@ def _said_at(words: Said, at_s: float) -> str:
 def _of_both(change: Callable[..., PlanResult], *names: str) -> Does:
     """Make an edit that changes a gesture, and the other hand's part in it."""
 
-    def does(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
-        gesture, values = _gesture(told), [told[name] for name in names]
-        partner = editing.partner_of(plan, gesture)
+    def does(plan: GesturePlan, message: Values, words: Said) -> PlanResult:
+        gesture, values = _gesture(message), [message[name] for name in names]
+        partner = editing.other_hand_gesture(plan, gesture)
         done = change(plan, gesture, *values)
         return done if partner is None else done.then(lambda new: change(new, partner, *values))
 
     return does
 
 
-def _move(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
-    lands_s, word = _place(told, words)
+def _move(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+    lands_s, word = _place(values, words)
     if word is None:
         word = _said_at(words, lands_s)
-    by_s = lands_s - told["lands"]
+    by_s = lands_s - values["lands"]
     moved = _of_both(lambda each, one: editing.move_gesture(each, one, one.lands_s + by_s, word))
-    return moved(plan, told, words)
+    return moved(plan, values, words)
 
 
-def _add(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
-    lands_s, word = _place(told, words)
-    return editing.add_gesture(plan, told["kind"], lands_s, told.get("hands"), word or "")
+def _add(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+    lands_s, word = _place(values, words)
+    return editing.add_gesture(plan, values["kind"], lands_s, values.get("hands"), word or "")
 
 
-def _end(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
+def _end(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
     """Move the end of a phase, of both hands if they share it, and update words of strokes."""
-    side, by_s = cast(Side, told["side"]), told["at"] - told["ends"]
-    done = editing.ended(plan, side, told["ends"], told["at"])
-    also_s = editing.counterpart(plan, side, told["ends"])
+    side, by_s = cast(Side, values["side"]), values["at"] - values["ends"]
+    done = editing.move_phase_end(plan, side, values["ends"], values["at"])
+    also_s = editing.counterpart(plan, side, values["ends"])
     if also_s is not None:
         other = SIDES[1 - SIDES.index(side)]
-        done = done.then(lambda new: editing.ended(new, other, also_s, also_s + by_s))
+        done = done.then(lambda new: editing.move_phase_end(new, other, also_s, also_s + by_s))
     new = done.plan
     for hand in SIDES:
         known = [one.end_s for one in plan.hand(hand) if one.phase == "stroke"]
         phases = tuple(
             replace(one, word=_said_at(words, one.end_s))
-            if one.phase == "stroke" and all(abs(one.end_s - end_s) >= SAME_S for end_s in known)
+            if one.phase == "stroke"
+            and all(abs(one.end_s - end_s) >= TIME_TOLERANCE_S for end_s in known)
             else one
             for one in new.hand(hand)
         )
@@ -265,35 +266,35 @@ def _end(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
     return replace(done, plan=new)
 
 
-def _look(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
-    end_s = min(plan.duration_s, told["at"] + told.get("lasts", LOOK_S))
-    if end_s <= told["at"]:
+def _look(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+    end_s = min(plan.duration_s, values["at"] + values.get("lasts", LOOK_S))
+    if end_s <= values["at"]:
         raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; a look begins before.")
-    return editing.with_event(plan, Gaze(told["at"], end_s, told["yaw"], told["pitch"]))
+    return editing.with_event(plan, Gaze(values["at"], end_s, values["yaw"], values["pitch"]))
 
 
-def _remove(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
-    def off(event: Span | Moment) -> float:
-        return abs(event.start_s - told["at"])
+def _remove(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+    def off(event: Span | Point) -> float:
+        return abs(event.start_s - values["at"])
 
-    events = getattr(plan, told["list"])
+    events = getattr(plan, values["list"])
     nearest = min(events, key=off, default=None)
     if nearest is None or off(nearest) >= AT_S:
-        raise PlanError(f"The plan has none of its {told['list']} at {told['at']:.2f} s.")
+        raise PlanError(f"The plan has none of its {values['list']} at {values['at']:.2f} s.")
     left = tuple(event for event in events if event is not nearest)
-    return PlanResult(replace(plan, **{told["list"]: left}))
+    return PlanResult(replace(plan, **{values["list"]: left}))
 
 
-def _style(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
-    numbers = {name: value for name, value in told.items() if name != "excite"}
-    return StyleChange(numbers, excite=told.get("excite", 0.0)).apply(plan, words)
+def _style(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+    numbers = {name: value for name, value in values.items() if name != "excite"}
+    return StyleChange(numbers, excite=values.get("excite", 0.0)).apply(plan, words)
 
 
-def _plan(plan: GesturePlan, told: Values, words: Said) -> PlanResult:
+def _plan(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
     """Replace the whole plan by another one of the same length."""
-    name = f"plan{printable(Path(told['name']).suffix.lower())[:12]}"
+    name = f"plan{printable(Path(values['name']).suffix.lower())[:12]}"
     check_ending(Path(name))
-    read = plan_in(told["text"].encode("utf-8", "replace"), name)
+    read = parse_plan(values["text"].encode("utf-8", "replace"), name)
     return PlanResult(check_duration(read.plan, plan.duration_s), read.notes)
 
 
@@ -323,7 +324,7 @@ KINDS: Mapping[str, EditKind] = {
     "delete": _kind(_of_both(editing.delete_gesture), **_one),
     "add": _kind(_add, kind=_text(40), hands=NotRequired[Hands], **_where),
     "hands": _kind(
-        lambda plan, told, *_: editing.with_hands(plan, _gesture(told), told["hands"]),
+        lambda plan, told, *_: editing.change_hands(plan, _gesture(told), told["hands"]),
         **_one, hands=Hands,
     ),
     "hold": _kind(_of_both(editing.set_hold, "hold"), **_one, hold=_within(0, 60)),

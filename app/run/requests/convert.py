@@ -26,7 +26,7 @@ OLD_NAMES: Mapping[str, str] = {
 PRIVATE_FIELDS = frozenset(
     ("out", "weights", "body", "is_kept", "source_run", "live_recording", "title", "max_frames")
 )
-"""Fields that no file of a run contains: they hold file locations, or are no choice of the user."""
+"""Fields that no file of a run contains: locations of files, and what users do not choose."""
 
 
 def _is_part(kind: object) -> bool:
@@ -64,17 +64,17 @@ def request_fields(kind: type) -> Mapping[str, RequestField]:
 
 def _fields(kind: type, default: object) -> dict[str, RequestField]:
     """Return the fields of a class, with the values of ``default`` unless it is None."""
-    found: dict[str, RequestField] = {}
+    by_name: dict[str, RequestField] = {}
     own = {of.name: _own_default(of) for of in fields(kind)}
     for name, hint in get_type_hints(kind, include_extras=True).items():
         value = own[name] if default is None else getattr(default, name)
         value = None if value is MISSING else value
         if not _is_part(hint):
-            found[name] = RequestField((name,), hint, value)
+            by_name[name] = RequestField((name,), hint, value)
             continue
         for inner, of in _fields(hint, value).items():
-            found[name if inner == "path" else inner] = replace(of, path=(name, *of.path))
-    return found
+            by_name[name if inner == "path" else inner] = replace(of, path=(name, *of.path))
+    return by_name
 
 
 def request_field(kind: type, name: str) -> RequestField:

@@ -13,7 +13,7 @@ from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 from app.flags import (
     File,
-    Minutes,
+    MinutesFlag,
     Names,
     Switch,
     Text,
@@ -96,7 +96,7 @@ def check_size(size_px: int) -> None:
 def parse_size(value: str) -> int:
     """Parse and check the width or height of a picture; raises RunError."""
     if not value.strip().isdecimal():
-        raise RunError(f"{value!r} is no number of pixels")
+        raise RunError(f"{value!r} is not a number of pixels")
     check_size(int(value))
     return int(value)
 
@@ -107,7 +107,7 @@ def parse_channel(value: str) -> int:
     if value in sides:
         return sides[value]
     if not value.isdecimal() or not 1 <= int(value) <= 64:
-        raise RunError(f"{value!r} is no channel; say left, right, or a number from 1")
+        raise RunError(f"{value!r} is not a channel; say left, right, or a number from 1")
     return int(value) - 1
 
 
@@ -141,17 +141,17 @@ def parse_expected(text: str) -> tuple[tuple[str, float], ...]:
         try:
             expected.append((name, float(value)))
         except ValueError:
-            raise RunError(f"{part!r} is no expected value, such as fgd=4.2.") from None
+            raise RunError(f"{part!r} is not an expected value, such as fgd=4.2.") from None
         if name not in names:
             raise RunError(f"There is no metric {name!r}; there are {', '.join(sorted(names))}.")
     return tuple(expected)
 
 
-def check_choice(value: object, choices: tuple[Any, ...], what: str) -> None:
+def check_choice(value: object, choices: tuple[Any, ...], noun: str) -> None:
     """Check that a value is one of the choices; the RunError lists them."""
     if value not in choices:
         names = ", ".join(str(name) for name in choices if name)
-        raise RunError(f"There is no {what} {value!r}; choose one of {names}.")
+        raise RunError(f"There is no {noun} {value!r}; choose one of {names}.")
 
 
 def check_steps(steps: Steps) -> None:
@@ -236,7 +236,7 @@ class SpeechToMove(SpeechInput):
             help="Audio file, a folder of audio files, or a .txt with one path per line.",
         ),
     ] = field()
-    max_speech_s: Minutes = 600.0
+    max_speech_s: MinutesFlag = 600.0
     """Maximum length of the speech."""
 
 

@@ -71,7 +71,16 @@ class RunRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class GenerateRequest(RunRequest):
-    """Request to generate motion of several systems for one speech."""
+    """Request to generate motion of several systems for one speech.
+
+    Example:
+        >>> request = GenerateRequest(
+        ...     speech=SpeechToMove(path=Path("examples/three_reasons.wav")),
+        ...     sampling=SamplingOptions(systems=("globaldiff/local",), seed=3),
+        ...     output=OutputOptions(out=Path("runs/three_reasons"), has_video=False),
+        ... )
+        >>> request.check()  # raises RunError if an option is out of range
+    """
 
     speech: SpeechToMove
     sampling: SamplingOptions = field(default_factory=SamplingOptions)

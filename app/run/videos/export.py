@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
 from PIL import Image
 
 from app.errors import RunError
@@ -20,7 +21,7 @@ from model.formats.read import read_any_motion
 from model.formats.reading import ImportedMotion, length_notes
 from model.motion.flame import flame_to_arkit, read_flame_matrix
 from model.motion.motion import Motion
-from model.plan.files import markers_csv, markers_of, read_plan_file, write_plan_file
+from model.plan.files import markers_csv, plan_markers, read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan
 from model.speech.audio import load_speech
 from model.storage.files import write_atomically, written_atomically
@@ -81,7 +82,7 @@ def _apart(speech: Path, reading: ImportedMotion) -> list[str]:
 
 def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:
     plan = _plan(request)
-    markers = [] if plan is None else markers_of(plan)
+    markers = [] if plan is None else plan_markers(plan)
     files = [request.out]
     with written_atomically(request.out) as part:
         match request.suffix:
@@ -163,7 +164,9 @@ def _chosen_frames(
     return tuple(stills.tolist()), tuple(sheet)
 
 
-def _write_stills(out: Path, pictures: np.ndarray, *, has_sheet: bool) -> list[Path]:
+def _write_stills(
+    out: Path, pictures: UInt8[np.ndarray, "N H W C"], *, has_sheet: bool
+) -> list[Path]:
     """Write stills numbered from 1; a single one without a sheet gets the output file's name."""
     if len(pictures) == 1 and out.suffix.lower() == ".png" and not has_sheet:
         paths = [out]
@@ -174,7 +177,9 @@ def _write_stills(out: Path, pictures: np.ndarray, *, has_sheet: bool) -> list[P
     return paths
 
 
-def _write_sheet(out: Path, pictures: np.ndarray, frames: tuple[int, ...]) -> list[Path]:
+def _write_sheet(
+    out: Path, pictures: UInt8[np.ndarray, "N H W C"], frames: tuple[int, ...]
+) -> list[Path]:
     if not frames:
         return []
     path = out if out.suffix.lower() == ".png" else out.with_suffix(".sheet.png")

@@ -13,6 +13,7 @@ from threading import Event
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy import ndimage
 
 from app.errors import RunError
@@ -29,7 +30,7 @@ from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import Motion, load_motion
-from model.motion.transforms import exaggerate
+from model.motion.transforms import exaggerate_tremor
 from renderer.body.body import Body, BodyMotion
 from renderer.figures.figure6.contents import JointMarks
 from renderer.scene.camera_setup import CameraSetup, Panel, layout_panels, select_frames
@@ -233,7 +234,7 @@ _HEAT_SIGMA_FRAMES = 3.0
 
 def displayed(motion: Motion, display: Display) -> Motion:
     """Return the motion as it is rendered, exaggerated if requested."""
-    return exaggerate(motion, display.exaggeration, display.cutoff_hz)
+    return exaggerate_tremor(motion, display.exaggeration, display.cutoff_hz)
 
 
 def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> Overlays | None:
@@ -280,7 +281,7 @@ def _heat(motion: Motion, display: Display, body: Body) -> HeatMap:
     return HeatMap(shares.astype(np.float32), f"jerk: 0 to {display.jerk_m_s3:g} m/s³")
 
 
-def _by_frame(values: np.ndarray, num_frames: int) -> np.ndarray:
+def _by_frame(values: Float[np.ndarray, " N *C"], num_frames: int) -> np.ndarray:
     """Return a value for each frame, from differences that are centred on frames.
 
     The ends repeat the nearest value; a clip without differences gets zeros.

@@ -98,10 +98,10 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
     )
 
 
-def _longest(motions: Sequence[Motion], seen: ViewerState) -> tuple[int, tuple[str, ...]]:
+def _longest(motions: Sequence[Motion], viewer: ViewerState) -> tuple[int, tuple[str, ...]]:
     """Return the number of frames that can be rendered in reasonable time, and notes on the cut."""
-    limit = MAX_FRAMES // len(seen.shown)
-    if max(motions[i].num_frames for i in seen.shown) <= limit:
+    limit = MAX_FRAMES // len(viewer.shown)
+    if max(motions[i].num_frames for i in viewer.shown) <= limit:
         return max(motion.num_frames for motion in motions), ()
     return limit, (
         f"The video shows the first {limit / FPS:.0f} s: all its bodies together may have "
@@ -120,7 +120,9 @@ def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
     )
 
 
-def _seen_from_there(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, seen: ViewerState) -> Jobs:
+def _seen_from_there(
+    jobs: Jobs, raw: dict[str, BodyMotion], body: Body, viewer: ViewerState
+) -> Jobs:
     """Move the jobs to the viewer's camera, which follows the raw motions.
 
     The camera of a pair follows the first motion, with the second aligned to it.
@@ -129,16 +131,16 @@ def _seen_from_there(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, seen: V
         raw: raw motions by name.
     """
     keys = [*jobs]
-    if seen.mode != "grid" and seen.look.is_aligned:
+    if viewer.mode != "grid" and viewer.look.is_aligned:
         jobs[keys[1]], raw["1"] = _laid_on(jobs[keys[0]], jobs[keys[1]], raw["1"])
     for key, job in jobs.items():
         assert job.stage is not None
-        stage, (name, _) = job.stage.with_orbit(Orbit(*seen.camera)), key
+        stage, (name, _) = job.stage.with_orbit(Orbit(*viewer.camera)), key
         ways = stage.tracks(body, raw[name])
-        if seen.mode != "grid":
+        if viewer.mode != "grid":
             way, *_ = stage.tracks(body, raw["0"])
             ways[0] = way[np.minimum(np.arange(raw[name].num_frames), len(way) - 1)]
-        if seen.mode == "ghost" and job.marks is not None and job.marks.trail is not None:
+        if viewer.mode == "ghost" and job.marks is not None and job.marks.trail is not None:
             trail = replace(job.marks.trail, is_on_body=False)
             job = replace(job, marks=replace(job.marks, trail=trail))
         jobs[key] = replace(job, stage=stage.with_camera_paths(ways))
@@ -168,10 +170,10 @@ class _Room:
     columns: int
 
     @classmethod
-    def of(cls, seen: ViewerState) -> _Room:
-        width, height = seen.size
-        columns = min(seen.columns, len(seen.shown)) if seen.mode == "grid" else 1
-        rows = -(-len(seen.shown) // columns) if seen.mode == "grid" else 1
+    def of(cls, viewer: ViewerState) -> _Room:
+        width, height = viewer.size
+        columns = min(viewer.columns, len(viewer.shown)) if viewer.mode == "grid" else 1
+        rows = -(-len(viewer.shown) // columns) if viewer.mode == "grid" else 1
         scale = min(MAX_WIDTH_PX / (columns * width), MAX_HEIGHT_PX / (rows * height), MAX_ENLARGED)
         band = band_height(round(scale * min(width, height)))
         scale *= min(1.0, (MAX_HEIGHT_PX / rows - band) / (scale * height))
@@ -185,7 +187,7 @@ class _Room:
             size = even(left + width) - at[0], even(top + height) - at[1]
             return Panel(panel.view or "front", *at, *size)
 
-        pictures = tuple(tuple(placed(panel) for panel in picture) for picture in seen.panels)
+        pictures = tuple(tuple(placed(panel) for panel in picture) for picture in viewer.panels)
         edges = [panel for picture in pictures for panel in picture]
         return cls(
             max(panel.left + panel.width for panel in edges),

@@ -11,14 +11,15 @@ import secrets
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from app.study.design.key import AttentionRule, Expected, Key, Stimulus, Trial, Video
-from app.study.design.plan import ATTENTION_QUESTION, Plan, questions_of
+from app.study.design.plan import ATTENTION_QUESTION, Plan, protocol_questions
 from app.study.design.trials import Design
 
-NOT_MADE = "not made yet"
+NOT_RENDERED = "not made yet"
 """Placeholder of a video's sha256 until the video is finished."""
-LEVEL = 0.01
+SIGNIFICANCE_LEVEL = 0.01
 """Probability below which an order counts as a leak; the export draws ids until it is above."""
 _DRAWS, _BATCH = 20_000, 2_000
 
@@ -30,10 +31,10 @@ def make_key(plan: Plan, design: Design) -> Key:
     that their order reveals nothing; trials are in the order of the design.
     """
     names: dict[Stimulus, str] = {}
-    while not names or order_tells(names):
+    while not names or order_leaks(names):
         names = dict(zip(design.stimuli, _distinct(len(design.stimuli), 8), strict=True))
     trials = _distinct(len(design.trials), 4)
-    questions = questions_of(plan.protocol)
+    questions = protocol_questions(plan.protocol)
     asked = tuple(question.id for question in questions)
     return Key(
         study=secrets.token_hex(8),
@@ -42,7 +43,7 @@ def make_key(plan: Plan, design: Design) -> Key:
         systems=tuple(system.name for system in plan.systems),
         questions=questions,
         videos={
-            blind: Video(**vars(stimulus), sha256=NOT_MADE)
+            blind: Video(**vars(stimulus), sha256=NOT_RENDERED)
             for stimulus, blind in sorted(names.items(), key=lambda item: item[1])
         },
         trials={
@@ -73,16 +74,16 @@ def _distinct(count: int, num_bytes: int) -> list[str]:
     return list(names)
 
 
-def blind_lists(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
+def lists_by_id(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
     """Return the pages of each list: trial id and ids of its videos (none for checks)."""
-    trials, names = tuple(key.trials), stimuli_of(key)
+    trials, names = tuple(key.trials), stimulus_ids(key)
     return [
         [(trials[page.trial], [names[each] for each in page.shown]) for page in pages]
         for pages in design.lists
     ]
 
 
-def stimuli_of(key: Key) -> dict[Stimulus, str]:
+def stimulus_ids(key: Key) -> dict[Stimulus, str]:
     """Return the blind ids by stimulus."""
     return {
         Stimulus(video.system, video.clip, video.speech, video.view): blind
@@ -107,7 +108,7 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
     systems = sorted(scenes[0])
     ranks = np.array([stats.rankdata([scene[name] for name in systems]) for scene in scenes])
 
-    def agreement(*by_system: np.ndarray, axis: int) -> np.ndarray:
+    def agreement(*by_system: Float[np.ndarray, " ..."], axis: int) -> np.ndarray:
         return np.sum([np.square(each.sum(axis=axis)) for each in by_system], axis=0)
 
     found = stats.permutation_test(
@@ -123,13 +124,13 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
     return float(found.pvalue)
 
 
-def order_tells(names: Mapping[Stimulus, str]) -> list[str]:
+def order_leaks(names: Mapping[Stimulus, str]) -> list[str]:
     """Return one sentence for each way in which the sorted ids suggest the method."""
     place = {name: float(rank) for rank, name in enumerate(sorted(names.values()))}
-    return value_tells({stimulus: place[name] for stimulus, name in names.items()}, "file name")
+    return value_leaks({stimulus: place[name] for stimulus, name in names.items()}, "file name")
 
 
-def value_tells(values: Mapping[Stimulus, float], what: str) -> list[str]:
+def value_leaks(values: Mapping[Stimulus, float], noun: str) -> list[str]:
     """Return a sentence for each way in which a value's order suggests method or speech match."""
     ways: list[tuple[str, Callable[[Stimulus], object], Callable[[Stimulus], str]]] = [
         ("follows the system", lambda s: (s.clip, s.view, s.speech), lambda s: s.system),
@@ -145,6 +146,6 @@ def value_tells(values: Mapping[Stimulus, float], what: str) -> list[str]:
         for stimulus, value in values.items():
             scenes.setdefault(scene_of(stimulus), {})[label_of(stimulus)] = value
         chance = order_probability([scene for scene in scenes.values() if len(scene) > 1])
-        if chance < LEVEL:
-            tells.append(f"{what}: its order {way} (probability {chance:.2g} by chance)")
+        if chance < SIGNIFICANCE_LEVEL:
+            tells.append(f"{noun}: its order {way} (probability {chance:.2g} by chance)")
     return tells

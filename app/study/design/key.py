@@ -136,7 +136,7 @@ class Key:
             raise ValueError("`questions` must have different ids")
         for name, video in self.videos.items():
             if video.system not in self.systems:
-                raise ValueError(f"video {name} shows {video.system!r}, which is no system")
+                raise ValueError(f"video {name} shows {video.system!r}, which is not a system")
         for name, trial in self.trials.items():
             is_check = trial.kind == "attention"
             if not self.videos.keys() >= set(trial.videos):
@@ -181,17 +181,17 @@ class Key:
             address: URL of the hosted bundle.
 
         Raises:
-            RunError: if the address is no URL of a page.
+            RunError: if the address is not a URL of a page.
         """
         parts = urlsplit(address)
         is_page = parts.scheme in ("http", "https") and parts.netloc
         if not is_page or parts.query or parts.fragment:
             raise RunError(
-                f"{address!r} is no address of a page; give it as https://lab.example/study/."
+                f"{address!r} is not an address of a page; give it as https://lab.example/study/."
             )
         return f"{address}?{urlencode({'p': self.list_of(number), 't': self.token(number)})}"
 
-    def doubt_of_link(self, token: str | None, list_number: int) -> str | None:
+    def link_error(self, token: str | None, list_number: int) -> str | None:
         """Return why a link is invalid, as the end of a sentence; None if valid or not needed."""
         if self.link_secret is None:
             return None

@@ -49,14 +49,14 @@ def _is_address(url: str) -> str:
     return url
 
 
-def _beside(path: Any, info: Any) -> Path:
+def _relative_path(path: Any, info: Any) -> Path:
     """Parse a path of the plan, relative to the plan's folder."""
     if not isinstance(path, str | Path) or not str(path):
         raise ValueError(f"`{info.field_name}` must name a file")
     return info.context["folder"] / path if info.context else Path(path)
 
 
-def _by_clip(value: Any, info: Any) -> Mapping[str, Path]:
+def _files_by_clip(value: Any, info: Any) -> Mapping[str, Path]:
     """Parse paths by clip: a pattern with {clip}, or a table of one path for each clip."""
     if not info.context:
         return value
@@ -68,8 +68,8 @@ def _by_clip(value: Any, info: Any) -> Mapping[str, Path]:
     for clip in (clip for clip in clips if clip not in value):
         raise ValueError(f"a system has no {what} for the clip {clip!r}")
     for clip in (clip for clip in value if clip not in clips):
-        raise ValueError(f"a system has a {what} for {clip!r}, which is no clip")
-    return {clip: _beside(path, info) for clip, path in value.items()}
+        raise ValueError(f"a system has a {what} for {clip!r}, which is not a clip")
+    return {clip: _relative_path(path, info) for clip, path in value.items()}
 
 
 def _style(value: Any, info: Any) -> Any:
@@ -77,15 +77,17 @@ def _style(value: Any, info: Any) -> Any:
     from model.plan.plan import PlanError
     from model.plan.style import (  # import torch: only if needed
         StyleChange,
+        parse_style,
         read_style_file,
-        wish_of,
     )
 
     try:
         if value is None or isinstance(value, StyleChange):
             return value
         return (
-            wish_of(value) if isinstance(value, Mapping) else read_style_file(_beside(value, info))
+            parse_style(value)
+            if isinstance(value, Mapping)
+            else read_style_file(_relative_path(value, info))
         )
     except PlanError as error:
         raise ValueError(f"a style cannot be used: {str(error).rstrip('.')}") from None
@@ -106,9 +108,9 @@ def _no_own_names(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 Name = Annotated[Text, AfterValidator(_is_name)]
-Address = Annotated[Text, AfterValidator(_is_address)]
-File = Annotated[Path, PlainValidator(_beside)]
-Files = Annotated[Mapping[str, Path], PlainValidator(_by_clip)]
+PageUrl = Annotated[Text, AfterValidator(_is_address)]
+File = Annotated[Path, PlainValidator(_relative_path)]
+Files = Annotated[Mapping[str, Path], PlainValidator(_files_by_clip)]
 Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
 
 
@@ -213,8 +215,8 @@ class Plan:
     ] = ()
     """Names of parameters of the page's address that are copied into the answers, the participant's
     id first: PROLIFIC_PID, STUDY_ID and SESSION_ID of Prolific. No others are copied."""
-    post_to: Address | None = None
-    return_to: Address | None = None
+    post_to: PageUrl | None = None
+    return_to: PageUrl | None = None
     """URL to which participants return at the end: the completion link of Prolific, SONA or the
     like."""
 
@@ -265,7 +267,7 @@ def read_plan(path: Path) -> Plan:
     try:
         found = parse_toml(content.decode("utf-8"))
     except ValueError as error:
-        raise RunError(f"{path.name} is no TOML file: {error}.") from error
+        raise RunError(f"{path.name} is not a TOML file: {error}.") from error
     clips = found.get("clips")
     tables = [clip for clip in clips if isinstance(clip, dict)] if isinstance(clips, list) else []
     names = [name for clip in tables if isinstance(name := clip.get("name"), str)]
@@ -283,11 +285,11 @@ ATTENTION_QUESTION = "attention"
 
 
 @functools.cache
-def wording() -> dict[str, Any]:
+def load_wording() -> dict[str, Any]:
     """Return all sentences for participants, from `questions.toml`."""
     return tomllib.loads(Path(__file__).with_name("questions.toml").read_text("utf-8"))
 
 
-def questions_of(protocol: str) -> tuple[Question, ...]:
+def protocol_questions(protocol: str) -> tuple[Question, ...]:
     """Return the questions of each trial of a protocol."""
-    return tuple(Question(**item) for item in wording()["protocols"][protocol]["questions"])
+    return tuple(Question(**item) for item in load_wording()["protocols"][protocol]["questions"])

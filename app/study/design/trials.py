@@ -285,9 +285,9 @@ def _spread(counts: pd.Series) -> int:
     return int(counts.max() - counts.min()) if len(counts) else 0
 
 
-BEFORE_S, ANSWER_S, USUAL_LENGTH_S = 60.0, 8.0, 10.0
+INTRO_S, ANSWER_S, DEFAULT_LENGTH_S = 60.0, 8.0, 10.0
 """Estimated times (s) of reading and practice, of an answer, and of a video of unknown length."""
-_WHAT = {
+_UNITS_OF_TRIAL = {
     "pair": ("vote", "pair of systems"),
     "match": ("vote", "system"),
     "rank": ("ranking", "system"),
@@ -296,9 +296,9 @@ _WHAT = {
 """Unit of an answer, and of what answers are counted for, by kind of trial."""
 
 
-def size_of(plan: Plan, design: Design) -> tuple[int, str]:
+def study_size(plan: Plan, design: Design) -> tuple[int, str]:
     """Return the minutes of the longest list, and a sentence on duration, pages and votes."""
-    length_s = plan.length_s or USUAL_LENGTH_S
+    length_s = plan.length_s or DEFAULT_LENGTH_S
     seconds = max(
         sum(len(page.shown) * length_s + ANSWER_S for page in pages) for pages in design.lists
     )
@@ -309,9 +309,9 @@ def size_of(plan: Plan, design: Design) -> tuple[int, str]:
         shown = sorted({stimulus.system for stimulus in page.shown})
         votes.update(itertools.combinations(shown, num_shown))
     fewest, most = min(votes.values()), max(votes.values())
-    vote, whom = _WHAT[KIND_OF_PROTOCOL[plan.protocol]]
+    vote, whom = _UNITS_OF_TRIAL[KIND_OF_PROTOCOL[plan.protocol]]
     count = pluralise(most, vote) if fewest == most else f"{fewest} to {pluralise(most, vote)}"
-    minutes, pages = math.ceil((BEFORE_S + seconds) / 60), max(map(len, design.lists))
+    minutes, pages = math.ceil((INTRO_S + seconds) / 60), max(map(len, design.lists))
     return minutes, (
         f"About {pluralise(minutes, 'minute')} and {pluralise(pages, 'page')} for each "
         f"participant; {count} for each {whom} if all finish."

@@ -15,10 +15,10 @@ import jinja2
 
 from app.run.models import get_body, get_system
 from app.run.output.provenance import describe_systems, versions
-from app.study.design.blinding import blind_lists, stimuli_of
+from app.study.design.blinding import lists_by_id, stimulus_ids
 from app.study.design.key import Key
-from app.study.design.plan import Plan, questions_of, wording
-from app.study.design.trials import Design, measure_balance, size_of
+from app.study.design.plan import Plan, load_wording, protocol_questions
+from app.study.design.trials import Design, measure_balance, study_size
 from app.study.make import media
 from app.study.make.motions import Source
 from app.study.make.workspace import Workspace
@@ -26,7 +26,7 @@ from model.storage.escaping import csv_text, escape_markdown
 
 SITE = Path(__file__).with_name("site")
 INDEX, DATA = "index.html", "study-data.js"
-FIXED = ("study.js", "study.css", "README.txt")
+SHARED_FILES = ("study.js", "study.css", "README.txt")
 """Files that are the same in every study."""
 FREE_TEXTS = (
     *("title", "consent", "researchers", "contact", "ethics", "postTo", "returnTo"),
@@ -54,13 +54,13 @@ def templates() -> jinja2.Environment:
 
 def write_bundle(plan: Plan, design: Design, key: Key, workspace: Workspace) -> None:
     """Write everything but the videos, and set the same time on all files of the bundle."""
-    for name in FIXED:
+    for name in SHARED_FILES:
         workspace.write_text(workspace.bundle / name, (SITE / name).read_text("utf-8"))
     workspace.write_text(workspace.bundle / INDEX, index_html(plan.title, plan.post_to))
     data = json.dumps(page_data(plan, design, key), ensure_ascii=True, separators=(",", ":"))
     workspace.write_text(workspace.bundle / DATA, f"{DATA_START}{data};\n")
     for path in (*workspace.bundle.rglob("*"), workspace.bundle):
-        media.set_time(path)
+        media.set_fixed_mtime(path)
 
 
 def index_html(title: str, post_to: str | None) -> str:
@@ -72,7 +72,7 @@ def index_html(title: str, post_to: str | None) -> str:
         .render(
             title=title,
             connect=f"{parts.scheme}://{parts.netloc}" if parts else "'none'",
-            no_script=wording()["problems"]["script"],
+            no_script=load_wording()["problems"]["script"],
         )
     )
 
@@ -90,21 +90,23 @@ def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
         "postTo": plan.post_to,
         "returnTo": plan.return_to,
         "panelIds": plan.panel_ids,
-        "minutes": size_of(plan, design)[0],
+        "minutes": study_size(plan, design)[0],
         **{name: getattr(plan, name) for name in ("consent", "researchers", "contact", "ethics")},
         "trials": trials,
-        "lists": blind_lists(design, key),
-        **fixed_words(plan.protocol),
-        "reasons": wording()["reasons"] if plan.reasons and plan.protocol == "pairwise" else None,
+        "lists": lists_by_id(design, key),
+        **shared_wording(plan.protocol),
+        "reasons": load_wording()["reasons"]
+        if plan.reasons and plan.protocol == "pairwise"
+        else None,
     }
 
 
-def fixed_words(protocol: str) -> dict[str, Any]:
+def shared_wording(protocol: str) -> dict[str, Any]:
     """Return the sentences that are the same in every study of a protocol."""
-    words = wording()
+    words = load_wording()
     return {
         "instruction": words["protocols"][protocol]["instruction"],
-        "questions": [vars(question) for question in questions_of(protocol)],
+        "questions": [vars(question) for question in protocol_questions(protocol)],
         "words": {name: words[name] for name in _SHARED_WORDS},
     }
 
@@ -120,7 +122,7 @@ def write_records(
 ) -> None:
     """Write the researcher's records other than the key."""
     balance = measure_balance(design)
-    lists = blind_lists(design, key)
+    lists = lists_by_id(design, key)
     manifest = {
         "study": key.study,
         "title": plan.title,
@@ -135,7 +137,7 @@ def write_records(
         },
         "videos": {
             blind: {**asdict(stimulus), "bytes": workspace.video(blind).stat().st_size}
-            for stimulus, blind in stimuli_of(key).items()
+            for stimulus, blind in stimulus_ids(key).items()
         },
         "lists": {
             str(number): [{"trial": trial, "shown": shown} for trial, shown in pages]
@@ -149,8 +151,8 @@ def write_records(
     about = {
         "plan": plan,
         "balance": balance,
-        "size": size_of(plan, design)[1],
-        "questions": questions_of(plan.protocol),
+        "size": study_size(plan, design)[1],
+        "questions": protocol_questions(plan.protocol),
         "num_trials": sum(trial.kind != "attention" for trial in design.trials),
         "per_person": len(design.lists[0]) - design.num_checks,
         "num_checks": design.num_checks,
@@ -213,7 +215,7 @@ def genea_tables(plan: Plan, design: Design, key: Key) -> dict[str, str]:
         "pairwise": ("pairwise.csv", ["clip_name", "system_1", "system_2"]),
         "matched": ("mismatch.csv", ["clip_name", "system", "mismatch_type", "mismatch_data"]),
     }.get(plan.protocol, ("", []))
-    table, videos = [], stimuli_of(key)
+    table, videos = [], stimulus_ids(key)
     for trial, planned in zip(key.trials, design.trials, strict=True):
         if planned.kind == "pair":
             table.append([trial, *(videos[each] for each in planned.stimuli)])

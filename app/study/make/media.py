@@ -23,6 +23,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float32
 
 from app.errors import RunError
 from conventions.rates import FPS
@@ -45,9 +46,9 @@ RATE_STEP = 0.01
 """Relative step between the rates of two videos of a scene, so that chance does not decide which is
 padded more; see `app.study.export`.
 """
-_GRAIN = "noise=c0s=4:c0f=t:all_seed=7"
+_FILM_GRAIN_FILTER = "noise=c0s=4:c0f=t:all_seed=7"
 
-LONG_AGO_S = 946_684_800
+FIXED_MTIME_S = 946_684_800
 """Modification time of every file for participants: 2000-01-01 (s since 1970)."""
 
 _BITEXACT = ("-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact",
@@ -55,10 +56,10 @@ _BITEXACT = ("-map_metadata", "-1", "-map_chapters", "-1", "-fflags", "+bitexact
 _X264 = "level=40:force-cfr=1:colorprim=bt709:transfer=bt709:colormatrix=bt709"
 _TICKS = 1_200_000 // FPS
 """Duration of a frame in the time base of ffmpeg's raw H.264 demuxer, which rounds by itself."""
-_LEAST_BOX = 8
+_MIN_BOX = 8
 
 
-def encode_speech(waveform: np.ndarray, out: Path, clip: str) -> None:
+def encode_speech(waveform: Float32[np.ndarray, " N"], out: Path, clip: str) -> None:
     """Encode speech at 16 kHz as one AAC track of -23 LUFS.
 
     Raises:
@@ -123,7 +124,7 @@ def _encode(drawn: Path, out: Path, rate: int) -> int:
     """Encode once without padding; return the number of frames."""
     run_ffmpeg(
         "-threads", "1", "-filter_threads", "1", "-i", str(drawn), "-map", "0:v:0", "-an",
-        "-vf", _GRAIN, "-c:v", "libx264", "-preset", "fast", "-threads", "1",
+        "-vf", _FILM_GRAIN_FILTER, "-c:v", "libx264", "-preset", "fast", "-threads", "1",
         "-pix_fmt", "yuv420p", "-b:v", str(rate), "-minrate", str(rate), "-maxrate", str(rate),
         "-bufsize", str(rate // 2), "-bf", "0", "-g", str(FPS), "-keyint_min", str(FPS),
         "-sc_threshold", "0", "-x264-params", _X264,
@@ -132,7 +133,7 @@ def _encode(drawn: Path, out: Path, rate: int) -> int:
         "-bsf:v", "filter_units=remove_types=6|12", "-f", "h264", str(out),
     )  # fmt: skip
     frames = frames_of(out.read_bytes())
-    out.write_bytes(joined(frames))
+    out.write_bytes(join_units(frames))
     return len(frames)
 
 
@@ -148,21 +149,21 @@ def join(stream: Path, track: Path | None, out: Path) -> None:
         blank_user_data(part)
 
 
-def pad_alike(videos: Sequence[Path]) -> None:
+def pad_to_equal_size(videos: Sequence[Path]) -> None:
     """Append an empty `free` box until all files have the same length."""
     sizes = {path: path.stat().st_size for path in videos}
     target = max(sizes.values())
-    if any(0 < target - size < _LEAST_BOX for size in sizes.values()):
-        target += _LEAST_BOX
+    if any(0 < target - size < _MIN_BOX for size in sizes.values()):
+        target += _MIN_BOX
     for path, size in sizes.items():
         if size < target:
-            box = (target - size).to_bytes(4, "big") + b"free" + bytes(target - size - _LEAST_BOX)
+            box = (target - size).to_bytes(4, "big") + b"free" + bytes(target - size - _MIN_BOX)
             write_atomically(path, path.read_bytes() + box)
 
 
-def set_time(path: Path) -> None:
+def set_fixed_mtime(path: Path) -> None:
     """Set the modification time that all files of a bundle share."""
-    os.utime(path, (LONG_AGO_S, LONG_AGO_S))
+    os.utime(path, (FIXED_MTIME_S, FIXED_MTIME_S))
 
 
 def sound_digest(path: Path) -> str | None:
@@ -223,7 +224,7 @@ def read_mp4(path: Path) -> Mp4:
     """Parse an MP4 file.
 
     Raises:
-        RunError: if the file is no complete MP4.
+        RunError: if the file is not a complete MP4.
     """
     data = path.read_bytes()
     try:
@@ -244,7 +245,7 @@ def read_mp4(path: Path) -> Mp4:
             tracks=tuple(map(_track, tracks)),
         )
     except (ValueError, LookupError) as error:
-        raise RunError(f"{path.name} is no whole mp4 file: {error}.") from error
+        raise RunError(f"{path.name} is not a whole mp4 file: {error}.") from error
 
 
 def blank_user_data(path: Path) -> None:
@@ -271,18 +272,18 @@ def _places(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, int, int
         start += size
 
 
-def _track(found: dict[bytes, bytes]) -> Track:
-    _, _, scale, units = _numbers(found[b"mdhd"])
-    sizes = found[b"stsz"]
+def _track(boxes: dict[bytes, bytes]) -> Track:
+    _, _, scale, units = _numbers(boxes[b"mdhd"])
+    sizes = boxes[b"stsz"]
     fixed, count, *each = np.frombuffer(sizes[4 : 4 + (len(sizes) - 4) // 4 * 4], ">u4").tolist()
     if not fixed and len(each) < count:
         raise ValueError(f"it names {count} samples and not their sizes")
     kinds = (b"stsd", b"stts", b"elst", b"tkhd")
     return Track(
-        handler=found[b"hdlr"][8:12].decode("latin-1"),
+        handler=boxes[b"hdlr"][8:12].decode("latin-1"),
         duration=units / scale,
         sizes=(fixed,) * count if fixed else tuple(each[:count]),
-        description=b"|".join(found.get(kind, b"") for kind in kinds),
+        description=b"|".join(boxes.get(kind, b"") for kind in kinds),
     )
 
 
@@ -317,7 +318,7 @@ def frames_of(stream: bytes) -> list[list[bytes]]:
     return frames[:-1]
 
 
-def joined(frames: Sequence[Sequence[bytes]]) -> bytes:
+def join_units(frames: Sequence[Sequence[bytes]]) -> bytes:
     """Join NAL units to a stream."""
     return b"".join(_START + unit for units in frames for unit in units)
 
@@ -329,7 +330,7 @@ def num_picture_bytes(stream: bytes) -> int:
     return sum(len(_START) + len(unit) for unit in own)
 
 
-def fill_alike(streams: Sequence[Path]) -> None:
+def equalise_frame_sizes(streams: Sequence[Path]) -> None:
     """Pad frame by frame until the n-th frames of all streams have the same number of bytes."""
     all_frames = [frames_of(path.read_bytes()) for path in streams]
     # Every frame gets messages: one without them would be known as the largest.
@@ -341,7 +342,7 @@ def fill_alike(streams: Sequence[Path]) -> None:
             [*units[:-1], *_messages(target - _size(units), rng), units[-1]]
             for units, target in zip(frames, targets, strict=True)
         ]
-        write_atomically(path, joined(filled))
+        write_atomically(path, join_units(filled))
 
 
 def _size(units: Sequence[bytes]) -> int:

@@ -19,7 +19,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.formats.read import read_any_motion
 from model.generation.windows import GenerateOptions, draw_conditions, generate_motion
 from model.motion.motion import Motion
-from model.motion.transforms import filtered
+from model.motion.transforms import apply_post_filter
 from model.plan.files import read_plan_file
 from model.plan.plan import GesturePlan, PlanError
 from model.sampling.samplers import clip_seed
@@ -107,9 +107,9 @@ def read_source(plan: Plan, clip: Clip) -> Source:
     )
 
 
-def _existing(path: Path, what: str) -> Path:
+def _existing(path: Path, noun: str) -> Path:
     if not path.is_file():
-        raise RunError(f"The {what} is missing: there is no {path}.")
+        raise RunError(f"The {noun} is missing: there is no {path}.")
     return path
 
 
@@ -153,7 +153,7 @@ def _excerpt(speech: Speech, start_s: float, num_frames: int) -> Speech:
     return replace(speech, waveform=waveform)
 
 
-def shown_motions(
+def stimulus_motions(
     plan: Plan,
     source: Source,
     weights: Path,
@@ -186,7 +186,7 @@ def shown_motions(
             'the systems apart; set `face = "still"`.'
         )
     body = get_body(body_path)
-    return {name: _alike(motion, plan.face, body) for name, motion in motions.items()}
+    return {name: _normalised_body(motion, plan.face, body) for name, motion in motions.items()}
 
 
 def _generate(
@@ -211,10 +211,10 @@ def _generate(
         plans = options.conditions or draw_conditions(loaded, source.speech, options)
         options = replace(options, conditions=tuple(system.style.apply(p).plan for p in plans))
     (motion,) = generate_motion(loaded, source.speech, options, should_cancel=should_cancel)
-    return filtered(motion, system.post_filter)
+    return apply_post_filter(motion, system.post_filter)
 
 
-def _alike(motion: Motion, face: Literal["still", "moving"], body: Body) -> Motion:
+def _normalised_body(motion: Motion, face: Literal["still", "moving"], body: Body) -> Motion:
     """Return the motion on the mean body, standing on the floor in the middle of the picture."""
     poses, expressions = motion.poses.copy(), motion.expressions
     if face == "still":

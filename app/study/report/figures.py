@@ -20,7 +20,7 @@ from matplotlib.patches import Patch
 
 from app.study.design.key import Key
 from app.study.statistics.results import QuestionResult
-from app.study.statistics.shares import Number
+from app.study.statistics.shares import ResultEstimate
 from conventions.names import printable
 
 INK = "#1f2933"
@@ -35,7 +35,7 @@ WIDTH_IN = 5.0
 ROW_IN = 0.38
 LONGEST_NAME = 26
 """Most characters of a system's name in figures."""
-MOST_NUMBERS = 16
+MAX_NUMBERS = 16
 """Most bars with room for their numbers."""
 KEY_LENGTH, KEY_MARK = 72, 6
 """Characters per line of the legend, and the width of a mark in characters."""
@@ -67,8 +67,8 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
         "first_places": ("ranked first (%)", 100 / len(key.systems)),
         "share_of_all_votes": ("preferred (% of votes)", 50.0),
         "mean_rating": ("mean rating", None),
-    }[results[0].ends]
-    scale = 1 if results[0].ends == "mean_rating" else 100
+    }[results[0].bar_measure]
+    scale = 1 if results[0].bar_measure == "mean_rating" else 100
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH_IN, 3.4), layout="constrained")
         axes = figure.add_subplot()
@@ -77,14 +77,14 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
         for group, result in enumerate(results):
             for system, name in enumerate(key.systems):
                 at = group + (system - (count - 1) / 2) * width
-                if (bar := result.one(result.ends, name)) is None:
+                if (bar := result.one(result.bar_measure, name)) is None:
                     continue
                 value, low, high = (scale * each for each in bar.limits)
                 axes.bar(at, value, 0.92 * width, **_fill(system, count))
                 if np.isfinite(high - low):
                     reach = [[value - low], [high - value]]
                     axes.errorbar(at, value, reach, color=INK, capsize=3, lw=1.2)
-                if count * len(results) <= MOST_NUMBERS:
+                if count * len(results) <= MAX_NUMBERS:
                     axes.text(at, 2, f"{value:.0f}", ha="center", fontsize=9, bbox=_PLATE)
         if chance is not None:
             axes.axhline(chance, color=INK, lw=0.8, ls=(0, (4, 3)))
@@ -113,9 +113,9 @@ def _add_legend(figure: Figure, key: Key) -> None:
         entry.set_text(name)  # as arguments, names that begin with "_" would be left out
 
 
-def forest(found: Sequence[Number]) -> Figure:
+def forest(estimates: Sequence[ResultEstimate]) -> Figure:
     """Draw values of one measure with intervals, one per row: pairs, or systems by rank."""
-    measure, count = found[0].measure, len(found)
+    measure, count = estimates[0].measure, len(estimates)
     label, middle, limits = {
         "share": ("votes for the first, ties half (%)", 50, (0, 100)),
         "log_strength": ("log-strength (0 = the systems' mean)", 0, None),
@@ -124,18 +124,18 @@ def forest(found: Sequence[Number]) -> Figure:
     }[measure]
     scale = 1
     if measure == "share":
-        scale, names = 100, [_against(str(one.first), str(one.second)) for one in found]
+        scale, names = 100, [_against(str(one.first), str(one.second)) for one in estimates]
     else:
         best_first = slice(None, None, 1 if measure == "mean_rank" else -1)
-        found = sorted(found, key=lambda one: one.limits[0])[best_first]
-        names = [_short(str(one.first)) for one in found]
+        estimates = sorted(estimates, key=lambda one: one.limits[0])[best_first]
+        names = [_short(str(one.first)) for one in estimates]
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH_IN, 0.8 + ROW_IN * count), layout="constrained")
         axes = figure.add_subplot()
         if middle is not None:
             axes.axvline(middle, color=FAINT, lw=1, ls=(0, (4, 3)))
         places = np.arange(count)[::-1]
-        for place, one in zip(places, found, strict=True):
+        for place, one in zip(places, estimates, strict=True):
             value, low, high = (scale * each for each in one.limits)
             if np.isfinite(high - low):
                 axes.plot([low, high], [place, place], color=INK, lw=1.6)

@@ -20,7 +20,7 @@ from app.study.statistics.answers import Collected, skipped_by
 from app.study.statistics.models import PRIOR_SD, RESAMPLES
 from app.study.statistics.results import BalanceReached, QuestionResult
 from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
-from app.study.statistics.shares import ALPHA, MIN_CLIPS, Number
+from app.study.statistics.shares import ALPHA, MIN_CLIPS, ResultEstimate
 from conventions.names import join_names, pluralise, printable
 from model.storage import escaping
 
@@ -67,12 +67,22 @@ def templates() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         finalize=_shown,
     )
-    forms = percent, percents, number, limits, p_number, p_value, pluralise, ahead, headline
+    forms = (
+        percent,
+        percent_interval,
+        number,
+        format_interval,
+        format_p,
+        format_p_with_letter,
+        pluralise,
+        better_first,
+        headline,
+    )
     env.filters |= {form.__name__: form for form in forms}
     env.globals |= {
         "alpha": ALPHA,
         "balanced_within": BALANCED_WITHIN,
-        "drawn": _drawn,
+        "drawn": _inline_figure,
         "interval": f"95{NO_BREAK}% interval",
         "min_clips": MIN_CLIPS,
         "most": MAX_SENTENCES,
@@ -94,9 +104,9 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f}{NO_BREAK}%"
 
 
-def percents(found: Number) -> str:
+def percent_interval(estimate: ResultEstimate) -> str:
     """Format the interval of a share in percent."""
-    _, low, high = found.limits
+    _, low, high = estimate.limits
     return f"{100 * low:.0f} to {100 * high:.0f}{NO_BREAK}%"
 
 
@@ -105,29 +115,29 @@ def number(value: float, form: str = "z.2f") -> str:
     return f"{value:{form}}".replace("-", "\N{MINUS SIGN}")
 
 
-def limits(found: Number, form: str = "z.2f") -> str:
+def format_interval(estimate: ResultEstimate, form: str = "z.2f") -> str:
     """Format an interval as "from to", or "unknown" if it is infinite."""
-    _, low, high = found.limits
+    _, low, high = estimate.limits
     if not math.isfinite(high - low):
         return "unknown"
     return f"{number(low, form)} to {number(high, form)}"
 
 
-def p_number(p: float) -> str:
+def format_p(p: float) -> str:
     """Format p without leading zero and with three decimals, as papers do."""
     return f"<{NO_BREAK}.001" if p < 0.0005 else f"{min(p, 1):.3f}".removeprefix("0")
 
 
-def p_value(p: float) -> str:
+def format_p_with_letter(p: float) -> str:
     """Format p with its letter, for example "p = .012"."""
-    shown = p_number(p)
+    shown = format_p(p)
     return f"p{NO_BREAK}{shown}" if shown.startswith("<") else f"p{NO_BREAK}={NO_BREAK}{shown}"
 
 
-def ahead(gap: Number, is_ranking: bool) -> Number:
+def better_first(gap: ResultEstimate, is_ranking: bool) -> ResultEstimate:
     """Return the difference of two means as positive, with the better system first."""
     is_first = (gap.limits[0] > 0) != is_ranking
-    one = gap if is_first else gap.from_the_other_side()
+    one = gap if is_first else gap.with_systems_swapped()
     value, low, high = one.limits
     return replace(one, value=-value, low=-high, high=-low) if is_ranking else one
 
@@ -136,7 +146,7 @@ def headline(result: QuestionResult) -> str:
     """Describe which system ranks first and which of the printed differences are significant."""
     name = f"{result.question.id}: "
     if matches := result.all("right_choices"):
-        good = [str(one.first) for one in matches if one.beyond > 0]
+        good = [str(one.first) for one in matches if one.significant_side > 0]
         if not good:
             return (
                 f"{name}for no system was the matching speech chosen significantly more often "
@@ -158,7 +168,7 @@ def headline(result: QuestionResult) -> str:
     def lead(one: str, other: str) -> int:
         """Return 1 if the first system is significantly better, -1 if worse, else 0."""
         found = result.one(measure, one, other)
-        return better * found.beyond if found else 0
+        return better * found.significant_side if found else 0
 
     best, *others = order
     beaten = [other for other in others if lead(best, other) > 0]
@@ -186,14 +196,14 @@ def headline(result: QuestionResult) -> str:
     return f"{name}{'; '.join(told)}."
 
 
-def _drawn(kind: str, name: str, description: str, *about: Any) -> Markup:
+def _inline_figure(kind: str, name: str, description: str, *about: Any) -> Markup:
     """Return a figure as inline SVG."""
     return Markup(figures.svg_of(getattr(figures, kind)(*about), name, description))
 
 
 def csv_of(results: Sequence[QuestionResult]) -> str:
     """Format one row per number as CSV, with empty cells for missing values; shares are 0 to 1."""
-    names = [field.name for field in fields(Number)]
+    names = [field.name for field in fields(ResultEstimate)]
     rows: list[Sequence[object]] = [("question", *names)]
     for result in results:
         for one in result.numbers:
@@ -238,13 +248,13 @@ def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
     }
     table = pd.DataFrame({"System": map(escaping.escape_latex, key.systems)})
     for result in results:
-        cells = [_latex_cell(result.one(result.ends, name)) for name in key.systems]
+        cells = [_latex_cell(result.one(result.bar_measure, name)) for name in key.systems]
         table[escaping.escape_latex(result.question.id)] = cells
     tabular = table.to_latex(index=False, escape=False, column_format="l" + "c" * len(results))
-    return f"% Needs \\usepackage{{booktabs}}. {captions[results[0].ends]}\n{tabular}"
+    return f"% Needs \\usepackage{{booktabs}}. {captions[results[0].bar_measure]}\n{tabular}"
 
 
-def _latex_cell(one: Number | None) -> str:
+def _latex_cell(one: ResultEstimate | None) -> str:
     if one is None:
         return "--"
     scale, digits = (1, 1) if one.measure == "mean_rating" else (100, 0)

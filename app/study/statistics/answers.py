@@ -27,7 +27,7 @@ from app.study.design.key import (
 from model.storage.json_validation import STRICT, FieldError, Text, parse_json, read_json
 
 TIE = "tie"
-TRUTH_NAME = "truth.json"
+SIMULATION_TRUTH_FILE = "truth.json"
 """Name of the parameters' file of a simulation, which is skipped in folders."""
 MAX_FILES = 10_000
 MAX_FILE_BYTES = 4 * 2**20
@@ -53,7 +53,7 @@ class Answer:
     watched: Count = 0
     """Number of complete plays of the least played video."""
     is_strong: bool = False
-    """True if the participant called the preference clear; false where that is no option."""
+    """True if the participant called the preference clear; false where that is not an option."""
     skipped: Text | None = None
     """Blind id of a video that the browser could not play, so that the page was skipped without a
     value."""
@@ -96,7 +96,7 @@ class Collected:
     left_out: tuple[str, ...]
 
 
-def collect(paths: Iterable[Path], key: Key) -> Collected:
+def collect_answers(paths: Iterable[Path], key: Key) -> Collected:
     """Read files and folders of answers; unusable ones only add a sentence to ``left_out``.
 
     Raises:
@@ -107,7 +107,7 @@ def collect(paths: Iterable[Path], key: Key) -> Collected:
     for path in _files(paths):
         try:
             sent = read_json(path, Participant, MAX_FILE_BYTES)
-            participant, refused = fitting(replace(sent, source=path.name), key)
+            participant, refused = valid_answers(replace(sent, source=path.name), key)
         except FieldError as error:
             left_out.append(f"{path.name} is left out: {error}.")
             continue
@@ -122,7 +122,9 @@ def _files(paths: Iterable[Path]) -> list[Path]:
     files: list[Path] = []
     for path in paths:
         if path.is_dir():
-            found = (file for file in sorted(path.rglob("*.json")) if file.name != TRUTH_NAME)
+            found = (
+                file for file in sorted(path.rglob("*.json")) if file.name != SIMULATION_TRUTH_FILE
+            )
             inside = (file for file in found if not is_hidden(file.relative_to(path)))
             files.extend(file for file in inside if file.is_file())
         elif path.is_file():
@@ -134,7 +136,7 @@ def _files(paths: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(file.resolve() for file in files))
 
 
-def fitting(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
+def valid_answers(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
     """Return the participant with the valid answers only, and counts of the others by reason.
 
     Raises:
@@ -153,7 +155,7 @@ def fitting(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
             refused[str(error)] += 1
             continue
         asked = answer.trial, answer.question
-        fault = _fault(answer, key, key.lists[sent.list_number])
+        fault = _answer_error(answer, key, key.lists[sent.list_number])
         fault = fault or ("the question was answered before" if asked in accepted else None)
         if fault:
             refused[fault] += 1
@@ -163,7 +165,7 @@ def fitting(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
     return replace(sent, answers=tuple(accepted.values()), panel=panel), refused
 
 
-def _fault(answer: Answer, key: Key, trials: Sequence[str]) -> str | None:
+def _answer_error(answer: Answer, key: Key, trials: Sequence[str]) -> str | None:
     """Return why an answer is invalid for the participant's list; None if it is valid."""
     if answer.trial not in trials:
         return "its trial is not on the participant's list"
@@ -211,7 +213,7 @@ def _refused_sentence(participant: Participant, refused: Counter[str]) -> str:
     )
 
 
-_STANDINGS = ("came by a signed link", "is finished", "is later", "is longer")
+_PRECEDENCE = ("came by a signed link", "is finished", "is later", "is longer")
 
 
 def _each_once(
@@ -224,7 +226,7 @@ def _each_once(
     """
 
     def standing(one: Participant) -> tuple[bool, bool, datetime, int]:
-        is_signed = key.doubt_of_link(one.link, one.list_number) is None
+        is_signed = key.link_error(one.link, one.list_number) is None
         is_finished = one.finished is not None
         return is_signed, is_finished, one.finished or one.started, len(one.answers)
 
@@ -234,11 +236,11 @@ def _each_once(
         if other is None or standing(one) > standing(other):
             best[one.id] = one
     others = [one for one in participants if one is not best[one.id]]
-    under_way = [one for one in others if _is_part(one, best[one.id])]
+    under_way = [one for one in others if _is_superseded(one, best[one.id])]
     doubles = []
     for one in (one for one in others if one not in under_way):
         better = best[one.id]
-        compared = zip(_STANDINGS, standing(better), standing(one), strict=True)
+        compared = zip(_PRECEDENCE, standing(better), standing(one), strict=True)
         reason = next((which for which, a, b in compared if a != b), "is its equal")
         doubles.append(
             f"{one.source} is left out: its participant also sent {better.source}, which {reason}."
@@ -249,7 +251,7 @@ def _each_once(
     return list(best.values()), doubles
 
 
-def _is_part(participant: Participant, better: Participant) -> bool:
+def _is_superseded(participant: Participant, better: Participant) -> bool:
     """Check whether an unfinished file is contained in a later one."""
     return participant.finished is None and set(_named(participant)) <= set(_named(better))
 

@@ -26,7 +26,7 @@ from jaxtyping import Float
 from scipy import sparse, stats
 from scipy.special import log_softmax
 
-from app.study.statistics.shares import CONFIDENCE, Limits, Number, with_holm
+from app.study.statistics.shares import CONFIDENCE, Limits, ResultEstimate, with_holm
 
 PRIOR_SD = 2.0
 """Prior standard deviation (natural log): a strength ratio of exp(2 * 2) = 55 is still plausible.
@@ -91,12 +91,12 @@ class Fit:
     num_raters: int
     has_ties: bool
 
-    def number(self, measure: str, weights: dict[int, float], *names: str) -> Number:
+    def number(self, measure: str, weights: dict[int, float], *names: str) -> ResultEstimate:
         """Return a weighted sum of parameters with its interval."""
         each = np.zeros(len(self.best))
         each[list(weights)] = list(weights.values())
         ((low, high),) = percentile_limits((self.samples @ each)[:, None], self.num_raters)
-        return Number(measure, *names, value=float(self.best @ each), low=low, high=high)
+        return ResultEstimate(measure, *names, value=float(self.best @ each), low=low, high=high)
 
 
 def fit_strengths(
@@ -188,7 +188,9 @@ def _log_likelihood(
     return height - (beta**2).sum(1) / (2 * PRIOR_SD**2), log_shares
 
 
-def strength_numbers(votes: pd.DataFrame, systems: Sequence[str], has_sides: bool) -> list[Number]:
+def strength_numbers(
+    votes: pd.DataFrame, systems: Sequence[str], has_sides: bool
+) -> list[ResultEstimate]:
     """Compute log-strengths, their differences, tie parameter, left advantage and Elo ratings."""
     fit = fit_strengths(votes, systems, has_sides)
     found = [fit.number("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
@@ -196,23 +198,25 @@ def strength_numbers(votes: pd.DataFrame, systems: Sequence[str], has_sides: boo
         fit.number("log_strength_gap", {a: 1.0, b: -1.0}, systems[a], systems[b])
         for a, b in combinations(range(len(systems)), 2)
     ]
-    found.append(Number("tie_parameter", value=math.exp(fit.best[-1]) if fit.has_ties else 0.0))
+    found.append(
+        ResultEstimate("tie_parameter", value=math.exp(fit.best[-1]) if fit.has_ties else 0.0)
+    )
     if has_sides:
         found.append(fit.number("left_advantage", {len(systems): 1.0}))
     return found + elo_numbers(votes, systems)
 
 
-def elo_numbers(votes: pd.DataFrame, systems: Sequence[str]) -> list[Number]:
+def elo_numbers(votes: pd.DataFrame, systems: Sequence[str]) -> list[ResultEstimate]:
     """Compute Elo ratings as on leaderboards: ties half, no sides, clear preferences twice."""
     fit = fit_strengths(votes, systems, has_sides=False, splits_ties=True)
     scale = ELO_SCALE / math.log(10)
     found = [fit.number("elo", {i: scale}, name) for i, name in enumerate(systems)]
-    return [one.raised(ELO_MEAN) for one in found]
+    return [one.shifted(ELO_MEAN) for one in found]
 
 
 def mean_numbers(
     values: pd.DataFrame, systems: Sequence[str], measure: str
-) -> tuple[int, list[Number]]:
+) -> tuple[int, list[ResultEstimate]]:
     """Compute means, differences and tests over the participants that judged every system.
 
     Tests are Friedman's and, for pairs, Wilcoxon's signed-rank test. Also returns the number of
@@ -223,7 +227,7 @@ def mean_numbers(
     if not len(means):
         return 0, []
     found = [
-        Number(measure, name, None, float(value), *limits)
+        ResultEstimate(measure, name, None, float(value), *limits)
         for name, value, limits in zip(systems, means.mean(0), mean_limits(means), strict=True)
     ]
     pairs = list(combinations(range(len(systems)), 2))
@@ -231,12 +235,12 @@ def mean_numbers(
         np.stack([means[:, a] - means[:, b] for a, b in pairs], axis=1) if pairs else means[:, :0]
     )
     tested = [
-        Number(
+        ResultEstimate(
             f"{measure}_gap", systems[a], systems[b], float(gap.mean()), *limits, p=_paired_p(gap)
         )
         for (a, b), gap, limits in zip(pairs, gaps.T, mean_limits(gaps), strict=True)
     ]
-    friedman = Number("friedman", p=_friedman_p(means))
+    friedman = ResultEstimate("friedman", p=_friedman_p(means))
     return len(means), [*found, *with_holm(tested), friedman]
 
 
@@ -274,20 +278,20 @@ def krippendorff_alpha(units: Iterable[Sequence[float]], level: Level) -> float 
     return _alpha(np.asarray(by_unit.sum(axis=0)), values, level)
 
 
-def alpha_number(units: Iterable[Sequence[float]], level: Level) -> Number:
+def alpha_number(units: Iterable[Sequence[float]], level: Level) -> ResultEstimate:
     """Compute alpha with its interval over resampled items."""
     values, by_unit = _coincidences(units)
     count = by_unit.shape[0]
     measure = f"krippendorff_alpha_{level}"
     alpha = _alpha(np.asarray(by_unit.sum(axis=0)), values, level)
     if alpha is None:
-        return Number(measure)
+        return ResultEstimate(measure)
     drawn = (
         _alpha(draw @ by_unit, values, level) for draw in participant_weights(count)[:ALPHA_DRAWS]
     )
     known = np.array([[one] for one in drawn if one is not None])
     ((low, high),) = percentile_limits(known, count if len(known) == ALPHA_DRAWS else 1)
-    return Number(measure, value=alpha, low=low, high=high)
+    return ResultEstimate(measure, value=alpha, low=low, high=high)
 
 
 def _coincidences(

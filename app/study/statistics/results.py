@@ -24,21 +24,22 @@ from app.study.statistics.models import (
 )
 from app.study.statistics.shares import (
     ALPHA,
-    Number,
-    share_numbers,
-    smallest_share_detected,
+    ResultEstimate,
+    detectable_share,
+    proportion_estimates,
     with_holm,
 )
 from app.study.statistics.votes import (
     MISMATCHED,
     between,
-    first_places,
-    of,
-    turned,
-    values_of,
+    first_place_votes,
+    swap_sides,
+    votes_as_arrays,
     votes_of,
+    votes_of_system,
 )
 from conventions.names import REFERENCE_NAME
+from model.diagnostics import parse_diagnostics
 
 JERK = "tip_jerk_m_s3"
 """Mean jerk of the fingertip in m/s³, of the unfiltered motion ("raw")."""
@@ -50,42 +51,42 @@ Jitter = Mapping[tuple[str, str], float]
 class QuestionResult:
     question: Question
     num_answers: int
-    numbers: tuple[Number, ...]
+    numbers: tuple[ResultEstimate, ...]
     """Numbers as in ``results.csv``; those that the protocol does not have are missing."""
     level: Level
     """Level of measurement for Krippendorff's alpha."""
     num_units: int
     """Number of items judged by two raters or more."""
     num_raters: int
-    num_of_means: int
+    num_complete_raters: int
     """Number of raters that judged every system."""
     comparisons: int
-    share_strictest: float | None
+    detectable_share_after_holm: float | None
     """Smallest share that the sign test detects at Holm's first step over all comparisons."""
 
-    def all(self, measure: str) -> list[Number]:
+    def all(self, measure: str) -> list[ResultEstimate]:
         return [number for number in self.numbers if number.measure == measure]
 
     def one(self, measure: str, first: str | None = None, second: str | None = None) -> Any:
-        """Return the `Number` of a measure and systems, from either side, or None."""
+        """Return the `ResultEstimate` of a measure and systems, from either side, or None."""
         names = {first, second}
         for number in self.all(measure):
             if first is None or {number.first, number.second} == names:
                 return (
                     number
                     if number.first == first or first is None
-                    else number.from_the_other_side()
+                    else number.with_systems_swapped()
                 )
         return None
 
     @property
-    def compared(self) -> list[Number]:
+    def compared(self) -> list[ResultEstimate]:
         """Main comparisons of systems."""
         kinds = ("mean_rank", "mean_rating", "share", "right_choices")
         return next((found for kind in kinds if (found := self.all(kind))), [])
 
     @property
-    def ends(self) -> str:
+    def bar_measure(self) -> str:
         """Name of the measure of each system that the bars show."""
         kinds = ("right_choices", "first_places", "share_of_all_votes", "mean_rating")
         return next((kind for kind in kinds if self.all(kind)), kinds[-1])
@@ -103,50 +104,52 @@ def _result(
     participants: Sequence[Participant], key: Key, question: Question, jitter: Jitter | None
 ) -> QuestionResult | None:
     votes = votes_of(participants, key, question.id)
-    values = values_of(participants, key, question.id)
+    values = votes_as_arrays(participants, key, question.id)
     if not len(votes) and not len(values):
         return None
     systems, is_matched = key.systems, key.protocol == "matched"
     is_ranking, is_rating = question.kind == "ranking", question.kind == "slider"
     pairs = list(combinations(systems, 2))
-    found: list[Number] = []
+    estimates: list[ResultEstimate] = []
     if is_matched:
         for name in systems:
-            found += share_numbers("right_choices", between(votes, name, name + MISMATCHED), name)
+            estimates += proportion_estimates(
+                "right_choices", between(votes, name, name + MISMATCHED), name
+            )
     else:
         for pair in pairs:
-            found += share_numbers("share", between(votes, *pair), *pair)
-    found = with_holm(found)
-    num_compared = sum(number.p is not None for number in found)
+            estimates += proportion_estimates("share", between(votes, *pair), *pair)
+    estimates = with_holm(estimates)
+    num_compared = sum(number.p is not None for number in estimates)
     if not is_matched and not is_rating:
         for name in systems:
-            rows = first_places(values, name) if is_ranking else of(votes, name)
+            rows = first_place_votes(values, name) if is_ranking else votes_of_system(votes, name)
             measure = "first_places" if is_ranking else "share_of_all_votes"
-            found += share_numbers(measure, rows, name, is_tested=False)
+            estimates += proportion_estimates(measure, rows, name, is_tested=False)
         if len(systems) > 1:
-            found += strength_numbers(votes, systems, has_sides=not is_ranking)
+            estimates += strength_numbers(votes, systems, has_sides=not is_ranking)
     num_of_means = 0
     if is_ranking or is_rating:
         measure = "mean_rank" if is_ranking else "mean_rating"
         num_of_means, means = mean_numbers(values, systems, measure)
-        found += means
+        estimates += means
     level: Level = (
         "nominal" if question.kind == "choice" else "ordinal" if is_ranking else "interval"
     )
     if question.kind == "choice":
-        found += share_numbers("left_chosen", votes)
-        judged = turned(votes, votes.left > votes.right).rename(columns={"score": "value"})
+        estimates += proportion_estimates("left_chosen", votes)
+        judged = swap_sides(votes, votes.left > votes.right).rename(columns={"score": "value"})
         things = ["trial", "left", "right"]
     else:
         judged, things = values.assign(value=values.value.round()), ["trial", "system"]
-    # Two answers of one rater are no agreement: a table of battles may hold the same one twice.
+    # Two answers of one rater are not an agreement: a table of battles may hold the same one twice.
     units = judged.drop_duplicates([*things, "rater"]).groupby(things).value.apply(list)
     num_raters = (values if is_rating else votes).rater.nunique()
-    found.append(alpha_number(units, level))
-    alone = smallest_share_detected(num_raters)
-    found.append(Number("detectable_share_of_participants", value=alone))
+    estimates.append(alpha_number(units, level))
+    alone = detectable_share(num_raters)
+    estimates.append(ResultEstimate("detectable_share_of_participants", value=alone))
     if jitter and not is_matched and not is_rating:
-        found += join_jitter(votes, jitter)
+        estimates += join_jitter(votes, jitter)
     comparisons = len(pairs) if is_rating else num_compared
     num_answers = len(values) if is_rating else len(votes)
     if is_ranking:
@@ -154,13 +157,13 @@ def _result(
     return QuestionResult(
         question=question,
         num_answers=num_answers,
-        numbers=tuple(found),
+        numbers=tuple(estimates),
         level=level,
         num_units=int((units.map(len) > 1).sum()),
         num_raters=num_raters,
-        num_of_means=num_of_means,
+        num_complete_raters=num_of_means,
         comparisons=comparisons,
-        share_strictest=smallest_share_detected(num_raters, ALPHA / max(1, comparisons)),
+        detectable_share_after_holm=detectable_share(num_raters, ALPHA / max(1, comparisons)),
     )
 
 
@@ -178,7 +181,7 @@ def read_jitter(folder: Path, key: Key) -> Jitter:
         if not path.is_file():
             continue
         try:
-            found = json.loads(path.read_bytes())
+            found = parse_diagnostics(json.loads(path.read_bytes()))
             measured = {REFERENCE_NAME: found.get("reference"), **found["systems"]}
             for name in (name for name in key.systems if measured.get(name)):
                 if value := measured[name]["raw"][JERK]:
@@ -193,7 +196,7 @@ def read_jitter(folder: Path, key: Key) -> Jitter:
     return jitter
 
 
-def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
+def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[ResultEstimate]:
     """Compute how often the smoother video is chosen, with and without smoothness as a reason.
 
     Ties, and votes without measured jerk, are left out.
@@ -207,13 +210,13 @@ def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[Number]:
         for side in ("left", "right")
     }
     are_apart = (jerk["left"] - jerk["right"]).abs() > 0
-    rows = turned(votes, jerk["left"] > jerk["right"])[are_apart & (votes.score != 0.5)]
+    rows = swap_sides(votes, jerk["left"] > jerk["right"])[are_apart & (votes.score != 0.5)]
     found = []
     for measure, is_named in (
         ("smoother_chosen_naming_smoothness", True),
         ("smoother_chosen_otherwise", False),
     ):
-        found += share_numbers(measure, pd.DataFrame(rows[rows.is_smooth == is_named]))
+        found += proportion_estimates(measure, pd.DataFrame(rows[rows.is_smooth == is_named]))
     return found
 
 

@@ -18,13 +18,13 @@ SHORTEST_VIDEO_S = 0.5
 """Shortest video (s), used if the key does not have their duration."""
 TOLERANCE = 0.9
 """Factor on minimum times, as browsers' clocks are coarse."""
-HASTY_SHARE = 0.1
+MAX_FAST_SHARE = 0.1
 """Share of trials that may be answered before their videos end, as after a reload."""
-ALIKE_FROM = 10
+MIN_SAME_SIDE_ANSWERS = 10
 """Fewest answers at the same position that, with other evidence of inattention, are implausible:
 sides are balanced on every list. Ties have no position.
 """
-COPY_FROM = 5
+MIN_COPIED_ANSWERS = 5
 """Fewest answers with times equal to the millisecond that count as a copy of another file."""
 SLIDER_TOLERANCE = 5
 """Largest distance of a slider from an attention check's number: a thumb on a phone covers as much.
@@ -32,7 +32,7 @@ SLIDER_TOLERANCE = 5
 
 
 @dataclass(frozen=True)
-class Dropped:
+class ExcludedParticipant:
     """Excluded participant, and the reason as the end of a sentence."""
 
     participant: Participant
@@ -44,8 +44,8 @@ class Screened:
     """Included and excluded participants."""
 
     kept: tuple[Participant, ...]
-    dropped: tuple[Dropped, ...] = ()
-    set_aside: tuple[Dropped, ...] = ()
+    dropped: tuple[ExcludedParticipant, ...] = ()
+    set_aside: tuple[ExcludedParticipant, ...] = ()
     """Finished and attentive participants without a valid link, if the study has links, or with
     implausible answers.
     """
@@ -58,25 +58,29 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
     shown; so they are listed, not mixed in. A check that a finished participant did not answer is
     failed.
     """
-    kept: list[Participant] = []
-    dropped: list[Dropped] = []
+    included: list[Participant] = []
+    dropped: list[ExcludedParticipant] = []
     for one in participants:
         failed = failed_checks(one, key)
         if one.finished is None:
             trials, whole = {answer.trial for answer in one.answers}, key.lists[one.list_number]
-            dropped.append(Dropped(one, f"not finished ({len(trials)} of {len(whole)} trials)"))
+            dropped.append(
+                ExcludedParticipant(one, f"not finished ({len(trials)} of {len(whole)} trials)")
+            )
         elif failed > key.max_failed:
             why = f"attention checks: {failed} failed, {key.max_failed} allowed"
-            dropped.append(Dropped(one, why))
+            dropped.append(ExcludedParticipant(one, why))
         else:
-            kept.append(one)
-    doubted = _link_doubts(kept, key)
-    doubted |= _panel_doubts([one for one in kept if one.id not in doubted], key)
-    doubted |= doubts([one for one in kept if one.id not in doubted], key)
+            included.append(one)
+    doubted = _link_doubts(included, key)
+    doubted |= _panel_doubts([one for one in included if one.id not in doubted], key)
+    doubted |= implausible_answers([one for one in included if one.id not in doubted], key)
     return Screened(
-        kept=tuple(one for one in kept if one.id not in doubted),
+        kept=tuple(one for one in included if one.id not in doubted),
         dropped=tuple(dropped),
-        set_aside=tuple(Dropped(one, doubted[one.id]) for one in kept if one.id in doubted),
+        set_aside=tuple(
+            ExcludedParticipant(one, doubted[one.id]) for one in included if one.id in doubted
+        ),
     )
 
 
@@ -107,7 +111,7 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
     found: dict[str, str] = {}
     used: dict[str, list[Participant]] = defaultdict(list)
     for one in participants:
-        if (why := key.doubt_of_link(one.link, one.list_number)) is not None:
+        if (why := key.link_error(one.link, one.list_number)) is not None:
             found[one.id] = why
         elif key.link_secret is not None and one.link is not None:
             used[one.link].append(one)
@@ -132,13 +136,13 @@ def _panel_doubts(participants: Sequence[Participant], key: Key) -> dict[str, st
     return found
 
 
-def doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
+def implausible_answers(participants: Sequence[Participant], key: Key) -> dict[str, str]:
     """Return by participant why the answers are implausible; no entry for the others."""
     found = {}
     seen: dict[tuple, str] = {}
     for one in participants:
-        why = _doubt(one, key)
-        if len(one.answers) >= COPY_FROM:
+        why = _implausibility(one, key)
+        if len(one.answers) >= MIN_COPIED_ANSWERS:
             first = seen.setdefault(_content(one), one.source)
             if first != one.source:
                 why = why or f"identical answers and response times as {first}"
@@ -147,7 +151,7 @@ def doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
     return found
 
 
-def _doubt(participant: Participant, key: Key) -> str | None:
+def _implausibility(participant: Participant, key: Key) -> str | None:
     finished, started = participant.finished, participant.started
     if finished is not None and finished < started:
         return "finished before it was begun"
@@ -159,7 +163,7 @@ def _doubt(participant: Participant, key: Key) -> str | None:
     spent = {one.trial: one.ms / 1000 for one in judged}
     lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.shown) for one in judged}
     hasty = sum(spent[trial] < TOLERANCE * lasts[trial] for trial in spent)
-    if hasty > HASTY_SHARE * len(spent):
+    if hasty > MAX_FAST_SHARE * len(spent):
         return f"{hasty} of {len(spent)} trials answered faster than the videos last"
     if finished is not None:
         spent_s, whole_s = sum(spent.values()), (finished - started).total_seconds()
@@ -172,7 +176,12 @@ def _doubt(participant: Participant, key: Key) -> str | None:
     # Equal answers may be honest; they alone exclude no participant.
     failed = failed_checks(participant, key)
     places = {_place(answer) for answer in judged}
-    if len(judged) >= ALIKE_FROM and len(places) == 1 and None not in places and (failed or hasty):
+    if (
+        len(judged) >= MIN_SAME_SIDE_ANSWERS
+        and len(places) == 1
+        and None not in places
+        and (failed or hasty)
+    ):
         evidence = [pluralise(failed, "attention check") + " failed"] if failed else []
         evidence += [f"{hasty} of {len(spent)} trials answered too soon"] if hasty else []
         return f"always the same position chosen, and {join_names(evidence)}"

@@ -32,7 +32,7 @@ Limits = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Number:
+class ResultEstimate:
     """One number of the analysis: a row of ``results.csv``. Shares are 0 to 1."""
 
     measure: str
@@ -70,7 +70,7 @@ class Number:
         return int(round(low, 2) > self._chance) - int(round(high, 2) < self._chance)
 
     @property
-    def beyond(self) -> int:
+    def significant_side(self) -> int:
         """Side that is significantly preferred: 1 the first, -1 the second, else 0.
 
         Test and interval must agree; with votes, more participants must also lean to that side. If
@@ -92,11 +92,11 @@ class Number:
         assert self.value is not None and self.low is not None and self.high is not None
         return self.value, self.low, self.high
 
-    def raised(self, by: float) -> Number:
+    def shifted(self, by: float) -> ResultEstimate:
         value, low, high = self.limits
         return replace(self, value=value + by, low=low + by, high=high + by)
 
-    def from_the_other_side(self) -> Number:
+    def with_systems_swapped(self) -> ResultEstimate:
         """Return the same share from the second's side, or the negated difference."""
         whole = 1.0 if self.votes else 0.0
         value, low, high = self.limits
@@ -114,13 +114,13 @@ class Number:
         )
 
 
-def share_numbers(
+def proportion_estimates(
     measure: str,
     votes: pd.DataFrame,
     first: str | None = None,
     second: str | None = None,
     is_tested: bool = True,
-) -> list[Number]:
+) -> list[ResultEstimate]:
     """Compute share, interval and test of ``score``, and the share with two other intervals.
 
     The others are over clips too, from `MIN_CLIPS` on, and the plain Clopper-Pearson interval of
@@ -133,12 +133,12 @@ def share_numbers(
     share = float(score.mean())
     lead = (score - 0.5).groupby(votes.rater).sum()
     pro, con = int((lead > 0).sum()), int((lead < 0).sum())
-    about = Number(measure, first, second, share)
+    about = ResultEstimate(measure, first, second, share)
     effective = effective_votes(votes)
     low, high = clopper_pearson(share * effective, effective)
     p = sign_test(pro, con) if is_tested else None
     counts = (wins, len(score) - wins - losses, losses, pro, con)
-    found = [Number(measure, first, second, share, low, high, p, None, *counts)]
+    found = [ResultEstimate(measure, first, second, share, low, high, p, None, *counts)]
     if (over_clips := _effective_over_clips(votes)) is not None:
         low, high = clopper_pearson(share * over_clips, over_clips)
         found.append(replace(about, measure=f"{measure}_also_over_clips", low=low, high=high))
@@ -149,7 +149,7 @@ def share_numbers(
     return found
 
 
-def with_holm(numbers: Sequence[Number]) -> list[Number]:
+def with_holm(numbers: Sequence[ResultEstimate]) -> list[ResultEstimate]:
     """Add p values adjusted over all numbers with a p value."""
     adjusted = iter(holm([number.p for number in numbers if number.p is not None]))
     return [
@@ -235,7 +235,7 @@ def _effective_over_clips(votes: pd.DataFrame) -> float | None:
     return effective_votes(votes, variance, freedom)
 
 
-def smallest_share_detected(count: int, alpha: float = ALPHA) -> float | None:
+def detectable_share(count: int, alpha: float = ALPHA) -> float | None:
     """Compute the smallest share that ``count`` independent votes distinguish from 1/2 at `POWER`.
 
     Exact: the rejection region of the two-sided binomial test at ``alpha``.

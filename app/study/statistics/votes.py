@@ -34,7 +34,7 @@ BATTLES = (
     *("user", "input_code", "model_a", "model_b", "winner", "is_strong"),
     *("juiceOptions", "juiceOtherReason"),
 )
-_JUICE = {SMOOTHNESS: "MotionSmoothness", "amount": "AmountIntensityOfMotion"}
+_LEADERBOARD_REASONS = {SMOOTHNESS: "MotionSmoothness", "amount": "AmountIntensityOfMotion"}
 """Leaderboard's names of reasons that it has as well."""
 _MAX_BATTLES = 1_000_000
 
@@ -58,7 +58,7 @@ def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd
     return pd.DataFrame(rows, columns=list(VOTES))
 
 
-def values_of(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
+def votes_as_arrays(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
     """Return ranks (1 = best), or slider values from 0 to 100."""
     rows = []
     for *about, answer in _judged(participants, key, question):
@@ -88,7 +88,7 @@ def _name(key: Key, video: str) -> str:
     return found.system + MISMATCHED if is_other else found.system
 
 
-def turned(votes: pd.DataFrame, rows: pd.Series) -> pd.DataFrame:
+def swap_sides(votes: pd.DataFrame, rows: pd.Series) -> pd.DataFrame:
     """Swap left and right in the rows of a mask."""
     return votes.assign(
         left=votes.left.where(~rows, votes.right),
@@ -97,19 +97,19 @@ def turned(votes: pd.DataFrame, rows: pd.Series) -> pd.DataFrame:
     )
 
 
-def of(votes: pd.DataFrame, name: str) -> pd.DataFrame:
+def votes_of_system(votes: pd.DataFrame, name: str) -> pd.DataFrame:
     """Return the votes on a system, swapped so that it is on the left."""
     rows = pd.DataFrame(votes[(votes.left == name) | (votes.right == name)])
-    return turned(rows, rows.left != name)
+    return swap_sides(rows, rows.left != name)
 
 
 def between(votes: pd.DataFrame, first: str, second: str) -> pd.DataFrame:
     """Return the votes between two systems, swapped so that ``first`` is on the left."""
-    rows = of(votes, first)
+    rows = votes_of_system(votes, first)
     return pd.DataFrame(rows[rows.right == second])
 
 
-def first_places(values: pd.DataFrame, system: str) -> pd.DataFrame:
+def first_place_votes(values: pd.DataFrame, system: str) -> pd.DataFrame:
     """Return first ranks of a system as votes (1 or 0) for it against all others."""
     rows = values[values.system == system]
     return rows.assign(score=(rows.value == 1).astype(float))
@@ -124,7 +124,7 @@ def battles_of(participants: Sequence[Participant], key: Key) -> pd.DataFrame:
                 names = [_name(key, video) for video in answer.shown]
                 winner = "model_a" if answer.value == answer.shown[0] else "model_b"
                 winner = "tie" if answer.value == TIE else winner
-                juice = [_JUICE.get(reason, reason) for reason in answer.reasons]
+                juice = [_LEADERBOARD_REASONS.get(reason, reason) for reason in answer.reasons]
                 listed = json.dumps(juice, separators=(",", ":")) if juice else "{}"
                 user, strong = participants[rater].id, answer.is_strong
                 rows.append((user, clip, *names, winner, strong, listed, None))
@@ -138,7 +138,7 @@ def read_battles(path: Path) -> tuple[Key, list[Participant]]:
     Columns after ``winner`` may be missing.
 
     Raises:
-        RunError: if the file is no table of battles.
+        RunError: if the file is not a table of battles.
     """
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, nrows=_MAX_BATTLES)
@@ -148,7 +148,7 @@ def read_battles(path: Path) -> tuple[Key, list[Participant]]:
         return _battles_read(table, path.name)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
-        raise RunError(f"{path.name} is no table of battles: {reason}.") from error
+        raise RunError(f"{path.name} is not a table of battles: {reason}.") from error
 
 
 def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant]]:
@@ -170,9 +170,9 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant
         trials[trial] = Trial(kind, clip, tuple(sorted(shown)), (question.id,))
         winners = {"model_a": shown[0], "model_b": shown[1], "tie": TIE}
         if row["winner"] not in winners:
-            raise ValueError(f"{row['winner']!r} is no winner")
+            raise ValueError(f"{row['winner']!r} is not a winner")
         juice = row.get("juiceOptions", "")
-        reasons = tuple(mine for mine, theirs in _JUICE.items() if theirs in juice)
+        reasons = tuple(mine for mine, theirs in _LEADERBOARD_REASONS.items() if theirs in juice)
         strong = row.get("is_strong") == "True"
         answers[row["user"]].append(
             Answer(

@@ -27,7 +27,7 @@ class RegressionSystem(System):
     def window(self, speech: SpeechWindow, before: Window | None, draw: WindowSpec) -> Window:
         """See `System.window`."""
         frames = self.windowing.frames
-        pose, face = self.network(speech.around(CONTEXT, frames))
+        pose, face = self.network(speech.with_context(CONTEXT, frames))
         poses = pose.expand(draw.samples, -1, -1)
         if self.is_drawn:
             noise = _smooth(draw.noise((frames, POSE)), draw.steps)

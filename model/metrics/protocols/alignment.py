@@ -14,11 +14,11 @@ from scipy.signal import argrelextrema
 from conventions.rates import FPS, SAMPLE_RATE
 from model.metrics.beats import (
     BEAT_JOINTS,
-    NEIGHBOURS,
+    MINIMUM_ORDER,
     audio_to_motion,
-    beats_of,
-    counted,
+    joint_beats,
     joint_speeds,
+    onsets_within_margins,
     speech_onsets,
 )
 from model.metrics.protocols.clip import Clip, Sums
@@ -62,7 +62,7 @@ class SlicedBeats:
         beats = []
         for speed in speeds.T:
             (minima,) = argrelextrema(
-                speed[self.margin : frames - self.margin], np.less, order=NEIGHBOURS
+                speed[self.margin : frames - self.margin], np.less, order=MINIMUM_ORDER
             )
             beats.append(minima[speed[minima] > self.threshold] / FPS)
         count = frames - 2 * self.margin
@@ -83,8 +83,8 @@ def workbench_sums(clip: Clip, speeds: Literal["reference", "own", "emage"]) -> 
         assert source is not None
         mean_speeds = joint_speeds(source.rooted[:, BEAT_JOINTS]).mean(axis=0)
     assert mean_speeds is not None
-    onsets = counted(speech_onsets(clip.waveform), len(clip.joints) / FPS)
+    onsets = onsets_within_margins(speech_onsets(clip.waveform), len(clip.joints) / FPS)
     if not len(onsets):
         return {}
-    score = audio_to_motion(onsets, beats_of(clip.rooted, mean_speeds))
+    score = audio_to_motion(onsets, joint_beats(clip.rooted, mean_speeds))
     return {"count": np.array(1.0), "beat_align": np.array(score)}

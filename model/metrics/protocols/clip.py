@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Num
 
 from model.motion.motion import Motion
 from model.motion.tracks import Tracks
@@ -71,7 +71,7 @@ class ProtocolInputs:
             face = replace(motion, betas=reference.betas)
         return Clip(
             tracks.joints,
-            tracks.global_rot[:, 0].copy(),  # a view would keep all of a long clip's
+            tracks.R_world_joint[:, 0].copy(),  # a view would keep all of a long clip's
             reference,
             self.waveform,
             self.mean_speeds,
@@ -81,7 +81,7 @@ class ProtocolInputs:
         )
 
 
-def mean_values(sums: Mapping[str, np.ndarray]) -> dict[str, float]:
+def mean_values(sums: Mapping[str, Num[np.ndarray, " ..."]]) -> dict[str, float]:
     """Divide all sums by ``count``; nothing if that is 0."""
     count = float(sums["count"])
     if not count:

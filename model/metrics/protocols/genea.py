@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Num
 from threadpoolctl import threadpool_limits
 
 from conventions.joints import FACE
@@ -34,7 +34,7 @@ def histogram_sums(clip: Clip) -> Sums:
     }
 
 
-def hellinger(sums: Mapping[str, np.ndarray]) -> dict[str, float]:
+def hellinger(sums: Mapping[str, Num[np.ndarray, " ..."]]) -> dict[str, float]:
     """Compute the Hellinger distance of the two histograms; nothing if one is empty."""
     counts = sums["generated"], sums["recorded"]
     if not all(each.sum() for each in counts):

@@ -51,7 +51,7 @@ def _steps(positions: Float[np.ndarray, "T ..."]) -> Float[np.ndarray, "T ..."]:
     return np.concatenate([steps, steps[-1:]])
 
 
-def _lengths(vectors: np.ndarray) -> np.ndarray:
+def _lengths(vectors: Float[np.ndarray, "*batch dim"]) -> np.ndarray:
     return np.linalg.norm(vectors, axis=-1)
 
 

@@ -38,7 +38,8 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
                 raise ValueError
         except ValueError:
             raise MotionError(
-                f"Line {number} of {path.name} is no label of BEAT: name, start, end, duration and"
+                f"Line {number} of {path.name} is not a label of BEAT: name, start, end, duration "
+                "and"
                 " a score of 0 to 1, separated by tabs; give a file of BEAT's folder sem."
             ) from None
         inside = (start <= times) & (times <= end) & ~is_labelled

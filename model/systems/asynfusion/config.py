@@ -14,7 +14,7 @@ SYSTEMS = DDIM, LCM_SYNC, LCM_ASYNC
 FACE_SHARE = {DDIM: 1.0, LCM_SYNC: 1.0, LCM_ASYNC: 0.5}
 """Sampling steps of the face as a share of the body's."""
 
-Aim = Literal["noise", "teacher"]
+TrainingTarget = Literal["noise", "teacher"]
 """Training target: the noise (eq. 12), or consistency with a teacher."""
 
 
@@ -49,7 +49,7 @@ class AsynFusionConfig(TrainConfig):
     """Settings of a training of the two branches, by noise or by distillation."""
 
     network: DualBranchConfig = field(default_factory=DualBranchConfig)
-    aim: Aim = "noise"
+    aim: TrainingTarget = "noise"
     loss: AsynFusionLoss = field(default_factory=AsynFusionLoss)
     apart: float = 0.5
     """Share of samples with independent steps of the branches, as in sampling the face with fewer
@@ -61,8 +61,8 @@ class AsynFusionConfig(TrainConfig):
     """Guidance scale of the teacher's gesture (as in Luo et al. 2023), which the student learns."""
 
     def __post_init__(self) -> None:
-        if self.aim not in get_args(Aim):
-            raise ValueError(f"aim is {self.aim!r}; use {' or '.join(get_args(Aim))}.")
+        if self.aim not in get_args(TrainingTarget):
+            raise ValueError(f"aim is {self.aim!r}; use {' or '.join(get_args(TrainingTarget))}.")
 
 
 def presets(system: str) -> dict[str, AsynFusionConfig]:

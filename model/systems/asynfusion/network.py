@@ -123,7 +123,7 @@ class DualBranchNetwork(ConditionedNetwork):
         """
         found = self.evaluate(
             BRANCHES, x_t, t, {},
-            heard=self.speech_tokens(speech, has_speech), seed=seed, speaker=speaker,
+            speech=self.speech_tokens(speech, has_speech), seed=seed, speaker=speaker,
         has_seed=has_seed, )  # fmt: skip
         return found[EXPRESSION], found[GESTURE]
 
@@ -134,7 +134,7 @@ class DualBranchNetwork(ConditionedNetwork):
         t: Pair,
         buffer: FeatureBuffer,
         *,
-        heard: Float[Tensor, "B T width"],
+        speech: Float[Tensor, "B T width"],
         seed: Pair,
         speaker: Int[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
@@ -143,7 +143,7 @@ class DualBranchNetwork(ConditionedNetwork):
 
         Args:
             buffer: latest features of the branches, used for inactive ones and updated.
-            heard: tokens of the speech (`hear`), the same for both branches and for every step.
+            speech: tokens of the speech (`hear`), the same for both branches and for every step.
         """
         known, entered = {}, {}
         for which in active:
@@ -151,8 +151,8 @@ class DualBranchNetwork(ConditionedNetwork):
             prior = self.branches[which].prior
             known[which] = prior.consistency(*seen) if self.consistent else prior.posterior(*seen)
             condition = self.condition(t[which], speaker)
-            entered[which] = self.branches[which].enter(
-                x_t[which], known[which], heard, seed[which], has_seed, condition
+            entered[which] = self.branches[which].embed(
+                x_t[which], known[which], speech, seed[which], has_seed, condition
             )
         frames = {which: entered[which][0] for which in active}
         for layer in range(self.config.num_blocks):

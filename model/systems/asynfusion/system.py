@@ -51,7 +51,7 @@ def flow_times() -> Float[Tensor, "1000"]:
     return (kept.sqrt() / (kept.sqrt() + (1 - kept).sqrt())).float()
 
 
-def noise_of(
+def noise_from_clean(
     x_t: Float[Tensor, "B T C"], x_1: Float[Tensor, "B T C"], t: Float[Tensor, " B"]
 ) -> Float[Tensor, "B T C"]:
     """Compute the noise that leads from clean motion to ``x_t``."""
@@ -74,12 +74,12 @@ Noise = Callable[[int, int], Float[Tensor, "B T C"]]
 """Function from branch and number of its step to standard normal noise; step 0's is the start."""
 
 
-Way = Literal["ddim", "lcm"]
-WAYS: tuple[Way, ...] = get_args(Way)
+SamplerName = Literal["ddim", "lcm"]
+SAMPLER_NAMES: tuple[SamplerName, ...] = get_args(SamplerName)
 """Names of samplers."""
 
 
-def turns(count: int, total: int) -> list[int]:
+def branch_step_indices(count: int, total: int) -> list[int]:
     """Return at which of ``total`` steps a branch with ``count`` steps is active."""
     return [j * total // count for j in range(count)]
 
@@ -89,9 +89,9 @@ def sample(
     guide: ClassifierFreeGuidance,
     noise: Noise,
     counts: Sequence[int],
-    way: Way,
+    way: SamplerName,
     *,
-    heard: Float[Tensor, "copies T width"],
+    speech: Float[Tensor, "copies T width"],
     seed: Pair,
     speaker: Int[Tensor, " B"],
     has_seed: Bool[Tensor, " B"],
@@ -104,22 +104,22 @@ def sample(
         counts: steps of the expression branch and of the gesture branch.
         way: ``ddim`` follows the path of the noise that a step predicts; ``lcm`` adds new noise to
             the motion that it predicts (Luo et al. 2023).
-        heard: tokens of the speech, with guidance followed by those of absent speech.
+        speech: tokens of the speech, with guidance followed by those of absent speech.
     """
     twice = guide.duplicate
-    told: dict[str, Any] = {
-        "heard": heard, "seed": map_branches(twice, seed), "speaker": twice(speaker),
+    conditions: dict[str, Any] = {
+        "speech": speech, "seed": map_branches(twice, seed), "speaker": twice(speaker),
         "has_seed": twice(has_seed),
     }  # fmt: skip
     grids = [flow_times()[trailing_steps(count)].tolist() for count in counts]
-    own = [turns(count, max(counts)) for count in counts]
+    own = [branch_step_indices(count, max(counts)) for count in counts]
     x = [noise(which, 0) for which in BRANCHES]
     t = [torch.full((len(x[which]),), grids[which][0]) for which in BRANCHES]
     buffer: FeatureBuffer = {}
     for k in range(max(counts)):
         busy = [which for which in BRANCHES if k in own[which]]
         now = map_branches(twice, (x[0], x[1])), map_branches(twice, (t[0], t[1]))
-        found = network.evaluate(busy, *now, buffer, **told)
+        found = network.evaluate(busy, *now, buffer, **conditions)
         for which in busy:
             clean = found[which]
             clean = guide.combine(clean) if which == GESTURE else clean[: len(speaker)]
@@ -128,7 +128,7 @@ def sample(
                 x[which], t[which] = clean, torch.ones_like(t[which])
                 continue
             follows = way == "ddim"
-            kept = noise_of(x[which], clean, t[which]) if follows else noise(which, done)
+            kept = noise_from_clean(x[which], clean, t[which]) if follows else noise(which, done)
             t[which] = torch.full_like(t[which], grids[which][done])
             x[which] = interpolate(kept, clean, t[which])
     return x[0], x[1]
@@ -161,7 +161,7 @@ class AsynFusionSystem(System):
             seed = [torch.zeros(size, config.seed_frames, count) for count in channels]
         else:
             seed = [stream[:, -config.seed_frames :] for stream in (before.face, before.body)]
-        around = speech.around(config.speech_context, config.window_frames)
+        around = speech.with_context(config.speech_context, config.window_frames)
         guide = draw.guide(self.streams[GESTURE].normaliser, "axis-angle")
         heard = self.network.speech_tokens(guide.duplicate(around[None]), guide.is_conditional(1))
         found = sample(
@@ -169,10 +169,10 @@ class AsynFusionSystem(System):
             guide,
             lambda which, step: draw.noise((config.window_frames, channels[which]), which, step),
             (max(1, round(draw.steps * FACE_SHARE[self.name])), draw.steps),
-            WAYS[WAYS.index(draw.sampler)],
+            SAMPLER_NAMES[SAMPLER_NAMES.index(draw.sampler)],
             seed=(seed[0], seed[1]),
             has_seed=torch.full((size,), before is not None),
-            heard=heard.repeat_interleave(size, dim=0),
+            speech=heard.repeat_interleave(size, dim=0),
             speaker=torch.full((size,), draw.speaker),
         )
         units, vectors = (

@@ -24,24 +24,24 @@ from model.systems.asynfusion.network import (
     map_branches,
     read_streams,
 )
-from model.systems.asynfusion.system import NUM_STEPS, flow_times, noise_of
+from model.systems.asynfusion.system import NUM_STEPS, flow_times, noise_from_clean
 from model.training import losses
 from model.training.parallel import ShardedRandom
 from model.training.targets import (
     Targets,
-    conditions,
+    fit_component_prior,
     fit_face_prior,
+    network_conditions,
     prepare_targets,
     prior_batches,
-    with_components,
 )
-from model.training.task import DescentTask, StepLoss, TaskSetup
+from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 NAMES = "expression", "gesture"
 HUBER_C = 0.03
 
 
-class BranchesTask(DescentTask):
+class BranchesTask(SingleNetworkTask):
     """Training of both branches by eqs. 12 to 14, or by consistency of a student with its teacher.
 
     The student starts as the teacher, `DDIM` among the helpers.
@@ -87,14 +87,14 @@ class BranchesTask(DescentTask):
             t = map_branches(lambda k: flow_times().to(k.device)[k], steps)
             x_t = map_branches(interpolate, noise, x_1, t)
             seed_frames = config.network.seed_frames
-            told: dict[str, Any] = {"seed": map_branches(lambda x: x[:, :seed_frames], x_1)}
+            conditions: dict[str, Any] = {"seed": map_branches(lambda x: x[:, :seed_frames], x_1)}
             hidden = "seed", "speech", "speaker"
-            told |= conditions(config, network, batch, draws, hidden)
+            conditions |= network_conditions(config, network, batch, draws, hidden)
         with shard.autocast():
-            predicted = network(x_t, t, **told)
+            predicted = network(x_t, t, **conditions)
             if self.teacher is not None:
-                wanted = one_solver_step(
-                    config, network, self.teacher, self.normaliser, x_t, steps, told
+                wanted = consistency_target(
+                    config, network, self.teacher, self.normaliser, x_t, steps, conditions
                 )
         predicted = map_branches(lambda x: x.float(), predicted)
         terms: dict[str, Tensor] = {}
@@ -120,7 +120,7 @@ def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) 
     body = Normaliser.fit(vectors, groups=AXIS_ANGLE_GROUPS)
     return (
         Stream(*fit_face_prior(data, config)),
-        Stream(*with_components(body, bodies, config.seed_frames)),
+        Stream(*fit_component_prior(body, bodies, config.seed_frames)),
     )
 
 
@@ -149,14 +149,14 @@ def noise_terms(
     told, wanted = (normaliser.scaled(normaliser.restore(x)) for x in (predicted, x_1))
     huber = F.huber_loss(told, wanted, reduction="none", delta=weights.huber_delta)
     return {
-        "noise": weights.noise * losses.simple_loss(noise_of(x_t, predicted, t), noise),
+        "noise": weights.noise * losses.simple_loss(noise_from_clean(x_t, predicted, t), noise),
         "velocity": weights.velocity * losses.difference_loss(told, wanted),
         "huber": weights.huber * huber.mean((1, 2)),
     }
 
 
 @torch.no_grad()
-def one_solver_step(
+def consistency_target(
     config: AsynFusionConfig,
     network: nn.Module,
     teacher: DualBranchNetwork,
@@ -178,7 +178,7 @@ def one_solver_step(
         unheard = conditions | {"has_speech": torch.zeros_like(conditions["has_speech"])}
         deaf = teacher(x_t, t, **unheard)[GESTURE].float()
         clean = clean[0], guide.combine(torch.cat([clean[GESTURE], deaf]))
-    noise = map_branches(noise_of, x_t, clean, t)
+    noise = map_branches(noise_from_clean, x_t, clean, t)
     earlier = map_branches(lambda k: times[k - NUM_STEPS // config.solver_steps], steps)
     return network(map_branches(interpolate, noise, clean, earlier), earlier, **conditions)
 

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 from torch import Tensor
 
-from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec, fade
+from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec, crossfade
 from model.generation.family import Family
 from model.motion.packing import Normaliser
 from model.networks.branch import AddedTokens, PriorNetwork
@@ -47,7 +47,7 @@ class FaceNetwork(PriorNetwork):
         *,
         tracks: Float[Tensor, "B heard tracks"] | None = None,
         has_plan: Bool[Tensor, " B"] | None = None,
-        **conditions: Tensor,
+        **conditions: Shaped[Tensor, "B ..."],
     ) -> Float[Tensor, "B T E"]:
         """Predict the clean components x_1, with the inputs of `PriorNetwork` and a plan.
 
@@ -61,7 +61,7 @@ class FaceNetwork(PriorNetwork):
 
 
 FACE_STEPS = 12
-REMEMBERED_WINDOWS = 512
+FACE_CACHE_WINDOWS = 512
 """Number of cached windows: about 21 MB with their inputs, a quarter of an hour of speech."""
 
 
@@ -72,7 +72,7 @@ class Face:
     network: FaceNetwork
     normaliser: Normaliser
     sha256: str
-    _remembered: OrderedDict[tuple, Tensor] = field(default_factory=OrderedDict, repr=False)
+    _cache: OrderedDict[tuple, Tensor] = field(default_factory=OrderedDict, repr=False)
 
     @property
     def config(self) -> ExpressionConfig:
@@ -103,7 +103,7 @@ class Face:
             "has_speech": torch.ones(size, dtype=torch.bool),
         }
 
-        def predict(x_t: Tensor, t: float) -> Tensor:
+        def predict(x_t: Float[Tensor, "B T E"], t: float) -> Tensor:
             return self.network(x_t, torch.full((size,), t), tracks=plan, **conditions)
 
         x_1 = self.network.prior.sample(predict, noise, seed, steps=FACE_STEPS)
@@ -126,17 +126,17 @@ class Face:
         end = None if before is None else before[-shared:]
         told = (None if each is None else each.numpy().tobytes() for each in (speech, plan, end))
         key = speaker, noise_seed, index, *told
-        found = self._remembered.get(key)
+        found = self._cache.get(key)
         if found is None:
             seed = None if end is None else self.normaliser.normalise(end[None])
             noise = self.noise(noise_seed, index)
             planned = None if plan is None else plan[None]
             found = self.draw(speech[None], speaker, seed, noise, planned)[0]
             if end is not None:
-                found = torch.cat([fade(end, found[:shared]), found[shared:]])
-            self._remembered[key] = found
-            while len(self._remembered) > REMEMBERED_WINDOWS:
-                self._remembered.popitem(last=False)
+                found = torch.cat([crossfade(end, found[:shared]), found[shared:]])
+            self._cache[key] = found
+            while len(self._cache) > FACE_CACHE_WINDOWS:
+                self._cache.popitem(last=False)
         return found
 
     def noise(self, seed: int, window: int) -> Float[Tensor, "1 T E"]:
@@ -177,7 +177,7 @@ class FaceFirstSystem(System):
     """Statistics of the body's motion."""
     face: Face
 
-    def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"] | None:
+    def face_plan(self, speech: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"] | None:
         """Return the face's tracks of a plan from the features of `hear`; None without a plan."""
         return None
 
@@ -202,7 +202,7 @@ class FaceFirstSystem(System):
         """Generate a window (`System.window`): the face, for all samples, then the body."""
         assert before is None or isinstance(before, BodyWindow)
         frames = self.windowing.frames
-        heard = speech.around(self.face.config.speech_context, frames)
+        heard = speech.with_context(self.face.config.speech_context, frames)
         face = self.face.window(
             heard[:, : self.encoder.dim],
             draw.speaker,
@@ -212,7 +212,7 @@ class FaceFirstSystem(System):
             self.face_plan(heard),
         )
         seed = None if before is None else before.clean[:, -self.config.seed_frames :]
-        return self.body(speech.around(self.config.speech_context, frames), face, seed, draw)
+        return self.body(speech.with_context(self.config.speech_context, frames), face, seed, draw)
 
     def join(self, older: Window, newer: Window) -> Window:
         """Blend the bodies of two windows; their faces are blended already."""

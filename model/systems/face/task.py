@@ -3,7 +3,7 @@
 import torch
 from torch import nn
 
-from model.data.annotations import prepare_plans
+from model.data.annotations import load_plan_annotations
 from model.data.prepared import Batch, PreparedData
 from model.plan.plan_features import FACE_TRACKS
 from model.sampling.flow import interpolate, time_weight
@@ -11,11 +11,11 @@ from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
 from model.training.parallel import ShardedRandom
-from model.training.targets import conditions, fit_face_prior
-from model.training.task import DescentTask, StepLoss, TaskSetup
+from model.training.targets import fit_face_prior, network_conditions
+from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 
-class FaceTask(DescentTask):
+class FaceTask(SingleNetworkTask):
     """Flow matching of blendshapes; plans are an input if clips have annotated ones."""
 
     config: FaceTrainConfig
@@ -28,7 +28,9 @@ class FaceTask(DescentTask):
         super().__init__(
             setup, config, given, network, normaliser, shape.window_frames, shape.speech_context
         )
-        self.plans = prepare_plans(data, shape.num_speakers) if config.plan_dropout < 1 else None
+        self.plans = (
+            load_plan_annotations(data, shape.num_speakers) if config.plan_dropout < 1 else None
+        )
 
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shape, shard = self.config, self.config.expression, draws.shard
@@ -37,10 +39,10 @@ class FaceTask(DescentTask):
             x_1 = self.normaliser.normalise(units)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            told = conditions(config, network, batch, draws, hidden=("seed", "speaker"))
+            told = network_conditions(config, network, batch, draws, hidden=("seed", "speaker"))
             told["seed"] = x_1[:, : shape.seed_frames]
             if self.plans is not None:
-                tracks, _ = self.plans.for_batch(batch, shape.speech_context)
+                tracks, _ = self.plans.tracks_and_kinds(batch, shape.speech_context)
                 told["tracks"] = shard.of(tracks[..., FACE_TRACKS])
                 told["has_plan"] = draws.keep(config.plan_dropout)
         with shard.autocast():

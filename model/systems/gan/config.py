@@ -12,7 +12,7 @@ SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
 """Sampling steps of each system; 20 is the paper's demo."""
 WEIGHTS = "gan/20"
 """Name of the weights that all of them use."""
-STEP_COUNTS = (1, 5, 10, 20, 30, 50)
+TRAINING_STEP_COUNTS = (1, 5, 10, 20, 30, 50)
 """Numbers of steps in the paper's Table 4."""
 
 
@@ -69,7 +69,7 @@ class GanConfig(TrainConfig):
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
     discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
     loss: GanLoss = field(default_factory=GanLoss)
-    step_counts: tuple[int, ...] = STEP_COUNTS
+    step_counts: tuple[int, ...] = TRAINING_STEP_COUNTS
     """Numbers of sampling steps for which windows are denoised, each as likely."""
     discriminator_learning_rate: float = 1e-3
     betas: tuple[float, float] = (0.5, 0.999)

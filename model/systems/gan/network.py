@@ -23,19 +23,19 @@ from model.systems.gan.config import DiscriminatorConfig, GeneratorConfig
 BETA_MIN, BETA_MAX = 0.1, 20.0
 
 
-def signal_and_noise(t: Tensor) -> tuple[Tensor, Tensor]:
+def diffusion_factors(t: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor]:
     """Compute the factors of x_0 and of the noise in x_t; their squares add to 1."""
     log_square = -(BETA_MIN * t + (BETA_MAX - BETA_MIN) * t**2 / 2)
     return (log_square / 2).exp(), (-torch.expm1(log_square)).sqrt()
 
 
-def flow_time(t: Tensor) -> tuple[Tensor, Tensor]:
+def flow_time(t: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor]:
     """Return the flow time with the same ratio of data and noise, and the scale of x_t in it."""
-    signal, noise = signal_and_noise(t)
+    signal, noise = diffusion_factors(t)
     return signal / (signal + noise), signal + noise
 
 
-def diffused(
+def diffuse(
     x: Float[Tensor, "B T C"],
     noise: Float[Tensor, "B T C"],
     before: Float[Tensor, " B"],
@@ -57,15 +57,15 @@ def posterior(
     At ``before`` 0 they are x_0 and 0.
     """
     kept = _kept(before, now)
-    signal_before, noise_before = signal_and_noise(before)
-    _, noise_now = signal_and_noise(now)
+    signal_before, noise_before = diffusion_factors(before)
+    _, noise_now = diffusion_factors(now)
     share_0 = signal_before * (1 - kept) / noise_now**2
     share_now = kept.sqrt() * noise_before**2 / noise_now**2
     deviation = (1 - kept).sqrt() * noise_before / noise_now
     return _rows(share_0) * x_0 + _rows(share_now) * x_now, _rows(deviation)
 
 
-def times(steps: int) -> list[float]:
+def diffusion_times(steps: int) -> list[float]:
     """Return the times of a sampling, from 1 down to 0.
 
     Raises:
@@ -76,10 +76,10 @@ def times(steps: int) -> list[float]:
     return [(steps - k) / steps for k in range(steps)] + [0.0]
 
 
-def _kept(before: Tensor, now: Tensor) -> Tensor:
+def _kept(before: Float[Tensor, "*#batch"], now: Float[Tensor, "*#batch"]) -> Tensor:
     """Compute the share of the variance at ``before`` that is left at ``now``."""
-    signal_before, _ = signal_and_noise(before)
-    signal_now, _ = signal_and_noise(now)
+    signal_before, _ = diffusion_factors(before)
+    signal_now, _ = diffusion_factors(now)
     return (signal_now / signal_before).square()
 
 
@@ -87,13 +87,13 @@ def _rows(values: Float[Tensor, " B"]) -> Float[Tensor, "B 1 1"]:
     return values[:, None, None]
 
 
-def stepped(
+def ddim_step(
     x: Float[Tensor, "B T C"], x_0: Float[Tensor, "B T C"], before: float, now: float
 ) -> Float[Tensor, "B T C"]:
     """Compute x at the earlier ``before`` for constant x_0, by DDIM (Song et al. 2021)."""
     (signal_before, signal), (noise_before, noise) = (
         factors.tolist()
-        for factors in signal_and_noise(torch.tensor([before, now], dtype=torch.float64))
+        for factors in diffusion_factors(torch.tensor([before, now], dtype=torch.float64))
     )
     return signal_before * x_0 + noise_before / noise * (x - signal * x_0)
 
@@ -104,7 +104,7 @@ SHARE_LIMIT = 0.05
 LOG_SPREAD = (-3.0, 1.0)
 """Limits of the logarithm of a deviation as a share of the prior's."""
 NUM_LAYERS = 7
-TOLD_WIDTH = 64
+CONDITION_WIDTH = 64
 
 
 class Generator(ConditionedNetwork):
@@ -249,12 +249,12 @@ class Discriminator(nn.Module):
 
     def __init__(self, config: DiscriminatorConfig, motion: GeneratorConfig) -> None:
         super().__init__()
-        self.now, self.before = TimeEmbedding(TOLD_WIDTH), TimeEmbedding(TOLD_WIDTH)
-        self.speaker = nn.Embedding(motion.num_speakers, TOLD_WIDTH)
+        self.now, self.before = TimeEmbedding(CONDITION_WIDTH), TimeEmbedding(CONDITION_WIDTH)
+        self.speaker = nn.Embedding(motion.num_speakers, CONDITION_WIDTH)
         self.motion = motion
         # x_before, x_now, the seed if there is one, speech
         self.frame = _layer(3 * motion.channels + motion.speech_dim, config.frame_width, config)
-        flat = motion.window_frames * config.frame_width + 3 * TOLD_WIDTH
+        flat = motion.window_frames * config.frame_width + 3 * CONDITION_WIDTH
         widths = [flat] + [config.width] * (NUM_LAYERS - 2)
         self.window = nn.Sequential(*(_layer(a, b, config) for a, b in pairwise(widths)))
         self.score = nn.Linear(config.width, 1)

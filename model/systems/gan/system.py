@@ -15,7 +15,7 @@ from model.networks.branch import mask_expression
 from model.networks.trained import TrainedWeights
 from model.systems.face.face import BodyWindow, FaceFirstSystem, face_first_fields
 from model.systems.gan.config import FAMILY, GeneratorConfig
-from model.systems.gan.network import Generator, posterior, stepped, times
+from model.systems.gan.network import Generator, ddim_step, diffusion_times, posterior
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,12 +49,12 @@ class GanSystem(FaceFirstSystem):
         }
 
         x = draw.noise((config.window_frames, config.channels))
-        for k, (now, before) in enumerate(pairwise(times(draw.steps)), start=1):
+        for k, (now, before) in enumerate(pairwise(diffusion_times(draw.steps)), start=1):
             at, to = torch.full((size,), now), torch.full((size,), before)
             answers, open_ = self.network.denoised(*map(guide.duplicate, (x, at, to)), **conditions)
             mean_x_0 = guide.combine(answers)
             if draw.sampler == "ddim":
-                x = stepped(x, mean_x_0, before, now)
+                x = ddim_step(x, mean_x_0, before, now)
                 continue
             again, latent = draw.noise((2, *x.shape[1:]), k).unbind(1)
             x_0 = self.network.sample_x_0(mean_x_0, open_[..., :size], latent, has_seed)

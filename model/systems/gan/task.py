@@ -14,12 +14,12 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Decoded, decode
 from model.sampling.flow import time_weight
 from model.systems.gan.config import GanConfig
-from model.systems.gan.network import Discriminator, Generator, diffused, flow_time, posterior
+from model.systems.gan.network import Discriminator, Generator, diffuse, flow_time, posterior
 from model.training import losses
 from model.training.losses import geometric_terms
 from model.training.parallel import ShardedRandom, compiled
-from model.training.targets import conditions, fit_motion_prior, prepare_targets
-from model.training.task import DescentTask, StepLoss, TaskSetup
+from model.training.targets import fit_motion_prior, network_conditions, prepare_targets
+from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 FAR = 5.0
 
@@ -70,13 +70,13 @@ class DenoisingBatch:
     """Conditions of generator and discriminator."""
 
 
-class GanTask(DescentTask):
+class GanTask(SingleNetworkTask):
     """Task of generator and discriminator; it exports the generator's moving average alone.
 
     Losses of validation are the explicit terms, which alone can be compared from step to step.
     """
 
-    state_attributes = (*DescentTask.state_attributes, "discriminator", "judging")
+    state_attributes = (*SingleNetworkTask.state_attributes, "discriminator", "judging")
     is_compiled = True
     config: GanConfig
     network: Generator
@@ -127,13 +127,13 @@ class GanTask(DescentTask):
             "score_fake": score_fake.mean(),
             "accuracy_real": (score_real > 0).float().mean(),
             "accuracy_fake": (score_fake < 0).float().mean(),
-            "liveliness": _spread_of(found) / _spread_of(drawn.x_0),
+            "liveliness": _batch_deviation(found) / _batch_deviation(drawn.x_0),
             "gradient_norm": norms[0],
             "discriminator_gradient_norm": norms[1],
         }
         logged = self.shard.mean({name: value.detach() for name, value in numbers.items()})
         losses.finite_or_raise(logged, number, batch.clips)
-        self.descend(
+        self.optimizer_step(
             number,
             {
                 self.optimizer: config.learning_rate,
@@ -161,9 +161,11 @@ class GanTask(DescentTask):
         counts = counts[torch.randint(len(counts), (draws.size,), generator=chance)]
         number = 1 + (torch.rand(draws.size, generator=chance) * counts).long()
         now, before = shard.of(number / counts), shard.of((number - 1) / counts)
-        x_before = diffused(x_0, draws.noise(window), torch.zeros_like(before), before)
-        x_now = diffused(x_before, draws.noise(window), before, now)
-        told = conditions(config, network, batch, draws, hidden=("seed", "speech", "speaker"))
+        x_before = diffuse(x_0, draws.noise(window), torch.zeros_like(before), before)
+        x_now = diffuse(x_before, draws.noise(window), before, now)
+        told = network_conditions(
+            config, network, batch, draws, hidden=("seed", "speech", "speaker")
+        )
         told["seed"] = x_0[:, : shape.seed_frames]
         return DenoisingBatch(
             vectors, target, x_0, x_before, x_now, before, now, noise=draws.noise(window),
@@ -223,7 +225,7 @@ class GanTask(DescentTask):
             parameter.grad = gradient
         return nn.utils.clip_grad_norm_(parameters, self.config.clip_norm)
 
-    def _averaged(self, gradients: Sequence[Tensor]) -> Sequence[Tensor]:
+    def _averaged(self, gradients: Sequence[Float[Tensor, " ..."]]) -> Sequence[Tensor]:
         if self.shard.count == 1:
             return gradients
         flat = torch.cat([gradient.flatten() for gradient in gradients])
@@ -235,6 +237,6 @@ class GanTask(DescentTask):
 make_task = GanTask
 
 
-def _spread_of(windows: Float[Tensor, "B T C"]) -> Float[Tensor, ""]:
+def _batch_deviation(windows: Float[Tensor, "B T C"]) -> Float[Tensor, ""]:
     """Compute the deviation over the batch, of every 15th frame."""
     return windows[:, ::15].std(0).mean()

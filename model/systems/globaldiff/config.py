@@ -79,10 +79,10 @@ ABLATION: dict[str, AblationRow] = {
 }
 """Ablation steps in the order of the paper's Table 2; each adds one thing to the one before."""
 
-BEST = "workbench/priorflow"
+PRIORFLOW = "workbench/priorflow"
 """This project's system: the paper's network on a Gaussian prior (`model.sampling.prior`)."""
 
-SYSTEMS: tuple[str, ...] = (BEST, *ABLATION)
+SYSTEMS: tuple[str, ...] = (PRIORFLOW, *ABLATION)
 """Names of all systems of the family, in the order of display."""
 
 CONSTRAINT_WEIGHTS: dict[str, float] = {"joint": 900.0, "skeleton": 3.0, "motion": 0.045}
@@ -93,7 +93,7 @@ eq. 10 is in metres squared at 5 cm, hence its large factor."""
 
 def presets(system: str) -> dict[str, GlobalDiffConfig]:
     """Return one system's settings: ``demo`` as bundled, ``paper`` in its size, or ``smoke``."""
-    config = _best() if system == BEST else _ablation_step(system)
+    config = _best() if system == PRIORFLOW else _ablation_step(system)
     large = replace(
         config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
     )
@@ -131,7 +131,7 @@ def _ablation_step(system: str) -> GlobalDiffConfig:
 def _best() -> GlobalDiffConfig:
     """Return the settings of this project's system; see docs/experiments/priorflow.md."""
     return GlobalDiffConfig(
-        system=BEST,
+        system=PRIORFLOW,
         network=NetworkConfig(
             rotation_space="axis-angle", num_blocks=4, speech_context=40, root="place"
         ),
@@ -217,7 +217,7 @@ _STEPS = (
 )  # fmt: skip
 
 ABLATION_EXPLAINED = Ablation(
-    _TITLE, _INTRODUCTION, _STEPS, (ExtraSystem(BEST, _OWN_TITLE, _OWN_MEANING),)
+    _TITLE, _INTRODUCTION, _STEPS, (ExtraSystem(PRIORFLOW, _OWN_TITLE, _OWN_MEANING),)
 )
 
 
@@ -226,7 +226,7 @@ FAMILY = Family(
     title="GlobalDiff, and one of our own",
     systems=SYSTEMS,
     about={
-        BEST: "The paper's network with a linear-Gaussian prior of the motion.",
+        PRIORFLOW: "The paper's network with a linear-Gaussian prior of the motion.",
         "globaldiff/local": "Rotations of each joint in its parent.",
         "globaldiff/global": "Rotations of each joint in the world.",
         "globaldiff/joint": "Global, and the joint structure constraint.",
@@ -238,9 +238,9 @@ FAMILY = Family(
     package="model.systems.globaldiff",
     place=2,
     representatives={
-        "motion": (_LOCAL, _GLOBAL, BEST),
-        "sampling_steps": (_FULL, BEST),
-        "speech_effect": (BEST, _GLOBAL),
+        "motion": (_LOCAL, _GLOBAL, PRIORFLOW),
+        "sampling_steps": (_FULL, PRIORFLOW),
+        "speech_effect": (PRIORFLOW, _GLOBAL),
         "training": (_GLOBAL, _FULL),
     },
     ablation=ABLATION_EXPLAINED,

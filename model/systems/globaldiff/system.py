@@ -71,7 +71,7 @@ class MotionNetwork(ConditionedNetwork):
         return x_1
 
     @torch.no_grad()
-    def start_at(self, x_1: Float[Tensor, "333"]) -> None:
+    def initialise_output(self, x_1: Float[Tensor, "333"]) -> None:
         """Set the untrained output to this vector: raw 6D of zero has an unbounded gradient."""
         self.hands.out.bias.copy_(x_1[HAND_CHANNELS])
         self.torso.out.bias.copy_(x_1[TORSO_CHANNELS])
@@ -99,7 +99,7 @@ class GlobalDiffSystem(FaceFirstSystem):
 
     config: NetworkConfig
     network: MotionNetwork | PriorNetwork
-    home_s: float = 40.0
+    drift_correction_s: float = 40.0
     """Time (s) in which a body with absolute position would return home at the initial speed."""
 
     @torch.inference_mode()
@@ -126,11 +126,11 @@ class GlobalDiffSystem(FaceFirstSystem):
             **self.conditioning_inputs(speech, hears),
             "expression": expression.expand(copies, -1, -1),
             "seed": guide.duplicate(known),
-            "speaker": self.known_speaker(draw, hears),
+            "speaker": self.speaker_inputs(draw, hears),
             "has_seed": torch.full((copies,), seed is not None),
         }
 
-        def predict(x_t: Tensor, t: float) -> Tensor:
+        def predict(x_t: Float[Tensor, "B T C"], t: float) -> Tensor:
             nonlocal x_1
             answers = self.network(guide.duplicate(x_t), torch.full((copies,), t), **conditions)
             x_1 = guide.combine(answers)
@@ -145,7 +145,7 @@ class GlobalDiffSystem(FaceFirstSystem):
             sample(predict, x_0, steps=draw.steps, sampler=sampler)
         vectors = self.normaliser.restore(x_1)
         if seed is not None and config.root == "place":
-            vectors = led_home(vectors, config.seed_frames, self.home_s)
+            vectors = pull_towards_origin(vectors, config.seed_frames, self.drift_correction_s)
         rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
         if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
             vectors = pack(rot6d_from_matrix(rotmat), root, "place")
@@ -170,24 +170,24 @@ class GlobalDiffSystem(FaceFirstSystem):
         """Return the network's speech inputs by name, one row for each copy."""
         return {"speech": speech.expand(len(hears), -1, -1), "has_speech": hears}
 
-    def known_speaker(
+    def speaker_inputs(
         self, draw: WindowSpec, hears: Bool[Tensor, " copies"]
     ) -> Int[Tensor, " copies"]:
-        """Return the speaker for each copy; 0 is no speaker."""
+        """Return the speaker for each copy; 0 means no speaker."""
         return torch.full(hears.shape, draw.speaker)
 
 
-def led_home(
-    vectors: Float[Tensor, "B T C"], seed_frames: int, home_s: float
+def pull_towards_origin(
+    vectors: Float[Tensor, "B T C"], seed_frames: int, correction_s: float
 ) -> Float[Tensor, "B T C"]:
-    """Return the body towards home by its share of ``home_s``, in x and z of the root alone.
+    """Return the body towards home by its share of ``correction_s``, in x and z of the root alone.
 
     The distance from home (0, 0) is that of the seed's last frame. The network's own pull is too
     weak for long speech: without this a body was .8 m from the mean of its places after ten
     minutes.
     """
     frames = vectors.shape[1]
-    share = (frames - seed_frames) / FPS / home_s
+    share = (frames - seed_frames) / FPS / correction_s
     weight = torch.zeros(frames)
     weight[seed_frames:] = fade_weights(frames - seed_frames)
     home = vectors.clone()

@@ -21,16 +21,16 @@ from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.config import GlobalDiffConfig, GlobalDiffLoss
 from model.systems.globaldiff.system import MotionNetwork, make_network
 from model.training import losses
-from model.training.losses import geometric_terms, positions_of, weighted
+from model.training.losses import geometric_terms, positions_to_compare, weighted
 from model.training.parallel import ShardedRandom, compiled
 from model.training.targets import (
     Targets,
-    conditions,
     fit_motion_prior,
     fit_normaliser,
+    network_conditions,
     prepare_targets,
 )
-from model.training.task import DescentTask, StepLoss, TaskSetup
+from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 ENCODER = "motion-vae"
 ANCHOR_DISTANCE_M = 0.05
@@ -38,7 +38,7 @@ SHORTEST_BONE_M = 1e-4
 """Shortest bone (m) with a defined direction."""
 
 
-class MotionTask(DescentTask):
+class MotionTask(SingleNetworkTask):
     """Flow matching of motion with constraints, conditioned on the recorded face."""
 
     is_compiled = True
@@ -60,15 +60,15 @@ class MotionTask(DescentTask):
             normaliser = fit_normaliser(
                 data, self.targets, shape.window_frames, config.representation
             )
-        network = self.untrained(config, prior)
+        network = self.make_network(config, prior)
         if isinstance(network, MotionNetwork):
-            network.start_at(mean_vector(normaliser, self.targets))
+            network.initialise_output(mean_vector(normaliser, self.targets))
         super().__init__(
             setup, config, given, network, normaliser, shape.window_frames, shape.speech_context
         )
         self.training_terms = compiled(self.terms) if self.compiles else self.terms
 
-    def untrained(self, config: GlobalDiffConfig, prior: GaussianPrior | None) -> nn.Module:
+    def make_network(self, config: GlobalDiffConfig, prior: GaussianPrior | None) -> nn.Module:
         """Make the network, with a prior if there is one."""
         return make_network(config.network, prior)
 
@@ -85,7 +85,7 @@ class MotionTask(DescentTask):
             x_1 = self.normaliser.normalise(vectors)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            told = conditions(config, network, batch, draws)
+            told = network_conditions(config, network, batch, draws)
             told["expression"] = shard.of(batch.expression)
             told["seed"] = x_1[:, : config.network.seed_frames]
             told |= self.extra_inputs(batch, draws)
@@ -134,12 +134,12 @@ def constraint_terms(
 
     L_j and L_m need rotations and vectors, L_m its encoder.
     """
-    positions = positions_of(weights, predicted, target)
+    positions = positions_to_compare(weights, predicted, target)
 
     def joint() -> Float[Tensor, " B"]:
-        assert predicted.global_rot is not None and target.global_rot is not None
+        assert predicted.R_world_joint is not None and target.R_world_joint is not None
         anchors = octahedron_anchors()
-        return joint_structure_loss(predicted.global_rot, target.global_rot, anchors)
+        return joint_structure_loss(predicted.R_world_joint, target.R_world_joint, anchors)
 
     def motion() -> Float[Tensor, " B"]:
         assert encoder is not None
@@ -208,7 +208,7 @@ def skeleton_structure_loss(
     predicted, wanted = predicted * is_valid[..., None], wanted * is_valid[..., None]
     total, difference = predicted + wanted, predicted - wanted
 
-    def gram(a: Tensor, b: Tensor) -> Float[Tensor, "B T 3 3"]:
+    def gram(a: Float[Tensor, "B T 3 3"], b: Float[Tensor, "B T 3 3"]) -> Float[Tensor, "B T 3 3"]:
         return a.transpose(-1, -2) @ b
 
     cross = gram(difference, total)

@@ -12,16 +12,16 @@ from model.training.config import SMOKE, VOCAL_TRACT_RANGE, GeometricWeights, Tr
 MOTION_VAE = "motion-vae"
 FGD_ENCODER, FMD_ENCODER, FED_ENCODER = "fgd-encoder", "fmd-encoder", "fed-encoder"
 MATCHING_NETWORK = "hearing-judge"
-JUDGE = AutoencoderConfig(
+EVALUATION_ENCODER = AutoencoderConfig(
     rotation_space="local", blocks_per_scale=1, scales=(8,), mask_share=0.0, kl_weight=0.0
 )
 """Shape of the Fréchet distances' encoders. It differs from L_m's encoder in space (local, as
 EMAGE's), scale and weights, so that a system trained with L_m is not measured by its teacher."""
 AUTOENCODERS = {
     MOTION_VAE: AutoencoderConfig(),
-    FGD_ENCODER: JUDGE,
-    FMD_ENCODER: replace(JUDGE, face_channels=52),
-    FED_ENCODER: replace(JUDGE, motion_channels=0, face_channels=52),
+    FGD_ENCODER: EVALUATION_ENCODER,
+    FMD_ENCODER: replace(EVALUATION_ENCODER, face_channels=52),
+    FED_ENCODER: replace(EVALUATION_ENCODER, motion_channels=0, face_channels=52),
 }
 """L_m's encoder, and the encoders of FGD (body), FMD (body and face) and FED (face) by name."""
 

@@ -19,7 +19,7 @@ from model.storage.checkpoint import check_tensors, read_tensors
 
 CODE_DIM = 240
 """Size of a code: 12 for each of 20 chains of bones."""
-FRAMES_A_CODE = 16
+FRAMES_PER_CODE = 16
 WHOLE_FRAMES = 32
 """Multiple to which a clip's frames are cut, as in EMAGE's evaluation."""
 ROOT_OFFSET = 1e-6

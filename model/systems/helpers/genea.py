@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 
 from conventions.joints import JOINT_INDEX
@@ -103,7 +103,9 @@ def load_genea_encoder(path: Path) -> GeneaEncoder:
     return network.eval().requires_grad_(False)
 
 
-def _sizes(tensors: Mapping[str, Tensor], refusal: str) -> tuple[tuple[int, int, int, int], int]:
+def _sizes(
+    tensors: Mapping[str, Shaped[Tensor, " ..."]], refusal: str
+) -> tuple[tuple[int, int, int, int], int]:
     try:
         biases = [tensors[f"net.{place}.bias"] for place in ("0.0", "1.0", "2.0", "3")]
         first, second, third, last = (len(bias) for bias in biases)

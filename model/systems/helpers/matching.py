@@ -49,7 +49,7 @@ SMOOTH_FRAMES = 2.0
 """Deviation (frames) of the Gaussian over angular velocities, against sensor jitter."""
 STRIDE = 2
 """Frames of motion under each vector of a tower's track."""
-LEAST_SIZE = 1e-3
+MIN_SIZE = 1e-3
 """Smallest norm of a track; one with less movement agrees with nothing."""
 
 
@@ -82,7 +82,7 @@ def _smooth(x: Float[Tensor, "B T 3"]) -> Float[Tensor, "B T 3"]:
     return F.conv1d(padded, kernel, groups=3).transpose(1, 2)
 
 
-def centred(x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
+def remove_mean(x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
     """Subtract each channel's mean over the piece."""
     return x - x.mean(1, keepdim=True)
 
@@ -90,7 +90,7 @@ def centred(x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
 def arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
     """Compute the arms' log speed from normalised `motion_tracks`, centred, at the towers' rate."""
     mean = tracks[..., PREDICTED].mean(-1, keepdim=True).transpose(1, 2)
-    return centred(F.avg_pool1d(mean, STRIDE, ceil_mode=True).transpose(1, 2))
+    return remove_mean(F.avg_pool1d(mean, STRIDE, ceil_mode=True).transpose(1, 2))
 
 
 class Tower(nn.Module):
@@ -109,8 +109,8 @@ class Tower(nn.Module):
         self.out = nn.ModuleDict({name: nn.Conv1d(width, config.track_dim, 1) for name in names})
 
     def forward(self, x: Float[Tensor, "B T C"]) -> dict[str, Float[Tensor, "B T2 dim"]]:
-        hidden = F.silu(self.blocks(self.inside(centred(x).transpose(1, 2))))
-        return {name: centred(out(hidden).transpose(1, 2)) for name, out in self.out.items()}
+        hidden = F.silu(self.blocks(self.inside(remove_mean(x).transpose(1, 2))))
+        return {name: remove_mean(out(hidden).transpose(1, 2)) for name, out in self.out.items()}
 
 
 class MatchingNetwork(nn.Module):
@@ -137,7 +137,9 @@ class MatchingNetwork(nn.Module):
         """Compute the tracks of speech by body part."""
         return self.speech(speech)
 
-    def see(self, tracks: Float[Tensor, "B T tracks"]) -> dict[str, Float[Tensor, "B T2 track"]]:
+    def encode_motion(
+        self, tracks: Float[Tensor, "B T tracks"]
+    ) -> dict[str, Float[Tensor, "B T2 track"]]:
         """Compute the tracks of a motion by body part, from normalised `motion_tracks`."""
         return {
             part: self.motion[part](tracks[..., columns])[part] for part, columns in PARTS.items()
@@ -148,7 +150,7 @@ class MatchingNetwork(nn.Module):
     ) -> tuple[dict[str, Tensor], dict[str, Tensor], Float[Tensor, "B T2 1"], Tensor]:
         """Compute tracks of speech and of motion, predicted arm speed, and `log_scale`."""
         heard = self.encode_speech(speech)
-        return heard, self.see(tracks), self.speed(heard["arms"]), self.log_scale
+        return heard, self.encode_motion(tracks), self.speed(heard["arms"]), self.log_scale
 
 
 def agreement(
@@ -156,7 +158,7 @@ def agreement(
 ) -> Float[Tensor, "B A"]:
     """Correlate every motion's track with every speech's, over time and channels."""
     speech_track, motion_track = (
-        F.normalize(x.flatten(1), dim=-1, eps=LEAST_SIZE) for x in (speech_track, motion_track)
+        F.normalize(x.flatten(1), dim=-1, eps=MIN_SIZE) for x in (speech_track, motion_track)
     )
     return motion_track @ speech_track.T
 
@@ -178,7 +180,7 @@ class SpeechMotionMatcher:
     ) -> Float[Tensor, "B A"]:
         """Compute the agreement of every motion with every speech, summed over ``parts``."""
         heard = self.network.encode_speech(speech)
-        seen = self.network.see(self.normaliser.normalise(motion_tracks(poses)))
+        seen = self.network.encode_motion(self.normaliser.normalise(motion_tracks(poses)))
         return torch.stack([agreement(heard[part], seen[part]) for part in parts]).sum(0)
 
     @torch.inference_mode()
@@ -191,7 +193,7 @@ class SpeechMotionMatcher:
         return arm_speed(tracks), told
 
 
-def load_judge(folder: Path, name: str) -> SpeechMotionMatcher:
+def load_matcher(folder: Path, name: str) -> SpeechMotionMatcher:
     """Load the classifier."""
     trained = TrainedWeights.read(folder, name)
     network = trained.as_of(MatchingNetwork(trained.card.config(MatchingConfig, "matching")))

@@ -5,13 +5,13 @@ import torch.nn.functional as F
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from model.data.annotations import annotated_speech, prepare_plans
+from model.data.annotations import load_plan_annotations, load_speech_labels
 from model.data.prepared import Batch, PreparedData
 from model.data.recordings import DataError
 from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Normaliser, decode
 from model.networks.autoencoder import MotionAutoencoder, input_vectors
-from model.networks.speech_codes import CodesNetwork, SpeechReading
+from model.networks.speech_codes import CodesNetwork, SpeechPredictions
 from model.speech.encoder import SPEECH_LABELS
 from model.systems.helpers.config import (
     AutoencoderTrainConfig,
@@ -30,15 +30,15 @@ from model.training.config import TrainConfig
 from model.training.losses import geometric_terms
 from model.training.parallel import ShardedRandom
 from model.training.targets import augmented_speech, fit_features, statistics_batch
-from model.training.task import DescentTask, StepLoss, TaskSetup
+from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 
-def make_task(config: TrainConfig, data: PreparedData, setup: TaskSetup) -> DescentTask:
+def make_task(config: TrainConfig, data: PreparedData, setup: TaskSetup) -> SingleNetworkTask:
     """Make the training task for the type of the config."""
     return TASKS[type(config)](config, data, setup)
 
 
-class AutoencoderTask(DescentTask):
+class AutoencoderTask(SingleNetworkTask):
     """Reconstruction of an autoencoder's input, with geometric terms and the codes' KL term."""
 
     config: AutoencoderTrainConfig
@@ -123,7 +123,7 @@ TRACK_STD_FLOOR = 0.01
 """Smallest standard deviation of a track, so that a still jaw is not amplified."""
 
 
-class MatchingTask(DescentTask):
+class MatchingTask(SingleNetworkTask):
     """Contrastive training of matching speech and motion for each part, and of arm speed.
 
     All pieces of the batch are candidates (InfoNCE, van den Oord et al. 2018; in both directions as
@@ -159,7 +159,7 @@ class MatchingTask(DescentTask):
         for part, scale in zip(PARTS, log_scale.exp(), strict=True):
             agreements = agreement(heard_tracks[part].float(), seen_tracks[part].float())
             terms[part] = contrastive_loss(scale * agreements)
-            shares[f"{part}_share_right"] = share_right(agreements.detach())
+            shares[f"{part}_share_right"] = matching_accuracy(agreements.detach())
         wanted = arm_speed(pieces(tracks))
         error = (told.float() - wanted).square().mean() / wanted.square().mean().clamp_min(1e-6)
         terms["arm_speed"] = config.arm_speed_weight * error
@@ -178,7 +178,7 @@ def contrastive_loss(scores: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
     return (F.cross_entropy(scores, own) + F.cross_entropy(scores.T, own)) / 2
 
 
-def share_right(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
+def matching_accuracy(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
     """Compute how often a motion (row) agrees more with its own than with another speech."""
     own = agreements.diagonal()[:, None]
     others = ~torch.eye(len(agreements), dtype=torch.bool, device=agreements.device)
@@ -186,17 +186,17 @@ def share_right(agreements: Float[Tensor, "N N"]) -> Float[Tensor, ""]:
 
 
 _NUMBERS = ("strength", "speed")
-"""Entries of `SPEECH_LABELS` that are no logits."""
+"""Entries of `SPEECH_LABELS` that are not logits."""
 
 
-class CodesTask(DescentTask):
-    """Training of the speech encoder with one loss per prediction (`reading_terms`)."""
+class CodesTask(SingleNetworkTask):
+    """Training of the speech encoder with one loss per prediction (`prediction_losses`)."""
 
     config: SpeechEncoderConfig
 
     def __init__(self, config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup) -> None:
         given, shape = setup.begin(config, data), config.codes
-        self.spoken = annotated_speech(data, prepare_plans(data, 1 + max(data.speakers)))
+        self.spoken = load_speech_labels(data, load_plan_annotations(data, 1 + max(data.speakers)))
         network = CodesNetwork(shape)
         normaliser = given.normaliser if given else fit_features(data)
         super().__init__(
@@ -208,19 +208,19 @@ class CodesTask(DescentTask):
         with torch.no_grad():
             features = shard.of(augmented_speech(config, network, batch, draws.generator))
             speech = self.normaliser.normalise(features)
-            phone, told = (shard.of(part) for part in self.spoken.for_batch(batch))
+            phone, told = (shard.of(part) for part in self.spoken.phones_and_labels(batch))
         with shard.autocast():
             reading = network(speech)
         inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
-        found = SpeechReading(
+        found = SpeechPredictions(
             reading.phone[:, inside].float(), reading.label_logits[:, inside].float()
         )
         right = (found.phone.argmax(-1) == phone).float().mean()
-        return StepLoss(reading_terms(found, phone, told), {"phones_right": right})
+        return StepLoss(prediction_losses(found, phone, told), {"phones_right": right})
 
 
-def reading_terms(
-    predictions: SpeechReading, phone: Int[Tensor, "B T"], labels: Float[Tensor, "B T told"]
+def prediction_losses(
+    predictions: SpeechPredictions, phone: Int[Tensor, "B T"], labels: Float[Tensor, "B T told"]
 ) -> dict[str, Float[Tensor, ""]]:
     """Compute cross-entropies, and squared errors of strength (at accents) and speed."""
     losses = {"phone": F.cross_entropy(predictions.phone.flatten(0, 1), phone.flatten())}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from model.generation.family import Family, FileFlag, FileReport
 from model.sampling.samplers import make_samplers
-from model.storage.cards import Card, load_card
+from model.storage.cards import WeightsCard, load_card
 from model.systems.official.checkpoints import (
     FOLDER_VARIABLE,
     PARTS,
@@ -24,7 +24,7 @@ SPEAKERS = {
     "itoi": 17, "daiki": 18, "li": 20, "ayana": 21, "luqi": 22, "hailing": 23, "kexin": 24,
     "goto": 25, "yingqing": 27, "tiffnay": 28, "katya": 30,
 }  # fmt: skip
-"""BEAT2's speakers by number; 0 is no speaker, which is one time in ten in training."""
+"""BEAT2's speakers by number; 0 means no speaker, which is one time in ten in training."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class OfficialFamily(Family):
         folder = official_folder()
         return () if folder is None else tuple(reports_of(folder))
 
-    def card(self, name: str, folder: Path) -> Card:
+    def card(self, name: str, folder: Path) -> WeightsCard:
         """Make a card from the checkpoints' names; other systems' speakers are number 0."""
         motion = official_file("motion")
         content = {
@@ -77,7 +77,7 @@ class OfficialFamily(Family):
             "training_data": f"what the authors' checkpoint {motion.name} was trained on",
             "weights_are": f"the authors' checkpoint {motion.name}, run by this project's code",
         }
-        return Card(content, name)
+        return WeightsCard(content, name)
 
 
 def _speakers_in(folder: Path) -> list[str]:

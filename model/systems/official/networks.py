@@ -55,7 +55,7 @@ class PositionalEncoding(nn.Module):
 
 
 class SpeakerEmbedding(nn.Module):
-    """Embedding of a speaker's number; 0 is no speaker."""
+    """Embedding of a speaker's number; 0 means no speaker."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -140,19 +140,19 @@ class SeedBlock(nn.Module):
         by_part = self.mlp(condition)[:, None].unflatten(-1, (3, 3, MOTION_WIDTH)).unbind(2)
         around, through, of_seed = (part.unbind(2) for part in by_part)
         gate, scale, shift = of_seed
-        known = seed + gate * self.ff_seed_poses(_level(seed) * (1 + scale) + shift)
+        known = seed + gate * self.ff_seed_poses(_layer_norm(seed) * (1 + scale) + shift)
         first = tokens[:, :SEED_FRAMES]
         first = first + self.cross_attn(first, known, known, need_weights=False)[0]
         tokens = torch.cat([first, tokens[:, SEED_FRAMES:]], dim=1)
 
         gate, scale, shift = around
         heard = tokens * (1 + scale) + shift
-        tokens = _level(tokens + gate * self.attn(heard, heard, heard, need_weights=False)[0])
+        tokens = _layer_norm(tokens + gate * self.attn(heard, heard, heard, need_weights=False)[0])
         gate, scale, shift = through
-        return _level(tokens + gate * self.ff(tokens * (1 + scale) + shift))
+        return _layer_norm(tokens + gate * self.ff(tokens * (1 + scale) + shift))
 
 
-def _level(tokens: Float[Tensor, "B T width"]) -> Float[Tensor, "B T width"]:
+def _layer_norm(tokens: Float[Tensor, "B T width"]) -> Float[Tensor, "B T width"]:
     return torch.nn.functional.layer_norm(tokens, tokens.shape[-1:])
 
 

@@ -15,7 +15,13 @@ from torch import Tensor
 
 from model.generation.base import num_windows
 from model.speech.encoder import EncoderError
-from model.speech.wavlm import WINDOW_FRAMES, WINDOW_SAMPLES, Hear, hearing, resampled
+from model.speech.wavlm import (
+    WINDOW_FRAMES,
+    WINDOW_SAMPLES,
+    SpeechModel,
+    load_speech_model,
+    resampled,
+)
 from model.systems.official.checkpoints import SEED_FRAMES, SPEECH_DIM, require_speech
 
 STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)
@@ -30,7 +36,7 @@ class OfficialEncoder:
     name = "official"
     dim = 2 * SPEECH_DIM
 
-    def __init__(self, hear: Hear) -> None:
+    def __init__(self, hear: SpeechModel) -> None:
         self._hear = hear
 
     def encode(
@@ -42,10 +48,10 @@ class OfficialEncoder:
         padded = np.pad(waveform[:needed], (0, max(0, needed - len(waveform))))
         starts = [index * STEP_SAMPLES for index in range(count)]
         windows = np.stack([padded[start : start + WINDOW_SAMPLES] for start in starts])
-        return by_frame(self._hear(windows)).numpy()[:num_frames]
+        return windows_to_frames(self._hear(windows)).numpy()[:num_frames]
 
 
-def by_frame(windows: Float[Tensor, "n 60 dim"]) -> Float[Tensor, "frames both"]:
+def windows_to_frames(windows: Float[Tensor, "n 60 dim"]) -> Float[Tensor, "frames both"]:
     """Arrange features of windows as two halves of each frame, as the module describes."""
     num_frames = WINDOW_FRAMES + (len(windows) - 1) * ADVANCE
     later = windows.new_zeros(num_frames, windows.shape[-1])
@@ -57,7 +63,7 @@ def by_frame(windows: Float[Tensor, "n 60 dim"]) -> Float[Tensor, "frames both"]
     return torch.cat([later, first], dim=-1)
 
 
-def of_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"]:
+def frames_to_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"]:
     """Return the features of one window from those of its frames."""
     later, first = frames.chunk(2, dim=-1)
     return torch.cat([first[:SEED_FRAMES], later[SEED_FRAMES:]])
@@ -69,7 +75,7 @@ def official_encoder() -> OfficialEncoder:
     return OfficialEncoder(_by_model(source) if source.is_dir() else _prepared(source))
 
 
-def _by_model(folder: Path) -> Hear:
+def _by_model(folder: Path) -> SpeechModel:
     """Return a function that encodes each window separately, as the authors do."""
     try:
         config = json.loads((folder / "config.json").read_text())
@@ -84,10 +90,10 @@ def _by_model(folder: Path) -> Hear:
             f"{folder} holds a {kind} of width {width}; the authors' networks hear by a wavlm or "
             f"hubert of width {SPEECH_DIM}."
         )
-    return hearing(folder, MODELS[kind])[0]
+    return load_speech_model(folder, MODELS[kind])[0]
 
 
-def _prepared(path: Path) -> Hear:
+def _prepared(path: Path) -> SpeechModel:
     """Return a function with the features of one speech from a file."""
     features = read_features(path)
 
@@ -107,7 +113,7 @@ def read_features(path: Path) -> Float32[Tensor, "n 60 1024"]:
     """Read prepared features: ``features`` of an .npz, or an .npy, of 60 or 99 vectors a window.
 
     Raises:
-        EncoderError: if it is no such file.
+        EncoderError: if it is not such a file.
     """
     try:
         loaded = np.load(path, allow_pickle=False)

@@ -33,20 +33,20 @@ from model.systems.official.networks import (
     OfficialMotionNetwork,
     load_network,
 )
-from model.systems.official.speech import of_window, official_encoder
+from model.systems.official.speech import frames_to_window, official_encoder
 
 FILTER = torch.tensor([-2.0, 3.0, 6.0, 7.0, 6.0, 3.0, -2.0]) / 21
 """Savitzky-Golay filter of 7 frames, order 2."""
 FILTERED_FROM = 5
 """First frame (index) of the input of the authors' filter, which has no padding."""
-STANDING = {
+STANDING_POSE = {
     "left_shoulder": (0.0, -0.1, -1.0),
     "right_shoulder": (0.0, 0.1, 1.0),
     "left_elbow": (0.3, -0.45, 0.0),
     "right_elbow": (0.3, 0.45, 0.0),
 }
 """Axis-angles (radians) of hanging arms; all other joints are in the rest pose."""
-PLACE_M = (0.0, 1.29, 0.0)
+STANDING_TRANSLATION_M = (0.0, 1.29, 0.0)
 """Position of the standing body (m), as tall as BEAT2's speakers."""
 
 
@@ -74,7 +74,7 @@ class OfficialSystem(System):
     ) -> OfficialWindow:
         assert before is None or isinstance(before, OfficialWindow)
         size = draw.samples
-        heard = of_window(speech.around(0, WINDOW_FRAMES))[None]
+        heard = frames_to_window(speech.with_context(0, WINDOW_FRAMES))[None]
         speaker = torch.tensor([draw.speaker])
         face = self.expressions(heard, speaker)
         seed = self.seed.expand(size, -1, -1)
@@ -88,7 +88,7 @@ class OfficialSystem(System):
         }
         last: dict[str, Tensor] = {}
 
-        def predict(x_t: Tensor, t: float) -> Tensor:
+        def predict(x_t: Float[Tensor, "B T C"], t: float) -> Tensor:
             x_1 = self.network(x_t, torch.full((size,), t, dtype=x_t.dtype), **conditions)
             x_1[:, :SEED_FRAMES] = (seed + x_1[:, :SEED_FRAMES]) / 2
             last["x_1"] = x_1
@@ -104,7 +104,7 @@ class OfficialSystem(System):
         assert isinstance(older, OfficialWindow) and isinstance(newer, OfficialWindow)
         shared = older.vectors.shape[1]
 
-        def joined(end: Tensor, start: Tensor) -> Tensor:
+        def joined(end: Float[Tensor, "B S C"], start: Float[Tensor, "B T C"]) -> Tensor:
             return torch.cat([(end + start[:, :shared]) / 2, start[:, shared:]], dim=1)
 
         return _window(
@@ -138,7 +138,7 @@ def smoothed(vectors: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
 def first_seed() -> Float[Tensor, "8 333"]:
     """Return the start of the motion file that ``OFFICIAL_SEED`` names, else a still pose."""
     named = os.environ.get(SEED_VARIABLE)
-    return seed_of(load_motion(Path(named))) if named else standing()
+    return seed_of(load_motion(Path(named))) if named else standing_seed()
 
 
 def seed_of(motion: Motion) -> Float[Tensor, "8 333"]:
@@ -155,13 +155,13 @@ def seed_of(motion: Motion) -> Float[Tensor, "8 333"]:
     return _vectors(start.local_rotations(), torch.tensor(start.trans))
 
 
-def standing() -> Float[Tensor, "8 333"]:
+def standing_seed() -> Float[Tensor, "8 333"]:
     """Return the motion vectors of a still standing pose."""
     poses = torch.zeros(len(JOINT_NAMES), 3)
-    for joint, turned in STANDING.items():
+    for joint, turned in STANDING_POSE.items():
         poses[JOINT_NAMES.index(joint)] = torch.tensor(turned)
     local = matrix_from_axis_angle(poses).expand(SEED_FRAMES, -1, -1, -1)
-    return _vectors(local, torch.tensor(PLACE_M).expand(SEED_FRAMES, -1))
+    return _vectors(local, torch.tensor(STANDING_TRANSLATION_M).expand(SEED_FRAMES, -1))
 
 
 def _vectors(

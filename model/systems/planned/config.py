@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from model.generation.family import Family
 from model.sampling.samplers import make_samplers
 from model.speech.encoder import CodesConfig
-from model.systems.globaldiff.config import BEST, GlobalDiffConfig, NetworkConfig
+from model.systems.globaldiff.config import PRIORFLOW, GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.config import presets as globaldiff_presets
 from model.training.config import SMOKE, VOCAL_TRACT_RANGE, TrainConfig
 
@@ -77,11 +77,11 @@ def presets(system: str) -> dict[str, TrainConfig]:
         )  # fmt: skip
         shape = replace(planner.planner, codes=0, width=16, head_width=16, window_frames=60)
         return {"demo": planner, "smoke": replace(planner, planner=shape, **SMOKE)}
-    bases = globaldiff_presets(BEST)
-    return {name: _told_plans(bases[name], system) for name in ("demo", "smoke")}
+    bases = globaldiff_presets(PRIORFLOW)
+    return {name: _with_plan_conditioning(bases[name], system) for name in ("demo", "smoke")}
 
 
-def _told_plans(base: GlobalDiffConfig, system: str) -> PlannedConfig:
+def _with_plan_conditioning(base: GlobalDiffConfig, system: str) -> PlannedConfig:
     shape = PlannedNetworkConfig(**vars(base.network))
     told = {name: value for name, value in vars(base).items() if name not in ("system", "network")}
     return PlannedConfig(system=system, network=shape, **told)

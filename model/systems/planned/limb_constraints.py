@@ -28,9 +28,9 @@ from model.motion.kinematics import (
     open_body_skeleton,
 )
 from model.motion.motion import Motion
-from model.motion.tracks import OUTWARD
+from model.motion.tracks import OUTWARD_SIGNS
 from model.motion.two_bone_ik import HingedLimb, minimum_jerk, unit
-from model.plan.plan import SIDES, FootContact, GesturePlan, Side, StreamedPlan, without_gaps
+from model.plan.plan import SIDES, FootContact, GesturePlan, Side, StreamedPlan, fill_gaps
 from model.plan.plan_features import goal_path
 
 ANKLE_M = 0.074
@@ -43,7 +43,7 @@ STEP_S = 1.0
 """Longest step (s); a foot that is off the ground for longer is not lifted here."""
 LANDING_S = 0.2
 """Time (s) in which a landing foot comes to rest."""
-LEAST_BEND = np.radians(4.0)
+MIN_BEND = np.radians(4.0)
 """Smallest bend of a knee (rad). The pelvis is lowered where a leg would be too short."""
 _SOFT_LEG_M = 0.003
 _STOOD = "stood"
@@ -131,7 +131,7 @@ class FootLock:
         ]
         feet = [(_leg(side), *self._foot(side, frames, rotmat, joints)) for side in sides]
         lowered = _lowered(
-            [_room(limb, ankle - joints[:, leg[0]]) for (leg, limb), ankle, _ in feet]
+            [_hip_clearance(limb, ankle - joints[:, leg[0]]) for (leg, limb), ankle, _ in feet]
         )
         joints = joints - lowered[:, None, None] * [0.0, 1.0, 0.0]
         poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()
@@ -214,9 +214,9 @@ def _leg(side: Side) -> tuple[tuple[int, int, int], HingedLimb]:
     return (hip, knee, ankle), limb
 
 
-def _room(limb: HingedLimb, span: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
+def _hip_clearance(limb: HingedLimb, span: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
     """Compute how much higher the hip could be (m); negative where the leg is too short."""
-    longest = limb.length(np.full(len(span), LEAST_BEND))
+    longest = limb.length(np.full(len(span), MIN_BEND))
     aside = np.minimum((span[:, [0, 2]] ** 2).sum(1), 0.99 * longest**2)
     return np.sqrt(longest**2 - aside) + span[:, 1]
 
@@ -225,7 +225,7 @@ def _back(rotmat: Float[np.ndarray, "T 3 3"]) -> Float[np.ndarray, "T 3 3"]:
     return rotmat.swapaxes(-1, -2)
 
 
-LED = 0.6
+HAND_GUIDE_WEIGHT = 0.6
 """Share of the distance by which wrists move towards the plan's. People are 3.8 cm off on average;
 this leaves 3.2."""
 SOFT_FRAMES = 1.5
@@ -233,7 +233,7 @@ SOFT_FRAMES = 1.5
 had 1.19 times the recorded power above 5 Hz, at 1.5 .96, with strokes as often in time."""
 SOFT_MARGIN = round(4 * SOFT_FRAMES)
 """Frames of the plan that are needed on either side."""
-LONGEST = 0.99
+MAX_REACH_SHARE = 0.99
 """Longest reach as a share of a straight arm's length."""
 _SOFT_ARM_M = 0.004
 _BENT = 0.1
@@ -267,7 +267,7 @@ class HandGuide:
         chest = JOINT_INDEX["spine3"]
         poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()
         for side in sides:
-            wished = _planned(self.plan, side, frames) * OUTWARD[side]
+            wished = _planned(self.plan, side, frames) * OUTWARD_SIGNS[side]
             wished = np.einsum("tij,tj->ti", rotmat[:, chest], wished) + joints[:, chest]
             for joint, angles in _reached(side, rotmat, joints, wished):
                 poses[:, joint] = angles
@@ -278,7 +278,7 @@ def _planned(plan: GesturePlan, side: Side, frames: range) -> Float[np.ndarray, 
     """Compute the plan's smoothed path of a wrist; before and after the plan it is constant."""
     margin = SOFT_MARGIN
     wide = np.arange(frames.start - margin, frames.stop + margin)
-    path = goal_path(without_gaps(plan.hand(side), plan.duration_s), (wide + 0.5) / FPS)
+    path = goal_path(fill_gaps(plan.hand(side), plan.duration_s), (wide + 0.5) / FPS)
     return gaussian_filter1d(path, SOFT_FRAMES, axis=0)[margin : margin + len(frames)]
 
 
@@ -292,9 +292,9 @@ def _reached(
     shoulder, elbow, wrist = (JOINT_INDEX[f"{side}_{name}"] for name in _ARM)
     upper, lower = joints[:, elbow] - joints[:, shoulder], joints[:, wrist] - joints[:, elbow]
     span = upper + lower
-    led = span + LED * (wished - joints[:, wrist])
+    led = span + HAND_GUIDE_WEIGHT * (wished - joints[:, wrist])
     straight = float(np.linalg.norm(upper[0]) + np.linalg.norm(lower[0]))
-    reach = _at_most(np.linalg.norm(led, axis=1), LONGEST * straight)
+    reach = _soft_minimum(np.linalg.norm(led, axis=1), MAX_REACH_SHARE * straight)
     hinge = _hinge(side, rotmat[:, shoulder], upper, lower)
     opened = Rotation.from_rotvec(_opening(upper, lower, hinge, reach)[:, None] * hinge)
     swing = _between(upper + opened.apply(lower), led)
@@ -308,7 +308,7 @@ def _reached(
 _ARM = ("shoulder", "elbow", "wrist")
 
 
-def _at_most(length: Float[np.ndarray, " T"], most: float) -> Float[np.ndarray, " T"]:
+def _soft_minimum(length: Float[np.ndarray, " T"], most: float) -> Float[np.ndarray, " T"]:
     """Compute a soft minimum of length and limit."""
     return -_SOFT_ARM_M * np.logaddexp(-length / _SOFT_ARM_M, -most / _SOFT_ARM_M)
 

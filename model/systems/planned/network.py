@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor, nn
 
 from model.networks.branch import AddedTokens, PriorNetwork
-from model.plan.plan_features import BY_NAME, NUM_TRACKS, TIERS, EventChain
+from model.plan.plan_features import CHAINS_BY_NAME, NUM_TRACKS, TIERS, EventChain
 from model.sampling.prior import GaussianPrior
 from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 
@@ -49,7 +49,7 @@ class PlannedNetwork(PriorNetwork):
         tracks: Float[Tensor, "B heard tracks"],
         kinds: Int[Tensor, "B heard 2"],
         has_plan: Bool[Tensor, " B"],
-        **conditions: Tensor,
+        **conditions: Shaped[Tensor, "B ..."],
     ) -> Float[Tensor, "B T C"]:
         """Predict the clean components x_1, with the inputs of `PriorNetwork` and a plan.
 
@@ -60,7 +60,7 @@ class PlannedNetwork(PriorNetwork):
 
 
 SPEAKER_WIDTH = 16
-_LEAST_SPREAD = 0.02
+_MIN_SPREAD = 0.02
 """Smallest deviation of a mark, in the tier's units."""
 
 
@@ -85,7 +85,9 @@ class TierHead(nn.Module):
     def __init__(self, tier: EventChain, config: PlannerConfig) -> None:
         super().__init__()
         self.tier, self.mixtures = tier, config.mixtures
-        seen = tier.state_dim + (BY_NAME[tier.coupled_chain].state_dim if tier.coupled_chain else 0)
+        seen = tier.state_dim + (
+            CHAINS_BY_NAME[tier.coupled_chain].state_dim if tier.coupled_chain else 0
+        )
         hidden = config.head_width
         self.heard = nn.Linear(config.width + SPEAKER_WIDTH, hidden)
         self.seen = nn.Linear(seen, hidden, bias=False)
@@ -97,9 +99,9 @@ class TierHead(nn.Module):
             self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.units)))
 
     def state(
-        self, heard: Float[Tensor, "*rows heard"], chain_state: Float[Tensor, "*rows seen"]
+        self, speech: Float[Tensor, "*rows heard"], chain_state: Float[Tensor, "*rows seen"]
     ) -> Float[Tensor, "*rows hidden"]:
-        return F.silu(self.heard(heard) + self.seen(chain_state))
+        return F.silu(self.heard(speech) + self.seen(chain_state))
 
     def events(self, state: Float[Tensor, "*rows hidden"]) -> Float[Tensor, "*rows events"]:
         """Compute log probabilities of staying and of each state that may begin."""
@@ -112,7 +114,7 @@ class TierHead(nn.Module):
         told = self.mark_out(self.mark(state + self.begun(begun))).float()
         parts = told.unflatten(-1, (self.mixtures, -1))
         mean, spread = parts[..., 1:].chunk(2, dim=-1)
-        return MarkMixture(parts[..., 0], mean, F.softplus(spread) + _LEAST_SPREAD)
+        return MarkMixture(parts[..., 0], mean, F.softplus(spread) + _MIN_SPREAD)
 
 
 class PlannerNetwork(nn.Module):
@@ -155,7 +157,7 @@ class PlannerNetwork(nn.Module):
         speech: Float[Tensor, "B around heard_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
-        seen: Mapping[str, Float[Tensor, "B T _"]],
+        states: Mapping[str, Float[Tensor, "B T _"]],
         event: Mapping[str, Int[Tensor, "B T"]],
         mark: Mapping[str, Float[Tensor, "B T _"]],
     ) -> dict[str, Float[Tensor, ""]]:
@@ -167,7 +169,7 @@ class PlannerNetwork(nn.Module):
         losses = {}
         for name, head in self.heads.items():
             assert isinstance(head, TierHead)
-            state = head.state(heard, seen[name])
+            state = head.state(heard, states[name])
             logs = head.events(state)
             losses[name] = -logs.gather(-1, event[name][..., None]).mean()
             if head.tier.units:

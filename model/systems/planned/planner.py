@@ -18,19 +18,26 @@ from model.generation.base import WindowSpec
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import TrainedWeights
-from model.plan.kinds import KindTable, drawn_by, kinds_of
+from model.plan.kinds import KindTable, kinds_of, sample_index
 from model.plan.plan import GesturePlan
-from model.plan.plan_features import BY_NAME, TIERS, EventOnset, chains_to_plan, seen_of, tracks_of
+from model.plan.plan_features import (
+    CHAINS_BY_NAME,
+    TIERS,
+    EventOnset,
+    chain_state_at,
+    chains_to_plan,
+    plan_tracks,
+)
 from model.speech.encoder import SPEECH_ENCODER
 from model.systems.planned.config import PLANNER, PlannerConfig
 from model.systems.planned.network import PlannerNetwork, TierHead
 
-HOLD_BACK = 1.0
+RATE_CORRECTION = 1.0
 """Reduction in log odds of an event for each one that guidance has added to the number expected as
 trained: speech shall decide when things happen, not how often."""
 
 
-Leaning = Callable[
+EventBias = Callable[
     [str, int, EventOnset, Mapping[str, EventOnset]], Float[np.ndarray, " events"] | None
 ]
 """Function of a tier's name, the frame, the tier's state and all states, which returns log odds to
@@ -46,41 +53,46 @@ class EventChainSampler:
     def __init__(
         self,
         head: TierHead,
-        heard: Float[np.ndarray, "copies T hidden"],
+        speech_states: Float[np.ndarray, "copies T hidden"],
         strength: float,
         begun: EventOnset,
         rng: np.random.Generator,
     ) -> None:
         self.chain = [begun]
         self._head, self._strength = head, strength
-        self._heard, self._first = heard, 0
+        self._heard, self._first = speech_states, 0
         self._events = _Events(head)
         self._excess = 0.0
         """Number of events expected so far, less that expected as trained."""
         self._excess_then = 0.0
         self._forced: EventOnset | None = None
         """Event that begins next, whatever is drawn until then."""
-        self._chances = _Chances(rng, len(head.tier.units))
+        self._chances = _RandomStream(rng, len(head.tier.units))
 
-    def set_speech_states(self, heard: Float[np.ndarray, "copies T hidden"], first: int) -> None:
+    def set_speech_states(
+        self, speech_states: Float[np.ndarray, "copies T hidden"], first: int
+    ) -> None:
         """Set the features of frames from ``first`` on."""
-        self._heard, self._first = heard, first
+        self._heard, self._first = speech_states, first
         self._chances.forget_before(first)
 
     def draw(
-        self, frame: int, others: "Mapping[str, EventChainSampler]", leaning: Leaning | None = None
+        self,
+        frame: int,
+        others: "Mapping[str, EventChainSampler]",
+        leaning: EventBias | None = None,
     ) -> None:
         """Draw whether something begins at this frame, or the state stays."""
         head = self._head
         now = self.chain[-1]
-        told = [seen_of(head.tier, now, frame)]
+        told = [chain_state_at(head.tier, now, frame)]
         if head.tier.coupled_chain:
             other = others[head.tier.coupled_chain].chain[-1]
-            told.append(seen_of(BY_NAME[head.tier.coupled_chain], other, frame))
+            told.append(chain_state_at(CHAINS_BY_NAME[head.tier.coupled_chain], other, frame))
         heard = self._heard[:, frame - self._first]
         state, logs = self._events(heard, np.concatenate(told))
         log = logs[-1] + self._strength * (logs[0] - logs[-1])
-        log[1:] -= HOLD_BACK * self._excess
+        log[1:] -= RATE_CORRECTION * self._excess
         shares = _shares(log)
         self._excess += float(shares[1:].sum() - np.exp(logs[0, 1:]).sum())
         chance, which, normal = self._chances.at(frame)
@@ -93,13 +105,13 @@ class EventChainSampler:
             all_now = {name: each.chain[-1] for name, each in others.items()}
             odds = leaning(head.tier.name, frame, now, all_now)
             shares = shares if odds is None else _shares(log + odds)
-        event = drawn_by(shares, chance)
+        event = sample_index(shares, chance)
         if event == 0:
             return
         mark: Any = ()
         if head.tier.units:
             marks = head.marks(torch.from_numpy(state[:1]), torch.tensor([event - 1]))
-            k = drawn_by(torch.softmax(marks.logits[0], 0).numpy(), which)
+            k = sample_index(torch.softmax(marks.logits[0], 0).numpy(), which)
             mean, spread = marks.mean[0, k].numpy(), marks.spread[0, k].numpy()
             mark = tuple((mean + spread * normal).tolist())
         self.chain.append(EventOnset(frame, event - 1, mark))
@@ -108,16 +120,16 @@ class EventChainSampler:
         """Return the state before a frame."""
         return next(begun for begun in reversed(self.chain) if begun.frame < frame)
 
-    def keep_place(self) -> None:
+    def mark_position(self) -> None:
         """Mark this frame, so that the draw from here on can be repeated."""
         self._excess_then = self._excess
 
-    def go_back(self, frame: int, finishes: bool) -> None:
-        """Go back to `keep_place`; with ``finishes`` the present state lasts as drawn."""
+    def rewind(self, frame: int, keeps_state: bool) -> None:
+        """Go back to `mark_position`; with ``keeps_state`` the present state lasts as drawn."""
         kept = [begun for begun in self.chain if begun.frame < frame]
         later = self.chain[len(kept) :]
         self.chain, self._excess = kept, self._excess_then
-        self._forced = later[0] if later and finishes else None
+        self._forced = later[0] if later and keeps_state else None
 
     def forget_before(self, frame: int, keep: int) -> None:
         """Remove earlier events but the last few."""
@@ -125,7 +137,7 @@ class EventChainSampler:
         del self.chain[: max(0, old - keep)]
 
 
-class _Chances:
+class _RandomStream:
     """Random numbers of every frame in turn; a longer stretch starts with the same."""
 
     def __init__(self, rng: np.random.Generator, units: int) -> None:
@@ -161,9 +173,11 @@ class _Events:
         self._layers = [(layer.weight.numpy().T, layer.bias.numpy()) for layer in (first, last)]
 
     def __call__(
-        self, heard: Float32[np.ndarray, "copies hidden"], seen: Float32[np.ndarray, " seen"]
+        self,
+        speech_states: Float32[np.ndarray, "copies hidden"],
+        states: Float32[np.ndarray, " seen"],
     ) -> tuple[Float32[np.ndarray, "copies hidden"], Float32[np.ndarray, "copies events"]]:
-        state = _silu(heard + seen @ self._seen)
+        state = _silu(speech_states + states @ self._seen)
         (weight, bias), (out, out_bias) = self._layers
         logits = _silu(state @ weight + bias) @ out + out_bias
         above = logits - logits.max(-1, keepdims=True)
@@ -208,7 +222,7 @@ class Planner:
     def plan(self, features: Float[Tensor, "T speech_dim"], draw: WindowSpec) -> GesturePlan:
         """Draw a plan for whole speech; equal keys give plans that share their noise."""
         num_frames = len(features)
-        drawers = self.drawers(features, draw)
+        drawers = self.make_samplers(features, draw)
         for frame in range(1, num_frames):
             for drawer in drawers.values():
                 drawer.draw(frame, drawers)
@@ -218,9 +232,9 @@ class Planner:
             chains_to_plan(chains, num_frames), draw.speaker, draw.words, rng
         )
         chances = np.random.default_rng([*draw.key, _CALLED])
-        return self.kinds.with_called_strokes(plan, draw.words, chances)
+        return self.kinds.add_word_strokes(plan, draw.words, chances)
 
-    def drawers(
+    def make_samplers(
         self, features: Float[Tensor, "T speech_dim"], draw: WindowSpec
     ) -> dict[str, EventChainSampler]:
         """Make the samplers of all tiers for some speech, each in its initial state."""
@@ -250,7 +264,7 @@ class Planner:
         """Compute each tier's input from features with context; a second copy has no speech."""
         copies = 1 if draw.guidance == 1 else 2
         heard = self.network.speech_states(
-            heard_by_planner(features, self.normaliser, self.codes).expand(copies, -1, -1),
+            planner_inputs(features, self.normaliser, self.codes).expand(copies, -1, -1),
             torch.tensor([draw.speaker, 0])[:copies],
             torch.tensor([True, False])[:copies],
         )
@@ -266,12 +280,12 @@ class Planner:
     ) -> Float[Tensor, "n heard_dim"]:
         """Concatenate features with a plan's frames from ``first`` on, for the motion network."""
         stop = first + len(features)
-        tracks = torch.from_numpy(tracks_of(plan, stop)[first:])
+        tracks = torch.from_numpy(plan_tracks(plan, stop)[first:])
         kinds = torch.from_numpy(kinds_of(plan, stop, self.kinds)[first:]).float()
         return torch.cat([features, tracks, kinds], dim=1)
 
 
-def heard_by_planner(
+def planner_inputs(
     features: Float[Tensor, "*B T speech_dim"], normaliser: Normaliser, codes: SpeechCodes | None
 ) -> Float[Tensor, "*B T heard_dim"]:
     """Concatenate normalised features and the codes of an encoder."""

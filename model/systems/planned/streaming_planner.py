@@ -20,7 +20,7 @@ from torch import Tensor
 
 from conventions.rates import FPS
 from model.generation.base import WindowSpec
-from model.plan.kinds import FOLLOWING, KindTable, Place, Stroke, strokes_of
+from model.plan.kinds import FOLLOW_BEATS, KindTable, Place, Stroke, gesture_strokes
 from model.plan.plan import (
     PHASES,
     SIDES,
@@ -30,23 +30,23 @@ from model.plan.plan import (
     Side,
     StreamedPlan,
 )
-from model.plan.plan_features import BY_NAME, EventOnset, chains_to_plan
+from model.plan.plan_features import CHAINS_BY_NAME, EventOnset, chains_to_plan
 from model.plan.style import LiveStyle
 from model.systems.planned.planner import KINDS, Planner
 
 BEFORE_FRAMES = 90
 """Frames of the plan before the first requested one."""
-KEPT_EVENTS = 3
+NUM_KEPT_EVENTS = 3
 """Number of events of each tier that are stored from before that."""
 _TOGETHER_FRAMES = 5
 """Frames after a hand's preparation in which the other may start its own as well."""
 _MOVING = tuple(name for name in PHASES if name not in STILL)
 _PREPARATION, _STROKE = (1 + PHASES.index(name) for name in ("preparation", "stroke"))
 _NUM_EVENTS = 1 + len(PHASES)
-_SMILE = 1 + BY_NAME["smile"].states.index("smile")
+_SMILE = 1 + CHAINS_BY_NAME["smile"].states.index("smile")
 
 
-class CausalPlanner:
+class StreamingPlanner:
     """Streaming planner of one speaker with constant memory."""
 
     def __init__(self, planner: Planner, draw: WindowSpec) -> None:
@@ -55,7 +55,7 @@ class CausalPlanner:
         self._planner, self._asked = planner, draw
         nothing = torch.zeros(1, planner.config.speech_dim)
         with torch.inference_mode():
-            self._drawers = planner.drawers(nothing, draw)
+            self._drawers = planner.make_samplers(nothing, draw)
         self._final = 1
         """First frame that may still be drawn anew; at frame 0 nothing begins."""
         self._kinds: dict[tuple[str, int], str] = {}
@@ -75,7 +75,7 @@ class CausalPlanner:
         self._draw(speech, final, stop)
         origin = first - BEFORE_FRAMES
         for drawer in self._drawers.values():
-            drawer.forget_before(origin, KEPT_EVENTS)
+            drawer.forget_before(origin, NUM_KEPT_EVENTS)
         chains = {name: drawer.chain for name, drawer in self._drawers.items()}
         shifted = {
             name: [replace(one, frame=one.frame - origin) for one in chain]
@@ -86,7 +86,7 @@ class CausalPlanner:
             replace(one, start_s=one.start_s + origin / FPS, end_s=one.end_s + origin / FPS)
             for one in plan.planted
         )
-        self._go_back(final, origin)
+        self._rewind(final, origin)
         return StreamedPlan(plan, origin, planted)
 
     def conditioning(
@@ -103,25 +103,25 @@ class CausalPlanner:
         heard = self._planner.speech_states(
             speech(begin - 2 * context, stop + context), self._asked
         )
-        leans = partial(_leans, self.style)
+        leans = partial(_style_log_odds, self.style)
         for name, drawer in self._drawers.items():
             drawer.set_speech_states(heard[name][:, context:], begin)
         for frame in range(begin, stop):
             if frame == final:
-                self._keep_place()
+                self._mark_position()
             for drawer in self._drawers.values():
                 drawer.draw(frame, self._drawers, leans)
         if final >= stop:
-            self._keep_place()
+            self._mark_position()
 
-    def _keep_place(self) -> None:
+    def _mark_position(self) -> None:
         for drawer in self._drawers.values():
-            drawer.keep_place()
+            drawer.mark_position()
 
-    def _go_back(self, final: int, origin: int) -> None:
+    def _rewind(self, final: int, origin: int) -> None:
         for name, drawer in self._drawers.items():
             state = drawer.chain_at(final).state
-            drawer.go_back(final, finishes=_finishes(name, state))
+            drawer.rewind(final, keeps_state=_is_uninterruptible(name, state))
         self._final = final
         for known in (self._kinds, self._goals):
             for key in [key for key in known if key[1] < origin - 10 * BEFORE_FRAMES]:
@@ -132,7 +132,7 @@ class CausalPlanner:
         table, kinds = self._planner.kinds, {}
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
-        for stroke in sorted(strokes_of(plan), key=lambda one: one.last_stroke.end_s):
+        for stroke in sorted(gesture_strokes(plan), key=lambda one: one.last_stroke.end_s):
             begins = round(plan.hand(stroke.side)[stroke.first].start_s * FPS) + origin
             kind = self._kind(table, stroke, begins, landed)
             landed[stroke.last_stroke.end_s] = kind
@@ -160,7 +160,7 @@ class CausalPlanner:
                 return partner
         side = SIDES.index(stroke.side)
         rng = np.random.default_rng([*self._asked.key, KINDS, side, max(0, begins)])
-        return table.likely(stroke, self._asked.speaker, rng)
+        return table.sample_kind(stroke, self._asked.speaker, rng)
 
     def _shaped(
         self, side: Side, phases: Sequence[HandPhase], origin: int, final: int
@@ -175,17 +175,17 @@ class CausalPlanner:
                 goal = self._goals.setdefault((side, begins), shaped.goal)
                 shaped = replace(shaped, goal=goal)
             if phase.phase == "beat" and not phase.kind:
-                shaped = replace(shaped, kind=FOLLOWING)
+                shaped = replace(shaped, kind=FOLLOW_BEATS)
             found.append(shaped)
         return tuple(found)
 
 
-def _leans(
+def _style_log_odds(
     manner: LiveStyle, tier: str, frame: int, now: EventOnset, others: Mapping[str, EventOnset]
 ) -> Float[np.ndarray, " events"] | None:
-    """Compute the style's changes of log odds; see `Leaning`."""
+    """Compute the style's changes of log odds; see `EventBias`."""
     if tier == "smile" and manner.smile > 0:
-        odds = np.zeros(1 + len(BY_NAME["smile"].states))
+        odds = np.zeros(1 + len(CHAINS_BY_NAME["smile"].states))
         odds[_SMILE] = math.log(manner.smile)
         return odds
     if tier not in SIDES:
@@ -201,8 +201,8 @@ def _leans(
     return odds
 
 
-def _finishes(tier: str, state: int) -> bool:
+def _is_uninterruptible(tier: str, state: int) -> bool:
     """Check whether a state is completed as drawn once it has begun."""
     if tier in SIDES:
         return PHASES[state] in _MOVING
-    return tier.endswith(" foot") and BY_NAME[tier].states[state] == "step"
+    return tier.endswith(" foot") and CHAINS_BY_NAME[tier].states[state] == "step"

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
 from model.generation.base import WindowSpec
 from model.networks.trained import TrainedWeights
 from model.plan.plan import GesturePlan
-from model.plan.plan_features import FACE_TRACKS, NUM_TRACKS, at_rest
+from model.plan.plan_features import FACE_TRACKS, NUM_TRACKS, rest_share
 from model.sampling.flow import ClassifierFreeGuidance
 from model.storage.cards import CheckpointError
 from model.systems.face.face import face_first_fields
@@ -22,11 +22,11 @@ from model.systems.planned.config import FAMILY, PLANNER, PlannedNetworkConfig
 from model.systems.planned.limb_constraints import LimbConstraints
 from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
-from model.systems.planned.streaming_planner import CausalPlanner
+from model.systems.planned.streaming_planner import StreamingPlanner
 
-STRENGTH = 1.4
+PLAN_GUIDANCE = 1.4
 """Guidance scale of plan, speech and speaker together in the motion."""
-HEAD_STRENGTH = 2.4
+HEAD_GUIDANCE = 2.4
 """Guidance scale of neck and head, which were .65 times as fast as people's at the common scale.
 More noise would drown the effect of speech on them."""
 NOISE_SHARE = 0.45
@@ -41,9 +41,9 @@ REST_NOISE_SHARE = 0.1
 through silence, in the corpus at 5."""
 
 
-HOME_S = 20.0
-"""Value of `GlobalDiffSystem.home_s`: in six steps the flow moves a body a centimetre a second
-forwards. At 40 s it was .45 m from home after ten minutes."""
+DRIFT_CORRECTION_S = 20.0
+"""Value of `GlobalDiffSystem.drift_correction_s`: in six steps the flow moves a body a centimetre
+a second forwards. At 40 s it was .45 m from home after ten minutes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,11 +59,13 @@ class PlannedSystem(GlobalDiffSystem):
         features = torch.from_numpy(self.encoder.encode(waveform, num_frames))
         return self.planner.plan(features, draw)
 
-    def condition_stream(self, draw: WindowSpec) -> CausalPlanner:
-        return CausalPlanner(self.planner, draw)
+    def condition_stream(self, draw: WindowSpec) -> StreamingPlanner:
+        return StreamingPlanner(self.planner, draw)
 
-    def follower(
-        self, condition: GesturePlan | None, kept: Mapping[str, Tensor] | None = None
+    def make_constraint(
+        self,
+        condition: GesturePlan | None,
+        kept: Mapping[str, Shaped[Tensor, " ..."]] | None = None,
     ) -> LimbConstraints:
         return LimbConstraints(condition, kept or {})
 
@@ -82,12 +84,12 @@ class PlannedSystem(GlobalDiffSystem):
         whole = draw.index * self.windowing.advance
         first = whole if draw.first_frame is None else draw.first_frame
         rest = torch.from_numpy(
-            at_rest(draw.condition, range(first, first + noise.shape[1]))
+            rest_share(draw.condition, range(first, first + noise.shape[1]))
         ).float()
         share = (NOISE_SHARE + (REST_NOISE_SHARE - NOISE_SHARE) * rest)[:, None]
-        return share * noise + (TRUNK_NOISE_SHARE - share) * self._of_trunk(noise)
+        return share * noise + (TRUNK_NOISE_SHARE - share) * self._trunk_noise(noise)
 
-    def _of_trunk(self, noise: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
+    def _trunk_noise(self, noise: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
         """Return the noise that moves the trunk's joints alone; components move many joints."""
         mix, unmix = self.normaliser.mix, self.normaliser.unmix
         assert mix is not None and unmix is not None  # a system with a prior has them
@@ -97,7 +99,7 @@ class PlannedSystem(GlobalDiffSystem):
     def guide(self, draw: WindowSpec) -> ClassifierFreeGuidance:
         """Return the motion's guidance, which is constant: the requested scale is the plan's."""
         space = self.config.rotation_space
-        return ClassifierFreeGuidance(STRENGTH, self.normaliser, space, of_head=HEAD_STRENGTH)
+        return ClassifierFreeGuidance(PLAN_GUIDANCE, self.normaliser, space, of_head=HEAD_GUIDANCE)
 
     def conditioning_inputs(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
@@ -113,14 +115,14 @@ class PlannedSystem(GlobalDiffSystem):
             "has_plan": hears,
         }
 
-    def known_speaker(
+    def speaker_inputs(
         self, draw: WindowSpec, hears: Bool[Tensor, " copies"]
     ) -> Int[Tensor, " copies"]:
         """Return each copy's speaker, hidden with the speech, so that guidance amplifies style."""
-        return super().known_speaker(draw, hears) * hears
+        return super().speaker_inputs(draw, hears) * hears
 
-    def face_plan(self, heard: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"]:
-        return heard[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
+    def face_plan(self, speech: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"]:
+        return speech[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
 
 
 def load(name: str, folder: Path) -> PlannedSystem:
@@ -138,6 +140,6 @@ def load(name: str, folder: Path) -> PlannedSystem:
         frame="parent",
         root_motion=config.root,
         network=trained.as_of(PlannedNetwork(config, trained.prior(config.seed_frames))),
-        home_s=HOME_S,
+        drift_correction_s=DRIFT_CORRECTION_S,
         planner=planner,
     )

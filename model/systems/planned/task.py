@@ -4,28 +4,28 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from model.data.annotations import Plans, prepare_plans
+from model.data.annotations import Plans, load_plan_annotations
 from model.data.prepared import Batch, PreparedData
 from model.networks.speech_codes import load_codes
 from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.task import MotionTask
 from model.systems.planned.config import PlannedConfig, PlannerConfig, PlannerTrainConfig
 from model.systems.planned.network import PlannedNetwork, PlannerNetwork
-from model.systems.planned.planner import heard_by_planner
+from model.systems.planned.planner import planner_inputs
 from model.training.parallel import ShardedRandom
 from model.training.targets import augmented_speech, fit_features
-from model.training.task import DescentTask, StepLoss, TaskSetup
+from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
 
 def make_task(
     config: PlannerTrainConfig | PlannedConfig, data: PreparedData, setup: TaskSetup
-) -> DescentTask:
+) -> SingleNetworkTask:
     if isinstance(config, PlannerTrainConfig):
         return PlannerTask(config, data, setup)
     return PlannedTask(config, data, setup)
 
 
-class PlannerTask(DescentTask):
+class PlannerTask(SingleNetworkTask):
     """Training with the negative log-likelihood of a plan's events."""
 
     config: PlannerTrainConfig
@@ -33,7 +33,7 @@ class PlannerTask(DescentTask):
     def __init__(self, config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.planner
         given = setup.begin(config, data, shape.num_speakers)
-        self.plans = prepare_plans(data, shape.num_speakers)
+        self.plans = load_plan_annotations(data, shape.num_speakers)
         network = PlannerNetwork(shape)
         device = setup.shard.device
         self.codes = load_codes(setup.helpers, device) if shape.codes else None
@@ -51,7 +51,7 @@ class PlannerTask(DescentTask):
             knows = draws.keep(config.speaker_dropout)
             knows &= has_speech | draws.keep(config.speakerless)
             features = shard.of(augmented_speech(config, network, batch, draws.generator))
-            speech = heard_by_planner(features, self.normaliser, self.codes)
+            speech = planner_inputs(features, self.normaliser, self.codes)
             speaker = shard.of(batch.speaker) * knows
         with shard.autocast():
             told = events.chain_states, events.event, events.mark
@@ -62,14 +62,14 @@ def first_goals(
     data: PreparedData, plans: Plans, shape: PlannerConfig
 ) -> Float[Tensor, "speakers 2 3"]:
     """Compute the median initial goals of hands for each speaker; row 0 is that of all."""
-    found: dict[int, list[list[tuple[float, ...]]]] = {}
+    first: dict[int, list[list[tuple[float, ...]]]] = {}
     for clip, chains in zip(data.clips, plans.chains, strict=True):
         if clip.split == "train":
             goals = [chains[side][0].mark for side in ("left", "right")]
-            found.setdefault(clip.speaker, []).append(goals)
-    everybody = torch.tensor([goals for each in found.values() for goals in each]).median(0).values
+            first.setdefault(clip.speaker, []).append(goals)
+    everybody = torch.tensor([goals for each in first.values() for goals in each]).median(0).values
     table = everybody.repeat(shape.num_speakers, 1, 1)
-    for speaker, goals in found.items():
+    for speaker, goals in first.items():
         table[speaker] = torch.tensor(goals).median(0).values
     return table
 
@@ -80,14 +80,14 @@ class PlannedTask(MotionTask):
     config: PlannedConfig
 
     def __init__(self, config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> None:
-        self.plans = prepare_plans(data, config.network.num_speakers)
+        self.plans = load_plan_annotations(data, config.network.num_speakers)
         super().__init__(config, data, setup)
         self.statistics = {"kinds.names": self.plans.table.tensors()["kinds.names"]}
 
-    def untrained(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:
+    def make_network(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:
         return PlannedNetwork(config.network, prior)
 
     def extra_inputs(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
-        parts = self.plans.for_batch(batch, self.config.network.speech_context)
+        parts = self.plans.tracks_and_kinds(batch, self.config.network.speech_context)
         tracks, kinds = (draws.shard.of(part) for part in parts)
         return {"tracks": tracks, "kinds": kinds, "has_plan": draws.keep(self.config.plan_dropout)}

@@ -6,6 +6,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
 
 from renderer.figures import style
 from renderer.figures.figure6.contents import Figure6
@@ -123,7 +124,7 @@ def draw_path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     pitch = grid_pitch(contents)
     corner = np.array([limits[0, 1], limits[1, 0], limits[2, 0]])  # floor and walls meet here
 
-    def line(start: np.ndarray, along: int, **looks: Any) -> None:
+    def line(start: Float[np.ndarray, " 3"], along: int, **looks: Any) -> None:
         ends = np.stack([start, start])
         ends[:, along] = limits[along]
         axes.plot(*(ends @ PROJECTION).T, solid_capstyle="round", **looks)
@@ -189,7 +190,7 @@ def draw_tremor(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     strips[0].set_ylim(-(_LIFT + 1.2) * scale, (_LIFT + 1.2) * scale)
 
 
-def _peaks(values: np.ndarray, limit: float) -> list[int]:
+def _peaks(values: Float[np.ndarray, " T"], limit: float) -> list[int]:
     """Return the highest frame of each run of values beyond a limit."""
     runs = np.flatnonzero(np.diff(np.concatenate([[False], values > limit, [False]]).astype(int)))
     return [int(a + values[a:b].argmax()) for a, b in zip(runs[::2], runs[1::2], strict=True)]

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from renderer.figures import style
 from renderer.figures.figure6.contents import MIN_MARK_STRENGTH, Figure6
@@ -60,7 +61,7 @@ class Strips:
         pixels[~((pixels >= 0) & (pixels <= size)).all(axis=-1)] = np.nan
         pixels[..., 0] += (width + gap) * np.arange(len(starts))[:, None]
 
-        def joined(stack: np.ndarray) -> np.ndarray:
+        def joined(stack: UInt8[np.ndarray, "N H W C"]) -> np.ndarray:
             cut = [
                 p[y : y + height, x : x + width] for p, (x, y) in zip(stack, starts, strict=True)
             ]
@@ -97,12 +98,14 @@ def draw_snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, strips: 
         axes.set_xticks(middles, [str(number) for number in contents.snapshot_frames])
         axes.set_yticks([])
         if len(row.names) > 1:
-            axes.set_title(style.cut_text(name, style.LABEL_PT, 0.5 * contents.width_mm))
+            axes.set_title(style.truncate_text(name, style.LABEL_PT, 0.5 * contents.width_mm))
         values = np.asarray(contents.marks.values[name]) / contents.marks.full_scale
         _draw_marks(axes, strips.joints[name].reshape(-1, 2), values.ravel())
 
 
-def _draw_marks(axes: "Axes", joints: np.ndarray, values: np.ndarray) -> None:
+def _draw_marks(
+    axes: "Axes", joints: Float[np.ndarray, "J 2"], values: Float[np.ndarray, " J"]
+) -> None:
     """Draw dark discs with white rims, visible on any body; the strongest last, no faint ones."""
     strength = np.clip(np.nan_to_num(values), 0.0, 1.0)
     order = np.argsort(strength, kind="stable")

@@ -50,14 +50,14 @@ def test_wrong_arguments_exit_with_2_and_one_sentence(capsys):
         ("generate a.wav", "Missing: --out"),
         ("generate a.wav --out o --post-filter blur", "'blur'"),
         ("generate a.wav --out o --views top", "--views: no view 'top'; views are front, "),
-        ("generate a.wav --out o --seed 1.5", "--seed: '1.5' is no whole number."),
-        ("generate a.wav --out o --guidance x", "--guidance: 'x' is no number."),
+        ("generate a.wav --out o --seed 1.5", "--seed: '1.5' is not a whole number."),
+        ("generate a.wav --out o --guidance x", "--guidance: 'x' is not a number."),
         ("generate a.wav --out o --look clay", "'clay' is none of average-light, "),
         ("generate a.wav --out o --systems ,", "--systems: name at least one"),
         ("generate a.wav --out o --seeed 1", "There is no --seeed, 1; perhaps --seed is meant."),
         ("render a.npz", "--out"),
         ("render a.npz --out a.mp4 --size 254", "254 pixels; pictures have 256 to 1080"),
-        ("render a.npz --out a.mp4 --size big", "'big' is no number of pixels"),
+        ("render a.npz --out a.mp4 --size big", "'big' is not a number of pixels"),
         ("render a.npz --out a.png --background green", "'green'"),
         ("render a.npz --out a.mp4 --close-up feet", "no close-up 'feet'"),
         ("render a.npz --out a.mp4 --exaggerate 7", "'7' is none of 1, 5, 20"),
@@ -119,7 +119,7 @@ def test_generate_does_as_its_flags_say_tells_what_it_did_and_lists_its_files(
     }
     assert "8 channels" in said.err and "96,000 Hz" in said.err
     found = json.loads((out / "diagnostics.json").read_text())
-    assert found["joint"] == "left_wrist"
+    assert found["tracked_point"] == "left_wrist"
     assert found["words"] == [{"start_s": 0.1, "end_s": 0.4, "text": "hello", "confidence": 1.0}]
     assert found["words_origin"] == "given" and "phones" not in found
     provenance = json.loads((out / "provenance.json").read_text())
@@ -139,7 +139,7 @@ def test_bad_files_give_the_sentence_of_their_reader_and_nothing_else(
     for argv, words in (
         (generate(bad_wav, out, weights), "not a sound file"),
         (generate(speech, out, weights, "--reference", str(bad)), "pickled"),
-        (generate(speech, out, weights, "--transcript", str(speech)), "speech.wav is no text"),
+        (generate(speech, out, weights, "--transcript", str(speech)), "speech.wav is not text"),
         (["diagnose", str(bad), "--out", str(out)], "pickled"),
         (["render", str(bad), "--out", str(tmp_path / "out.mp4")], "pickled"),
     ):
@@ -306,7 +306,7 @@ def test_a_video_without_an_encoder_and_a_sheet_too_large_give_their_sentence(
     assert "--contact-sheet-every 3 or more" in told
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
     told = sentence_after([*argv, str(tmp_path / "a.mp4")], capsys)
-    assert "/nowhere/ffmpeg is no ffmpeg" in told
+    assert "/nowhere/ffmpeg is not an ffmpeg" in told
     assert [path.name for path in tmp_path.iterdir()] == [motion.name]
 
 

@@ -35,7 +35,7 @@ def test_what_was_understood_goes_through_every_form(z_up, tmp_path, capsys):
     assert printed.out.strip() == str(npz)
     assert "up z" in printed.err and "units cm" in printed.err and "hands mean" in printed.err
     with np.load(npz, allow_pickle=False) as arrays:
-        assumed = {each["what"]: each["value"] for each in json.loads(str(arrays["assumed"]))}
+        assumed = {each["kind"]: each["value"] for each in json.loads(str(arrays["assumptions"]))}
     assert (assumed["up"], assumed["units"], assumed["hands"]) == ("z", "cm", "mean")
     np.testing.assert_allclose(joints_of(load_motion(npz)), joints_of(MOTION), atol=1e-3)
     assert read_any_motion(npz).notes == ()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from app.findings.comparison import (
     Ratio,
     by_measure,
-    plain,
+    format_number,
     point_title,
     ratio_of,
     samples_by_system,
@@ -22,14 +22,14 @@ from app.findings.comparison import (
 from app.findings.measure_rows import (
     JERK,
     KEYS_OF_OLD_TITLES,
-    MEASURES,
+    METRICS,
     SPEED,
     TITLES,
+    incomparable_parts,
     numbers_of,
-    parts_apart,
 )
-from app.findings.sentences import sentences_of
-from app.findings.verdict import verdict_of
+from app.findings.sentences import figure_sentences
+from app.findings.verdict import make_verdict
 from app.run.examples import FIRST_MOTION, tremble
 from app.run.output.run_folder import read_run
 from app.run.pipeline import run
@@ -38,7 +38,7 @@ from conventions.names import SampleName, short_names
 from model.diagnostics import RawAndFiltered
 from model.faults.analysis import Finding
 from model.metrics.results import BeatMeasures
-from model.metrics.seams import Period
+from model.metrics.seams import JerkPeriod
 from model.metrics.tracked_point import JerkAttribution
 from model.motion.motion import load_motion, save_motion
 from tests.app.measured import both, diagnostics_of
@@ -57,7 +57,7 @@ def shares(*values: float) -> JerkAttribution:
 def told(plot: str, reference: Any = None, **systems: Any) -> str:
     """The sentence of a plot, of each system's numbers."""
     measured = {name: both(**numbers) for name, numbers in systems.items()}
-    return sentences_of(diagnostics_of(reference and both(**reference), **measured))[plot]
+    return figure_sentences(diagnostics_of(reference and both(**reference), **measured))[plot]
 
 
 def test_numbers_stand_beside_each_other_as_generated_and_smoothed() -> None:
@@ -66,7 +66,7 @@ def test_numbers_stand_beside_each_other_as_generated_and_smoothed() -> None:
         for raw, savgol in ((95.0, 50.0), (123.5, 60.0))
     )
     measured = diagnostics_of(two, **{"x/a": one, "x/b": two, "x/b.s2": one})
-    assert sentences_of(measured)["trajectory"] == (  # by their names on the page
+    assert figure_sentences(measured)["trajectory"] == (  # by their names on the page
         "Right middle fingertip jerk in m/s³: a 95, b 109; reference 124."
         " After Savitzky-Golay smoothing: a 50, b 55; reference 60."
     )
@@ -108,7 +108,7 @@ def test_joins_stand_out_where_a_finding_says_so_and_nowhere_else() -> None:
     ):
         findings = {"x/planned": found, "b": []}
         measured = replace(diagnostics_of(**systems), findings=findings)
-        said = sentences_of(measured)["seams"]
+        said = figure_sentences(measured)["seams"]
         assert "planned 2.1, b 1.0. Jerk that recurs significantly with" in said
         assert said.endswith(words)
         out = finding_records(findings)[-1].sentence
@@ -116,13 +116,13 @@ def test_joins_stand_out_where_a_finding_says_so_and_nowhere_else() -> None:
 
 
 def test_a_period_is_told_where_a_finding_tells_it() -> None:
-    period = Period(52, "pulses", "left arm", 3, 8, 4.0, 6.0, 1e-6, (3, 55))
+    period = JerkPeriod(52, "pulses", "left arm", 3, 8, 4.0, 6.0, 1e-6, (3, 55))
     measured = replace(diagnostics_of(a=both(period=period)), windows=None)
-    assert sentences_of(measured)["seams"].startswith("The jerk has no period")
-    lacking = replace(measured, lacks={"a": ["detail"]})
-    assert sentences_of(lacking)["seams"] == ""  # it could not be looked for
+    assert figure_sentences(measured)["seams"].startswith("The jerk has no period")
+    lacking = replace(measured, missing_parts={"a": ["detail"]})
+    assert figure_sentences(lacking)["seams"] == ""  # it could not be looked for
     found = replace(measured, findings={"a": [Finding("It repeats.", {}, kind="period")]})
-    assert "in a every 52 frames, most in the left arm" in sentences_of(found)["seams"]
+    assert "in a every 52 frames, most in the left arm" in figure_sentences(found)["seams"]
 
 
 def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict() -> None:
@@ -130,19 +130,19 @@ def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict
     numbers = {
         name: both(tip_jerk_m_s3=jerk) for name, jerk in (("a", 90.0), ("b", 14.0), ("c", 60.0))
     }
-    for lacks, is_left_out in (
+    for missing_parts, is_left_out in (
         ({"a": [], "b": ["detail"], "c": []}, True),
         ({"a": [], "b": ["place"], "c": []}, True),
         ({"a": ["detail"], "b": ["detail"], "c": ["detail"]}, False),
     ):
-        measured = replace(diagnostics_of(**numbers), lacks=lacks)
-        assert ("b 14" in sentences_of(measured)["trajectory"]) == (not is_left_out)
-        apart = parts_apart(measured.lacks)
+        measured = replace(diagnostics_of(**numbers), missing_parts=missing_parts)
+        assert ("b 14" in figure_sentences(measured)["trajectory"]) == (not is_left_out)
+        apart = incomparable_parts(measured.missing_parts)
         clip: Any = {
-            name: {"raw": numbers_of(each.raw, apart=apart[name])}
+            name: {"raw": numbers_of(each.raw, incomparable=apart[name])}
             for name, each in measured.systems.items()
         }
-        verdict = verdict_of("right_middle", [clip], is_made=False)
+        verdict = make_verdict("right_middle", [clip], is_generated=False)
         assert verdict is not None
         assert ("b 14" in verdict.numbers) == (not is_left_out)
         told = "From a, which has the most jerk, to c 33 % less. No jerk to compare: b."
@@ -154,18 +154,18 @@ def test_beat_align_is_there_with_its_chance_level_or_not_at_all() -> None:
     assert {key for key in whole if "align" in key} == {"beat_align", "beat_align_chance"}
     alone = replace(beating(0.71, 0.7).raw.beats, beat_align_chance=math.nan)
     assert not [key for key in numbers_of(replace(both().raw, beats=alone)) if "align" in key]
-    rows = {row.key: row for row in MEASURES}
-    assert rows["beat_align"].is_first == rows["beat_align_chance"].is_first
+    rows = {row.key: row for row in METRICS}
+    assert rows["beat_align"].is_primary == rows["beat_align_chance"].is_primary
 
 
 def test_every_metric_has_one_key_and_the_documents_list_it() -> None:
     documented = set(re.findall(r"`(\w+)`", (ROOT / "docs" / "formats.md").read_text()))
-    assert TITLES.keys() <= documented and len(TITLES) == len(MEASURES) + 5
+    assert TITLES.keys() <= documented and len(TITLES) == len(METRICS) + 5
     assert set(KEYS_OF_OLD_TITLES.values()) <= TITLES.keys()
 
 
 def test_missing_numbers_take_no_words() -> None:
-    assert set(sentences_of(diagnostics_of(a=both(), b=both())).values()) == {""}
+    assert set(figure_sentences(diagnostics_of(a=both(), b=both())).values()) == {""}
     half = told("trajectory", a={}, b={"tip_jerk_m_s3": 100.0})
     assert half.startswith("Right middle fingertip jerk in m/s³: b 100.")
 
@@ -175,7 +175,7 @@ def test_samples_are_compared_in_pairs_with_the_same_noise() -> None:
     above, below = ({n: factor * 10.0**n for n in range(1, 6)} for factor in (2.0, 1.0))
     ratio = ratio_of(above, below)
     assert ratio is not None
-    assert (ratio.num_samples, ratio.is_open) == (5, False)
+    assert (ratio.num_samples, ratio.includes_one) == (5, False)
     assert ratio.low == pytest.approx(2.0) and ratio.high == pytest.approx(2.0)
 
     assert ratio_of({1: 4.0}, {1: 2.0, 2: 2.0}) == Ratio(2.0)
@@ -184,7 +184,7 @@ def test_samples_are_compared_in_pairs_with_the_same_noise() -> None:
 
 def test_the_followed_point_is_named() -> None:
     elbow = replace(diagnostics_of(a=both(tip_jerk_m_s3=10.0)), point="right_elbow")
-    assert sentences_of(elbow)["trajectory"].startswith("Right elbow jerk in m/s³: a 10.")
+    assert figure_sentences(elbow)["trajectory"].startswith("Right elbow jerk in m/s³: a 10.")
     assert point_title("right_thumb") == "Right thumb tip"
     assert point_title("left_ring") == "Left ring fingertip"
     assert point_title("right_middle3") == "Right middle joint 3"
@@ -202,7 +202,7 @@ def test_samples_belong_to_their_system_only_where_it_is_there() -> None:
 def test_numbers_are_plain() -> None:
     told = {0.0: "0", 0.00621: "0.0062", 0.996: "1.0", 1.26: "1.3", 9.96: "10", 123.4: "123"}
     told |= {123456.0: "123456", -0.034: "-0.034", 9.7e-6: "under 0.001"}
-    assert {value: plain(value) for value in told} == told
+    assert {value: format_number(value) for value in told} == told
 
 
 def beating(score: float, highest: float) -> RawAndFiltered:
@@ -222,7 +222,7 @@ def test_only_beats_above_chance_are_told() -> None:
         ),
         ({"a": both()}, ""),
     ):
-        assert sentences_of(diagnostics_of(**systems))["beats"] == words
+        assert figure_sentences(diagnostics_of(**systems))["beats"] == words
 
 
 def clip_of(**values: float | None) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def clip_of(**values: float | None) -> dict[str, Any]:
 
 
 def said(**jerks: float):
-    return verdict_of("right_middle", [clip_of(**jerks)])
+    return make_verdict("right_middle", [clip_of(**jerks)])
 
 
 def test_the_verdict_goes_through_the_ladder() -> None:
@@ -301,7 +301,7 @@ def test_without_the_ladder_nothing_is_said_of_the_paper_and_without_jerk_nothin
     )
     alone = said(globaldiff_local=80)
     assert alone is not None and alone.judgement == ""
-    assert verdict_of("right_middle", [clip_of(globaldiff_local=None)]) is None
+    assert make_verdict("right_middle", [clip_of(globaldiff_local=None)]) is None
     # Names that two families share stay whole.
     assert short_names(["a/x", "b/x", "b/y"]) == {"a/x": "a/x", "b/x": "b/x", "b/y": "y"}
 
@@ -315,7 +315,7 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
     ]
     jerk = by_measure({name: of["raw"] for name, of in clip.items()} for clip in clips)[JERK]
     assert jerk["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
-    verdict = verdict_of("right_middle", clips)
+    verdict = make_verdict("right_middle", clips)
     assert verdict is not None and verdict.numbers == (
         "Right middle fingertip jerk in m/s³, mean over 3 clips: local 200, full 100; reference 50 "
         "(of 1 clip)."
@@ -324,9 +324,9 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
     assert f"Over 3 clips {words}: from local to full, which has" in verdict.judgement
     assert "rotations too, 50 % less (47 to 52 %)." in verdict.judgement
     assert "3 clips and one training of each: an example, not evidence." in verdict.judgement
-    many = verdict_of("right_middle", [clips[1]] * 10)
+    many = make_verdict("right_middle", [clips[1]] * 10)
     assert many is not None and "10 clips" in many.judgement and "example" not in many.judgement
-    assert verdict_of("right_middle", clips[1:3]) is None
+    assert make_verdict("right_middle", clips[1:3]) is None
 
 
 def test_full_is_said_to_jerk_more_than_global_where_it_clearly_does() -> None:
@@ -341,13 +341,13 @@ def test_calmer_than_the_reference_is_told_apart_from_moving_less() -> None:
         name: {"raw": {JERK: jerk, SPEED: speed}}
         for name, (jerk, speed) in {**moved, "reference": (100.0, 1.0)}.items()
     }
-    verdict = verdict_of("right_middle", [clip])
+    verdict = make_verdict("right_middle", [clip])
     assert verdict is not None and (
         "Less jerk than the reference: slow (0.60 times its jerk at 0.30 times its speed: less "
         "movement, possibly over-smoothed) and smooth (0.40 times its jerk at 1.1 times its speed: "
         "smooth, not over-smoothed). One clip" in verdict.judgement
     )
-    alone = verdict_of("right_middle", [{name: clip[name] for name in ("a/slow", "reference")}])
+    alone = make_verdict("right_middle", [{name: clip[name] for name in ("a/slow", "reference")}])
     assert alone is not None and alone.judgement.startswith("Less jerk than the reference: slow (")
 
 
@@ -360,11 +360,11 @@ def test_in_what_the_claimed_system_is_worse_beyond_chance_is_told() -> None:
         }
         for more in (3.0, 5.0)
     ]
-    verdict = verdict_of("right_middle", clips)
+    verdict = make_verdict("right_middle", clips)
     words = "Global is worse than local in foot sliding (4.0 against 2.0 cm/s). 2 clips and"
     assert verdict is not None and words in verdict.judgement
     clips[0]["globaldiff/global"]["raw"][slide] = 1.9
-    verdict = verdict_of("right_middle", clips)
+    verdict = make_verdict("right_middle", clips)
     assert verdict is not None and "worse" not in verdict.judgement
 
 
@@ -422,7 +422,7 @@ def test_no_words_of_a_verdict_contradict_its_numbers(
                 of |= {} if speed is None else {SPEED: speed}
                 clip[str(SampleName(name, number))] = {"raw": of}
         clips.append(clip)
-    verdict = verdict_of("right_middle", clips)
+    verdict = make_verdict("right_middle", clips)
     if verdict is None:
         return
     said = verdict.judgement

@@ -19,13 +19,13 @@ from app.live import session as limits
 from app.live import session_process as module
 from app.live import sessions as sounds
 from app.live.session import (
-    KEPT_FRAMES,
+    MAX_RECORDED_FRAMES,
     LiveSession,
     RecordingBuffer,
     check_live,
-    performed,
+    merge_plans,
     planned_events_json,
-    why_less,
+    shortening_note,
 )
 from app.live.session_process import SessionScheduler, live_options
 from app.live.sessions import MAX_SOUND_BYTES, AudioGuard, LiveSessions, decode_audio
@@ -35,7 +35,7 @@ from app.run.requests.parts import SamplingOptions
 from model.generation.live import LiveMotion
 from model.generation.windows import GenerateOptions
 from model.motion.motion import load_motion
-from model.plan.plan import PHASES, Blink, Gaze, GesturePlan, HandPhase, Nod, Stand, StreamedPlan
+from model.plan.plan import PHASES, Blink, Gaze, GesturePlan, HandPhase, Nod, Stance, StreamedPlan
 from model.plan.style import LiveStyle
 from model.sampling.samplers import UnknownNameError
 from model.speech.features import CausalMel
@@ -89,7 +89,7 @@ def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) 
     for block in sound(seconds, size):
         clock.now += len(block) / 32_000
         session.add_audio(decode_audio(block))
-        while session.has_work:
+        while session.is_due:
             session.work()
 
 
@@ -134,7 +134,7 @@ def test_frames_follow_the_speech_as_the_model_makes_them_and_can_be_kept(
 
 
 def test_memory_does_not_grow(session, clock, monkeypatch):
-    monkeypatch.setattr("app.live.session.KEPT_FRAMES", 60)
+    monkeypatch.setattr("app.live.session.MAX_RECORDED_FRAMES", 60)
 
     def held() -> int:
         return len(session.minute) + len(session._features._sound) + len(session._live._speech)
@@ -203,11 +203,13 @@ def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
     speak(session, clock, 3.0)
     minute = session.minute.recording()
     made_s = minute.motion.num_frames / 30
-    assert why_less(minute, made_s + 1.9) == ""
-    told = why_less(minute, made_s + 2.5)
+    assert shortening_note(minute, made_s + 1.9) == ""
+    told = shortening_note(minute, made_s + 2.5)
     assert told.startswith(f"{made_s:.1f} s were saved. The last 2.5 s of speech had no motion yet")
     later = replace(minute, first_frame=45)
-    assert why_less(later, made_s).startswith(f"Only the last {made_s:.0f} s are stored; the 1.5 s")
+    assert shortening_note(later, made_s).startswith(
+        f"Only the last {made_s:.0f} s are stored; the 1.5 s"
+    )
 
 
 def test_what_asks_for_nothing_is_refused(weights, told):
@@ -234,7 +236,7 @@ def test_sound_is_read_as_it_was_written_and_other_bytes_are_refused():
 
 def test_frames_can_be_read_back_as_the_format_says():
     motion = smooth_motion_example(7)
-    message = frames_message(120, motion, made_ms=61.5, waited_ms=3.0, visitors=2)
+    message = frames_message(120, motion, generation_ms=61.5, waited_ms=3.0, visitors=2)
     assert HEADER.unpack_from(message) == (120, 7, NUM_FACES, 61.5, 3.0, 2, 0)
     at = HEADER.size
     assert at == 20
@@ -331,7 +333,7 @@ def test_what_is_kept_is_the_last_minute_with_its_own_sound_and_little_more_is_h
     minute = spoken(motion, seconds)
     end = minute.frames
     kept = minute.recording()
-    first = max(0, end - KEPT_FRAMES)
+    first = max(0, end - MAX_RECORDED_FRAMES)
     assert kept.first_frame == first and kept.motion.num_frames == end - first
     np.testing.assert_array_equal(kept.motion.poses, motion.poses[first:end])
     start = round(first * 16_000 / 30)
@@ -340,7 +342,7 @@ def test_what_is_kept_is_the_last_minute_with_its_own_sound_and_little_more_is_h
     moved = kept.motion.trans - motion.trans[first:end]
     np.testing.assert_allclose(moved - moved[:1], 0, atol=1e-6)
     assert (kept.motion.trans[0, [0, 2]] == 0).all() and abs(moved[0, 1]) == 0
-    assert len(minute) < 16_000 * 63 + KEPT_FRAMES + 13
+    assert len(minute) < 16_000 * 63 + MAX_RECORDED_FRAMES + 13
 
 
 def test_too_little_is_told(motion):
@@ -370,18 +372,18 @@ def test_each_plan_takes_the_place_of_the_one_before_from_its_first_frame_on():
         (0, ahead(-90, rest, preparation, nods=(Nod(4.0, 5.0),))),
         (9, ahead(-60, *then)),
     ]
-    plan = performed(plans, 0, 45)
+    plan = merge_plans(plans, 0, 45)
     assert plan.duration_s == 1.5 and not plan.nods, "the nod was planned otherwise later"
     assert phases_of(plan) == [("rest", 0.0, 0.8), ("preparation", 0.8, 1.2), ("stroke", 1.2, 1.5)]
     plans.append((40, ahead(-30, phase(2.2, 2.9, "stroke"), blinks=(Blink(2.5),))))
-    assert phases_of(performed(plans, 0, 60))[2:] == [("stroke", 1.2, 1.9)]
-    assert [one.time_s for one in performed(plans, 30, 30).blinks] == [pytest.approx(0.5)]
+    assert phases_of(merge_plans(plans, 0, 60))[2:] == [("stroke", 1.2, 1.9)]
+    assert [one.time_s for one in merge_plans(plans, 30, 30).blinks] == [pytest.approx(0.5)]
 
 
 def test_what_went_on_before_the_minute_begins_with_it():
-    spans = {"looks": (Gaze(0.0, 4.0, 5.0, 0.0),), "stands": (Stand(1.0, 9.0, "left"),)}
+    spans = {"looks": (Gaze(0.0, 4.0, 5.0, 0.0),), "stands": (Stance(1.0, 9.0, "left"),)}
     plans = [(0, ahead(0, phase(0.0, 2.0, "rest"), phase(2.0, 6.0, "hold"), **spans))]
-    plan = performed(plans, 30, 90)
+    plan = merge_plans(plans, 30, 90)
     assert phases_of(plan) == [("rest", 0.0, 1.0), ("hold", 1.0, 3.0)]
     assert [(one.start_s, one.end_s) for one in plan.looks] == [(0.0, 3.0)]
 

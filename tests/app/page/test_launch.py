@@ -271,7 +271,10 @@ def test_changes_that_do_not_fit_a_gradio_are_logged_and_the_page_is_served_with
 
 def test_the_queue_is_bounded_and_a_page_at_rest_seldom_looks_who_waits(served):
     waiting = served.app.get_blocks()._queue
-    assert (waiting.max_waiting, waiting.default_concurrency_limit) == (AppConfig().max_waiting, 1)
+    assert (waiting.max_queue_size, waiting.default_concurrency_limit) == (
+        AppConfig().max_queue_size,
+        1,
+    )
     assert waiting.sleep_when_free >= 0.01
 
 

@@ -189,7 +189,7 @@ def test_joins_for_which_nobody_listens_shut_nobody_out_and_are_dropped(page):
 
 
 def test_few_wait_from_one_address(page):
-    page.turns.max_waiting = 32
+    page.turns.max_queue_size = 32
     with page.asked("a"):
         wait_for(first_of(page, 1))
         for number in range(MAX_OF_ADDRESS):

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from app import text
-from app.errors import Cancelled, FaultElsewhere, RunError, sentence_of, visitor_sentence
+from app.errors import Cancelled, RunError, WorkerError, message_for_user, visitor_message
 from app.page.worker import Limits, Worker
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from processes import exit_report
@@ -39,10 +39,10 @@ def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_f
     first = pid_of(worker)
     with pytest.raises(RunError, match=r"^It is no <good>\.$"):
         worker.do(ends.say_no, "")
-    with pytest.raises(FaultElsewhere, match="Traceback") as fault:
+    with pytest.raises(WorkerError, match="Traceback") as fault:
         worker.do(ends.fail, "")
     assert worker.do(ends.carry_on, "said") == "said" and pid_of(worker) == first
-    assert sentence_of(fault.value) is None
+    assert message_for_user(fault.value) is None
 
 
 def test_a_process_that_has_grown_is_replaced_after_a_task_that_failed_too(worker, monkeypatch):
@@ -63,13 +63,13 @@ def test_a_full_disk_is_told_to_visitors_as_such_and_to_the_command_line_with_it
     ):
         with pytest.raises(RunError, match=words) as full:
             worker.do(task, tmp_path)
-        assert visitor_sentence(full.value) == text.DISK_FULL
+        assert visitor_message(full.value) == text.DISK_FULL
 
 
 def test_a_visitor_is_told_a_number_of_a_fault_and_the_log_where_it_was(worker, caplog):
-    with pytest.raises(FaultElsewhere) as fault:
+    with pytest.raises(WorkerError) as fault:
         worker.do(ends.fail, "")
-    sentence = visitor_sentence(fault.value)
+    sentence = visitor_message(fault.value)
     assert "Traceback" not in sentence and "somebody" not in sentence and "\n" not in sentence
     (logged,) = caplog.messages
     assert logged.split()[-1] in sentence

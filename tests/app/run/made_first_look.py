@@ -18,7 +18,7 @@ from conventions.rates import SAMPLE_RATE
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import EMPTY_TRANSCRIPT
-from model.systems.globaldiff.config import BEST
+from model.systems.globaldiff.config import PRIORFLOW
 from tests.app.requests import generate_request
 
 LOOK_S = 6.7
@@ -34,10 +34,10 @@ def make_first_look(out: Path) -> None:
         write_wav(beginning, waveform[: round(SAMPLE_RATE * LOOK_S)])
         speech = load_speech(beginning)
         ask = generate_request(
-            speech=beginning, out=Path(temporary, "run"), systems=(BEST,), has_figures=False
+            speech=beginning, out=Path(temporary, "run"), systems=(PRIORFLOW,), has_figures=False
         )
         result = generate(ask)
-        motion = load_motion(result.out / f"{file_stem(BEST)}.npz")
+        motion = load_motion(result.out / f"{file_stem(PRIORFLOW)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions = {FIRST_MOTION.stem: motion}
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)

@@ -16,7 +16,14 @@ from app.run.bodies import TrackedPoint, body_motion
 from app.run.callbacks import RunStage
 from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
 from app.run.display import Display
-from app.run.examples import CLEAN, FAULTY, TWO_MINUTES, faulty_example_files, tremble, with_faults
+from app.run.examples import (
+    CLEAN,
+    FAULTY,
+    TWO_MINUTES,
+    inject_faults,
+    tremble,
+    write_faulty_example,
+)
 from app.run.imported_motions import protocol_inputs
 from app.run.output.provenance import motion_labels
 from app.run.output.result_folder import ResultFolder
@@ -82,7 +89,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
 
     told = json.loads((request.output.out / "diagnostics.json").read_text())
     raw = told["systems"]["clip"]["raw"]
-    assert (told["joint"], told["tip"]) == ("left_wrist", None)
+    assert (told["tracked_point"], told["fingertip"]) == ("left_wrist", None)
     assert len(raw["local_rotation_error_deg"]) == 55
     assert raw["beat_align"] is raw["beat_align_chance"] is None  # no onset is 2 s from the ends
     assert told["words_origin"] == "aligned"  # a text is better than none
@@ -158,7 +165,7 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
     without_speech = refusal("--transcript", str(text))
     assert without_speech == refusal("--words", "recognise")
     assert "add it (--speech), or give a TextGrid" in without_speech
-    assert "no TextGrid" in refusal("--transcript", str(grid))
+    assert "not a TextGrid" in refusal("--transcript", str(grid))
     assert "words.txt" in refusal("--speech", str(text))
     assert "also give --speech" in refusal("--mean-speeds", "speeds.npy")
     assert "--window" in refusal("--overlap", "4")
@@ -359,7 +366,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_every_planted_fault_is_found(tmp_path: Path) -> None:
-    path, reference, speech, transcript = faulty_example_files(tmp_path)
+    path, reference, speech, transcript = write_faulty_example(tmp_path)
     request = diagnose_request(
         motions=(Path(path),),
         out=tmp_path / "out",
@@ -387,7 +394,7 @@ def test_every_planted_fault_is_found(tmp_path: Path) -> None:
 
 def test_faults_are_planted_in_their_seconds_alone() -> None:
     clean = load_motion(TWO_MINUTES)
-    faulty = with_faults(clean)
+    faulty = inject_faults(clean)
     is_changed = (faulty.poses != clean.poses).any(1) | (faulty.trans != clean.trans).any(1)
     assert not is_changed[: 4 * 30].any() and not is_changed[114 * 30 :].any()
     assert is_changed[4 * 30 : 114 * 30].mean() > 0.95, "sliding feet stand for a moment"
@@ -424,14 +431,14 @@ def test_assumptions_are_told_counted_apart_and_overruled(tmp_path: Path) -> Non
     said = " ".join(run(asked).notes)
     told = json.loads((asked.output.out / "diagnostics.json").read_text())
     assumed = {
-        name: {each["what"]: (each["value"], each["sure"]) for each in found}
-        for name, found in told["assumed"].items()
+        name: {each["kind"]: (each["value"], each["confidence"]) for each in found}
+        for name, found in told["assumptions"].items()
     }
     assert assumed["theirs"]["up"] == ("z", "sure")
-    assert assumed["theirs"]["rate"] == ("25", "told")
+    assert assumed["theirs"]["rate"] == ("25", "user")
     assert assumed["reference"]["rate"] == ("30", "unsure")  # of the motions alone
-    assert assumed["reference"]["units"] == ("m", "told")
-    assert told["lacks"] == {"theirs": ["detail", "face", "hands"], "reference": ["face"]}
+    assert assumed["reference"]["units"] == ("m", "user")
+    assert told["missing_parts"] == {"theirs": ["detail", "face", "hands"], "reference": ["face"]}
     kinds = {each["kind"] for each in told["findings"]["theirs"]}
     assert not kinds & {"frozen_hand", "finger_range", "still_face", "jerk", "high_frequency"}
     assert told["notes"][0].startswith("The motions differ in frame rate")

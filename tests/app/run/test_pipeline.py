@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.errors import Cancelled, RunError, sentence_of
+from app.errors import Cancelled, RunError, message_for_user
 from app.findings.measure_rows import JERK
 from app.run.bodies import root_transform_of
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
@@ -264,7 +264,7 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
         request = ask(**{"speech": short, **changes})
         with pytest.raises(Exception, match=words) as caught:
             run(request)
-        assert sentence_of(caught.value) == str(caught.value)
+        assert message_for_user(caught.value) == str(caught.value)
         assert not request.output.out.exists()
 
 

@@ -136,7 +136,7 @@ def test_a_plan_from_a_file_takes_its_place(plan):
         done(plan, {"do": "plan", "name": "x.json", "text": short.as_json()})
     with pytest.raises(PlanError, match=r"ends in '.exe'; a plan is written as .json"):
         done(plan, {"do": "plan", "name": "x.exe", "text": ""})
-    with pytest.raises(PlanError, match="no plan of format"):
+    with pytest.raises(PlanError, match="not a plan of format"):
         done(plan, {"do": "plan", "name": "../../x.json", "text": "[1]"})
 
 

@@ -64,7 +64,7 @@ def test_plans_and_styles_that_nobody_performs_or_reads_are_refused(
         with pytest.raises(RunError, match=words):
             run(replace_fields(asked, systems=(WORLD,), **changes))
     plan.write_text("[]")
-    with pytest.raises(PlanError, match="is no plan of format 1"):
+    with pytest.raises(PlanError, match="is not a plan of format 1"):
         run(replace_fields(asked, plan=plan))
     assert not asked.output.out.exists()
 

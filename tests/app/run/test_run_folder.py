@@ -31,7 +31,7 @@ from app.run.output.run_folder import (
 from app.run.pipeline import record_of, run
 from app.run.run_writer import finding_records, open_run_writer
 from app.run.timeline import read_transcript_of_run
-from model.faults.analysis import WRONG, Finding
+from model.faults.analysis import IMPOSSIBLE, Finding
 from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import Interval
 from model.plan.files import read_plan_file
@@ -223,10 +223,10 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
 
 def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_once():
     findings = {
-        "a": [Finding("It jumps.", {}, "rare", kind="seam", excess=3.0, worst_frame=45)],
+        "a": [Finding("It jumps.", {}, "rare", kind="seam", limit_ratio=3.0, worst_frame=45)],
         "b": [
-            Finding("A hand is in the chest.", {}, kind="through", gravity=WRONG),
-            Finding("It trembles.", {}, "rare", kind="noise", excess=9.0),
+            Finding("A hand is in the chest.", {}, kind="through", severity=IMPOSSIBLE),
+            Finding("It trembles.", {}, "rare", kind="noise", limit_ratio=9.0),
         ],
     }
     told = [(each.name, each.sentence, each.at) for each in finding_records(findings)]

@@ -137,9 +137,9 @@ def test_no_two_of_them_overlap_and_a_short_clip_is_all_of_one():
     assert worst_seconds({"a": point(3)}) == worst_seconds({}) == []
 
 
-def found(kind: str, excess: float, at: int) -> Finding:
+def found(kind: str, limit_ratio: float, at: int) -> Finding:
     numbers = {"joint": "left_elbow", "snap_deg": 132.0}
-    return Finding("It.", numbers, excess=excess, worst_frame=at, kind=kind)
+    return Finding("It.", numbers, limit_ratio=limit_ratio, worst_frame=at, kind=kind)
 
 
 def test_a_snap_is_the_worst_second_where_it_is_the_gravest_finding_and_else_among_them():

@@ -18,8 +18,8 @@ from app.study.design.key import (
     Video,
     write_key,
 )
-from app.study.simulate import RaterModel, made_answers
-from app.study.statistics.answers import Participant, fitting
+from app.study.simulate import RaterModel, simulate_answers
+from app.study.statistics.answers import Participant, valid_answers
 from model.storage.json_validation import parse_json
 
 SYSTEMS = ("local", "global", "rival")
@@ -81,7 +81,7 @@ def made_files(
 ) -> list[dict[str, Any]]:
     """What so many raters of known strengths send."""
     rng = np.random.default_rng(seed)
-    return list(made_answers(key, STRENGTHS, count, model or RaterModel(lapse=0), rng))
+    return list(simulate_answers(key, STRENGTHS, count, model or RaterModel(lapse=0), rng))
 
 
 def made_participants(
@@ -90,7 +90,7 @@ def made_participants(
     """The same, read."""
     files = made_files(key, count, model, seed)
     sent = [parse_json(json.dumps(content), Participant) for content in files]
-    return [fitting(replace(one, source="made.json"), key)[0] for one in sent]
+    return [valid_answers(replace(one, source="made.json"), key)[0] for one in sent]
 
 
 def made_votes(

@@ -13,7 +13,7 @@ from app.study.design.key import read_key, write_key
 from app.study.design.plan import read_plan
 from app.study.export import export_study
 from app.study.make.bundle import DATA, DATA_START
-from app.study.make.media import set_time
+from app.study.make.media import set_fixed_mtime
 from app.study.make.workspace import Workspace
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
@@ -121,7 +121,7 @@ def accept_video(workspace: Workspace, video: Path) -> None:
     key = read_key(workspace.key)
     changed = replace(key.videos[video.stem], sha256=file_sha256(video))
     write_key(replace(key, videos={**key.videos, video.stem: changed}), workspace.key)
-    set_time(video)
+    set_fixed_mtime(video)
 
 
 def rename_videos(workspace: Workspace, names: dict[str, str]) -> None:
@@ -133,8 +133,8 @@ def rename_videos(workspace: Workspace, names: dict[str, str]) -> None:
         text, data = text.replace(old, new), data.replace(old, new)
     workspace.key.write_text(text)
     (workspace.bundle / DATA).write_text(data)
-    set_time(workspace.bundle / DATA)
-    set_time(workspace.media)
+    set_fixed_mtime(workspace.bundle / DATA)
+    set_fixed_mtime(workspace.media)
 
 
 def change_data(workspace: Workspace, change: Callable[[dict], None]) -> None:
@@ -143,7 +143,7 @@ def change_data(workspace: Workspace, change: Callable[[dict], None]) -> None:
     data = json.loads(path.read_text().removeprefix(DATA_START).rstrip().removesuffix(";"))
     change(data)
     path.write_text(f"{DATA_START}{json.dumps(data)};\n")
-    set_time(path)
+    set_fixed_mtime(path)
 
 
 def ffmpeg(*arguments: str) -> None:

@@ -11,22 +11,22 @@ from app.errors import RunError
 from app.study.design import blinding
 from app.study.design.blinding import (
     make_key,
+    order_leaks,
     order_probability,
-    order_tells,
-    stimuli_of,
-    value_tells,
+    stimulus_ids,
+    value_leaks,
 )
 from app.study.design.key import Stimulus
 from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import (
     ANSWER_S,
-    BEFORE_S,
+    INTRO_S,
     Design,
     Page,
     is_first_left,
     make_design,
     measure_balance,
-    size_of,
+    study_size,
     williams_square,
 )
 from tests.app.study.made_study import write_plan
@@ -185,7 +185,7 @@ def test_names_are_drawn_anew_and_a_key_gives_them_back(tmp_path):
         plan, design = design_of(tmp_path, protocol, participants=5)
         key, other = make_key(plan, design), make_key(plan, design)
         assert not key.videos.keys() & other.videos.keys()
-        assert set(stimuli_of(key)) == set(design.stimuli) and len(key.lists) == 5
+        assert set(stimulus_ids(key)) == set(design.stimuli) and len(key.lists) == 5
         assert [t.kind for t in key.trials.values()] == [t.kind for t in design.trials]
 
 
@@ -199,9 +199,9 @@ def test_names_that_would_tell_the_system_by_their_order_are_drawn_again(tmp_pat
         "_distinct",
         lambda count, size: first.pop() if size == 8 and first else distinct(count, size),
     )
-    names = stimuli_of(make_key(plan, design))
-    assert order_tells(dict(zip(design.stimuli, telling, strict=True))) and not first
-    assert not set(names.values()) & set(telling) and not order_tells(names)
+    names = stimulus_ids(make_key(plan, design))
+    assert order_leaks(dict(zip(design.stimuli, telling, strict=True))) and not first
+    assert not set(names.values()) & set(telling) and not order_leaks(names)
 
 
 def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
@@ -213,12 +213,12 @@ def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
         ("rating", 3, 4, "30 ratings for each system"),
     ]:
         settings = "attention_checks = 0\nlength_s = 6"
-        found = size_of(*design_of(tmp_path, protocol, settings, participants=10))
-        minutes = math.ceil((BEFORE_S + pages * (shown * 6 + ANSWER_S)) / 60)
+        found = study_size(*design_of(tmp_path, protocol, settings, participants=10))
+        minutes = math.ceil((INTRO_S + pages * (shown * 6 + ANSWER_S)) / 60)
         sentence = f"{minutes} minutes and {pages} pages for each participant; {votes} if all"
         assert found == (minutes, f"About {sentence} finish.")
     one = "attention_checks = 0\ntrials_per_participant = 1"
-    _, sentence = size_of(*design_of(tmp_path, "pairwise", one, participants=1))
+    _, sentence = study_size(*design_of(tmp_path, "pairwise", one, participants=1))
     assert " 1 page for each participant; 0 to 1 vote for each pair of systems if" in sentence
 
 
@@ -238,5 +238,5 @@ def test_an_order_by_match_is_seen_even_when_systems_are_mixed():
         for clip, wrong in (("1", "2"), ("2", "3"), ("3", "4"), ("4", "1"))
         for speech in (clip, wrong)
     }
-    (tell,) = value_tells(values, "size")
+    (tell,) = value_leaks(values, "size")
     assert "matched from mismatched" in tell

@@ -14,7 +14,7 @@ import pytest
 from app.commands.cli import main
 from app.errors import Cancelled, RunError
 from app.run.callbacks import RunCallbacks
-from app.study.design.blinding import NOT_MADE
+from app.study.design.blinding import NOT_RENDERED
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import Plan, read_plan
 from app.study.export import export_study
@@ -115,14 +115,14 @@ def test_a_killed_export_keeps_its_key_and_ends_as_one_that_was_not(inputs, tmp_
     with pytest.raises(Killed):
         export_study(plan, out, draw=kill_at(4))
     made = [video.sha256 for video in read_key(Workspace(out).key).videos.values()]
-    assert sum(digest != NOT_MADE for digest in made) == 2
+    assert sum(digest != NOT_RENDERED for digest in made) == 2
     (out / "participant_bundle" / "media" / ".0123.part.mp4").write_bytes(b"half")
     study = export_study(plan, out, draw=draw_noise)
     key = read_key(study.key)
     assert (key.videos.keys(), list(key.trials)) == (first.videos.keys(), list(first.trials))
     other = Workspace(tmp_path / "b")
     other.private.mkdir(parents=True)
-    blank = {name: replace(video, sha256=NOT_MADE) for name, video in key.videos.items()}
+    blank = {name: replace(video, sha256=NOT_RENDERED) for name, video in key.videos.items()}
     write_key(replace(key, videos=blank), other.key)  # keys are drawn: it gets that of the first
     export_study(plan, tmp_path / "b", draw=draw_noise)
     assert tree(other.bundle) == tree(study.bundle)

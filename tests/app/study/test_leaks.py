@@ -59,7 +59,7 @@ def _title(study: Workspace) -> None:
     change_data(study, lambda data: data.update(title="Globalnet against the rest"))
     index = study.bundle / INDEX
     index.write_text(index.read_text().replace("Which moves better?", "Globalnet against the rest"))
-    media.set_time(index)
+    media.set_fixed_mtime(index)
 
 
 def _always_left(study: Workspace) -> None:
@@ -75,13 +75,13 @@ def _always_left(study: Workspace) -> None:
 def _script(study: Workspace) -> None:
     path = study.bundle / "study.js"
     path.write_text(path.read_text() + "// globalnet first\n")
-    media.set_time(path)
+    media.set_fixed_mtime(path)
 
 
 def _key_in_bundle(study: Workspace) -> None:
     shutil.copy(study.key, study.bundle / "key.json")
-    media.set_time(study.bundle / "key.json")
-    media.set_time(study.bundle)
+    media.set_fixed_mtime(study.bundle / "key.json")
+    media.set_fixed_mtime(study.bundle)
 
 
 def _slightly_larger_files(study: Workspace) -> None:
@@ -103,7 +103,7 @@ def put_stream(study: Workspace, clip: str, frames: list[list[bytes]]) -> None:
     """In the place of the picture of one video, in a file of the old size."""
     video, stream = video_of(study, "localnet", clip), study.private / "changed.h264"
     size = video.stat().st_size
-    stream.write_bytes(media.joined(frames))
+    stream.write_bytes(media.join_units(frames))
     media.join(stream, None, video)
     missing = size - video.stat().st_size
     if missing < 8:
@@ -261,7 +261,7 @@ def test_a_damaged_unfinished_or_missing_study_gives_a_sentence(silent_study, tm
         check_study(tmp_path)
     study = copy_study(silent_study, tmp_path / "study")
     (study.bundle / DATA).write_text("window.STUDY = {")
-    media.set_time(study.bundle / DATA)
+    media.set_fixed_mtime(study.bundle / DATA)
     with pytest.raises(RunError, match="is not what the export wrote"):
         check_study(tmp_path / "study")
     digest = next(iter(read_key(study.key).videos.values())).sha256

@@ -17,7 +17,7 @@ from app.study.design.plan import Clip, Condition, Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.make import media
 from app.study.make.bundle import genea_tables
-from app.study.make.motions import Source, read_sources, shown_motions
+from app.study.make.motions import Source, read_sources, stimulus_motions
 from model.generation.windows import GenerateOptions, generate_motion
 from model.plan.editing import Gesture, add_gesture, delete_gesture
 from model.plan.files import read_plan_file, write_plan_file
@@ -40,11 +40,11 @@ def encoded(drawn: list[Path], folder: Path, track: Path | None = None) -> list[
     streams = [folder / f"{source.stem}.h264" for source in drawn]
     for source, stream in zip(drawn, streams, strict=True):
         media.encode_picture(source, stream, 128)
-    media.fill_alike(streams)
+    media.equalise_frame_sizes(streams)
     videos = [stream.with_suffix(".mp4") for stream in streams]
     for stream, video in zip(streams, videos, strict=True):
         media.join(stream, track, video)
-    media.pad_alike(videos)
+    media.pad_to_equal_size(videos)
     return videos
 
 
@@ -132,7 +132,7 @@ def test_frames_are_filled_to_any_size(tmp_path):
             units = [b"\x67" + b"s" * 9, b"\x65" + b"x" * size, b"\x41" + b"y" * (5000 - size)]
             path.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
         own = [media.num_picture_bytes(path.read_bytes()) for path in paths]
-        media.fill_alike(paths)
+        media.equalise_frame_sizes(paths)
         frames = [media.frames_of(path.read_bytes()) for path in paths]
         found = {tuple(sum(4 + len(unit) for unit in units) for units in each) for each in frames}
         assert len(found) == 1
@@ -144,11 +144,11 @@ def test_padding_reaches_any_size(tmp_path):
         paths = [tmp_path / f"{i}.mp4" for i in range(len(sizes))]
         for path, size in zip(paths, sizes, strict=True):
             path.write_bytes(b"x" * size)
-        media.pad_alike(paths)
+        media.pad_to_equal_size(paths)
         assert len({path.stat().st_size for path in paths}) == 1
         for path, size in zip(paths, sizes, strict=True):
             assert path.read_bytes().startswith(b"x" * size)
-        with pytest.raises(RunError, match=r"0\.mp4 is no whole mp4 file"):
+        with pytest.raises(RunError, match=r"0\.mp4 is not a whole mp4 file"):
             media.read_mp4(paths[0])
 
 
@@ -163,7 +163,7 @@ def test_two_clips_move_differently_though_they_hold_the_same_speech(weights):
     plan = Plan("t", "pairwise", 2, (clip,), systems)
     source = Source(clip, 70, speech, {}, {})
     poses = [
-        shown_motions(plan, each, weights, None, lambda: False)["few"].poses
+        stimulus_motions(plan, each, weights, None, lambda: False)["few"].poses
         for each in (source, source, replace(source, clip=replace(clip, name="park")))
     ]
     assert np.array_equal(poses[0], poses[1])
@@ -201,7 +201,7 @@ def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_
     )
     assert source.plans == {"given": given, "none of it": given}
     assert source.files["plan of given"] == source.files["plan of none of it"]
-    made = shown_motions(plan, source, planned_weights, None, lambda: False)
+    made = stimulus_motions(plan, source, planned_weights, None, lambda: False)
     empty = delete_gesture(given, Gesture("right", 1.5)).plan
     expected = (
         expected_poses(planned_weights, source, given),

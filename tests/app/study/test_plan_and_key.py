@@ -111,14 +111,14 @@ BAD_PLANS = [
     ('name = "theirs"', 'name = "a, b"', "no comma or =; 'a, b' is none"),
     ("theirs/{clip}.npz", "theirs/one.npz", "motion must hold {clip}"),
     ('"theirs/{clip}.npz"', '{ two = "x.npz" }', "has no motion for the clip 'one'"),
-    ('"theirs/{clip}.npz"', '{ one = "x", two = "y" }', "'two', which is no clip"),
+    ('"theirs/{clip}.npz"', '{ one = "x", two = "y" }', "'two', which is not a clip"),
     ('{clip}.npz"', '{clip}.npz"\nseed = 1', "has `motion`, so it cannot have `seed`"),
     ('[[systems]]\nname = "globaldiff/local"\n', "", "compares at least 2 systems"),
-    ("[[clips]]", "[[clips", "is no TOML file"),
+    ("[[clips]]", "[[clips", "is not a TOML file"),
     (PEOPLE, f"{PEOPLE}\nlength_s = {'9' * 400}", "`length_s` cannot be 999"),
-    (PEOPLE, f"{PEOPLE}\nseed = {'9' * 5000}", "is no TOML file: Exceeds the limit"),
-    (PEOPLE, f"{PEOPLE}\nviews = {'[' * 4000}{']' * 4000}", "is no TOML file: tables or arrays"),
-    (PEOPLE, f"{PEOPLE}\n{'a.' * 50_000}b = 1", "is no TOML file: a key has more than 32 parts"),
+    (PEOPLE, f"{PEOPLE}\nseed = {'9' * 5000}", "is not a TOML file: Exceeds the limit"),
+    (PEOPLE, f"{PEOPLE}\nviews = {'[' * 4000}{']' * 4000}", "is not a TOML file: tables or arrays"),
+    (PEOPLE, f"{PEOPLE}\n{'a.' * 50_000}b = 1", "is not a TOML file: a key has more than 32 parts"),
     (PEOPLE, f"{PEOPLE}\n#{'a' * 2**21}", "plan.toml is larger than 2 MiB"),
 ]
 BAD_CONDITIONS = [
@@ -168,13 +168,13 @@ def test_a_key_that_is_written_reads_back_the_same_is_private_and_of_the_agreed_
     ("edit", "says"),
     [
         (lambda key: key.update(systems=["local"] * 3), "different names"),
-        (lambda key: key.update(systems=["global"]), "'local', which is no system"),
+        (lambda key: key.update(systems=["global"]), "'local', which is not a system"),
         (lambda key: key["videos"].pop("clip0-local"), "shows a video that the key does not have"),
         (lambda key: key["trials"].pop("clip0/0"), "list 0 names a trial"),
         (lambda key: key["trials"]["check0"].pop("expected"), "attention checks, and only they"),
         (lambda key: key["trials"]["clip0/0"].update(questions=["x"]), "asks a question"),
         (lambda key: key.update(lists={"one": []}), "`lists.one.[key]` cannot be 'one'"),
-        (lambda key: key.update(title="\ud800"), "no whole JSON"),
+        (lambda key: key.update(title="\ud800"), "not a whole JSON"),
     ],
 )
 def test_a_key_that_contradicts_itself_is_refused(tmp_path, edit, says):

@@ -14,10 +14,10 @@ import pytest
 from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import Key
-from app.study.report.report import NO_BREAK, headline, p_value, percent, templates
-from app.study.simulate import ALIKE, RaterModel, made_answers
+from app.study.report.report import NO_BREAK, format_p_with_letter, headline, percent, templates
+from app.study.simulate import UNIFORM_RATERS, RaterModel, simulate_answers
 from app.study.statistics.results import analyse_participants
-from app.study.statistics.shares import Number, share_numbers, smallest_share_detected
+from app.study.statistics.shares import ResultEstimate, detectable_share, proportion_estimates
 from tests.app.study.made import (
     STRENGTHS,
     SYSTEMS,
@@ -122,7 +122,7 @@ def test_who_and_what_is_left_out_is_told(tmp_path):
     files[2]["study"] = "another"
     files[3]["answers"][0]["value"] = "edited"
     key_path, answers = written_study(tmp_path, key, files)
-    for name in ("<cut>", "\udcff"):  # the last is no text
+    for name in ("<cut>", "\udcff"):  # the last is not text
         (answers / f"{name}.json").write_text('{"format": 1')
     analyse(AnalysisRequest([answers], key_path, tmp_path / "report"))
     page = (tmp_path / "report" / "report.html").read_text("utf-8")
@@ -132,7 +132,7 @@ def test_who_and_what_is_left_out_is_told(tmp_path):
         "attention checks: 2 failed, 1 allowed",
         "simulated00002.json is left out: it belongs to another study.",
         "simulated00003.json: 1 of 14 answers is left out",
-        "&lt;cut&gt;.json is left out: it is no whole JSON file",
+        "&lt;cut&gt;.json is left out: it is not a whole JSON file",
         "?.json is left out",
     ):
         assert told in page
@@ -161,10 +161,10 @@ def test_measured_jitter_is_joined(pairwise):
     assert "more often than chance" in page
 
 
-def pair_of(wins: int, losses: int, ties: int = 0, *names: str) -> Number:
+def pair_of(wins: int, losses: int, ties: int = 0, *names: str) -> ResultEstimate:
     score = [1.0] * wins + [0.0] * losses + [0.5] * ties
     votes = made_votes([(rater, "l", "r", value) for rater, value in enumerate(score)])
-    found, *_ = share_numbers("share", votes, *(names or ("local", "global")))
+    found, *_ = proportion_estimates("share", votes, *(names or ("local", "global")))
     return replace(found, p_holm=found.p)
 
 
@@ -202,20 +202,22 @@ def test_the_sentence_of_a_match_follows_its_numbers():
 
 def test_headline_and_power_say_who_came_first_and_how_surely():
     key = made_key(num_clips=10)
-    (strong,) = analyse_participants(made_participants(key, 28, ALIKE), key)
+    (strong,) = analyse_participants(made_participants(key, 28, UNIFORM_RATERS), key)
     assert headline(strong) == ("realism: global was significantly better than every other system.")
-    share = smallest_share_detected(28)
+    share = detectable_share(28)
     assert share is not None
-    said = say("power", share, strong.share_strictest, strong.num_raters, strong.comparisons)
+    said = say(
+        "power", share, strong.detectable_share_after_holm, strong.num_raters, strong.comparisons
+    )
     assert f"a preference of {percent(share)} of the participants; at Holm's strictest" in said
-    (weak,) = analyse_participants(made_participants(key, 4, ALIKE), key)
+    (weak,) = analyse_participants(made_participants(key, 4, UNIFORM_RATERS), key)
     assert headline(weak) == "realism: global, local and rival do not differ significantly."
 
 
 @pytest.mark.parametrize("is_ranking", [True, False])
 def test_equal_means_have_no_winner(is_ranking: bool) -> None:
     what = "rank" if is_ranking else "rating"
-    gap = Number(f"mean_{what}_gap", "local", "global", 0.0, -1.0, 1.0, p_holm=1.0)
+    gap = ResultEstimate(f"mean_{what}_gap", "local", "global", 0.0, -1.0, 1.0, p_holm=1.0)
     told = f"local and global have the same mean {what} (Wilcoxon, p = 1.000 after Holm)."
     assert plain(say("mean_gap", gap, is_ranking)) == told
 
@@ -236,18 +238,18 @@ def test_agreement_is_told_by_krippendorffs_marks() -> None:
             "(95 % interval unknown): agreement does not differ significantly",
         ),
     ]:
-        one = Number("krippendorff_alpha_ordinal", value=alpha, low=low, high=0.9)
+        one = ResultEstimate("krippendorff_alpha_ordinal", value=alpha, low=low, high=0.9)
         assert told in plain(say("agreement", one, "ordinal", 9))
 
 
 def test_a_tie_has_no_winner_in_its_first_line() -> None:
     key = made_key(num_clips=10)
-    (result,) = analyse_participants(made_participants(key, 4, ALIKE), key)
+    (result,) = analyse_participants(made_participants(key, 4, UNIFORM_RATERS), key)
 
     def said(wins: int, ties: int, losses: int) -> str:
         lead = float(wins - losses)
         strengths = [
-            Number("log_strength", name, None, value, value, value)
+            ResultEstimate("log_strength", name, None, value, value, value)
             for name, value in (("local", lead), ("global", -lead))
         ]
         return headline(replace(result, numbers=(pair_of(wins, losses, ties), *strengths)))
@@ -266,7 +268,7 @@ def test_a_tie_has_no_winner_in_its_first_line() -> None:
 def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths():
     for protocol in ("ranking", "rating"):
         key = made_key(protocol, num_clips=10)
-        (result,) = analyse_participants(made_participants(key, 28, ALIKE), key)
+        (result,) = analyse_participants(made_participants(key, 28, UNIFORM_RATERS), key)
         assert headline(result).startswith("realism: global was significantly better")
         measure = "mean_rank_gap" if protocol == "ranking" else "mean_rating_gap"
         gaps = result.all(measure)
@@ -303,14 +305,14 @@ def test_battles_that_were_written_read_back_to_the_same_numbers(tmp_path, proto
     page = plain((tmp_path / "theirs" / "report.html").read_text("utf-8"))
     assert "AMUSE and HoloGest do not differ significantly: 1 and 0 votes, 1 tie." in page
     theirs.write_text("user,input_code,model_a,model_b\n1,2,3,4\n")
-    with pytest.raises(RunError, match="no table of battles: it has no winner"):
+    with pytest.raises(RunError, match="not a table of battles: it has no winner"):
         analyse(AnalysisRequest([theirs], None, tmp_path / "none"))
     with pytest.raises(RunError, match="Without a key only a table of battles"):
         analyse(AnalysisRequest([tmp_path], None, tmp_path / "none"))
 
 
 def test_p_is_printed_as_in_papers():
-    printed = [plain(p_value(p)) for p in (0.00049, 0.0005, 0.0416, 0.9999, 1.0)]
+    printed = [plain(format_p_with_letter(p)) for p in (0.00049, 0.0005, 0.0416, 0.9999, 1.0)]
     assert printed == ["p < .001", "p = .001", "p = .042", "p = 1.000", "p = 1.000"]
 
 
@@ -323,6 +325,6 @@ def test_any_name_of_a_system_can_be_drawn(tmp_path):
     }
     key = replace(key, systems=tuple(names.values()), videos=videos)
     strengths = {names[name]: value for name, value in STRENGTHS.items()}
-    files = made_answers(key, strengths, 4, ATTENTIVE, np.random.default_rng(0))
+    files = simulate_answers(key, strengths, 4, ATTENTIVE, np.random.default_rng(0))
     page = report_of(tmp_path, key, list(files))
     assert all(f">{name}</td>" in page for name in names.values())

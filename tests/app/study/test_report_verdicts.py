@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from app.study.design.key import Protocol
 from app.study.report.report import headline
-from app.study.simulate import RaterModel, made_answers
-from app.study.statistics.answers import Participant, fitting
+from app.study.simulate import RaterModel, simulate_answers
+from app.study.statistics.answers import Participant, valid_answers
 from app.study.statistics.results import QuestionResult, analyse_participants
-from app.study.statistics.shares import Number
+from app.study.statistics.shares import ResultEstimate
 from model.storage.json_validation import parse_json
 from tests.app.study.made import SYSTEMS, made_key
 from tests.app.study.test_report import plain, say
@@ -33,9 +33,9 @@ def results_of(
     key = made_key(protocol, num_clips=clips)
     model = RaterModel(taste_sd=1.0, tie=ties, lapse=0)
     taste = dict(zip(SYSTEMS, strengths, strict=True))
-    files = made_answers(key, taste, count, model, np.random.default_rng(seed))
+    files = simulate_answers(key, taste, count, model, np.random.default_rng(seed))
     sent = [parse_json(json.dumps(content), Participant) for content in files]
-    people = [fitting(replace(one, source="made.json"), key)[0] for one in sent]
+    people = [valid_answers(replace(one, source="made.json"), key)[0] for one in sent]
     (result,) = analyse_participants(people, key)
     return result
 
@@ -115,7 +115,7 @@ def test_no_two_sentences_of_a_report_contradict_each_other(
 )
 def test_interval_and_test_have_to_agree(numbers: list[float], words: str) -> None:
     wins, losses, pro, con, p, low, high = numbers
-    one = Number(
+    one = ResultEstimate(
         "share", "local", "global", wins / (wins + losses), low, high, p, p,
         int(wins), 0, int(losses), int(pro), int(con),
     )  # fmt: skip

@@ -18,9 +18,9 @@ from app.commands.cli import main
 from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import AttentionRule, Expected, Key, read_key, write_key
-from app.study.statistics.answers import MAX_FILE_BYTES, TIE, Answer, Participant, collect
+from app.study.statistics.answers import MAX_FILE_BYTES, TIE, Answer, Participant, collect_answers
 from app.study.statistics.results import analyse_participants
-from app.study.statistics.screening import doubts, failed_checks, screen
+from app.study.statistics.screening import failed_checks, implausible_answers, screen
 from tests.app.study.made import (
     LEFT_CHECK,
     made_files,
@@ -46,7 +46,7 @@ def edited(
     files[0]["participant"] = "edited"
     edit(files[0])
     _, folder = written_study(tmp_path, key, files)
-    collected = collect([folder], key)
+    collected = collect_answers([folder], key)
     return [len(one.answers) for one in collected.participants], collected.left_out
 
 
@@ -57,8 +57,8 @@ def edited(
         ({"list": 99}, "the study has no list 99."),
         ({"finished": "yesterday"}, "`finished` cannot be 'yesterday'"),
         ({"answers": [{}] * 10_001}, "`answers` must be a list of at most 10000"),
-        (b'{"format": 1, "study"', "it is no whole JSON file (cut off or damaged)."),
-        (b"", "it is no whole JSON file (cut off or damaged)."),
+        (b'{"format": 1, "study"', "it is not a whole JSON file (cut off or damaged)."),
+        (b"", "it is not a whole JSON file (cut off or damaged)."),
         (b"[" * 50_000, "it is nested too deeply."),
         (b" " * (MAX_FILE_BYTES + 1), "it is larger than the 4,194,304 bytes that are read."),
     ],
@@ -70,11 +70,11 @@ def test_a_file_that_cannot_be_used_costs_one_sentence_and_nothing_else(
     _, folder = written_study(tmp_path, KEY, [good])
     written = content if isinstance(content, bytes) else json.dumps(bad | content).encode()
     (folder / "bad.json").write_bytes(written)
-    collected = collect([folder], KEY)
+    collected = collect_answers([folder], KEY)
     assert len(collected.participants) == 1 and len(collected.left_out) == 1
     assert collected.left_out[0].startswith(f"bad.json is left out: {says}")
     with pytest.raises(RunError, match="There are no answers at"):
-        collect([tmp_path / "none"], KEY)
+        collect_answers([tmp_path / "none"], KEY)
 
 
 def rated(number: object) -> dict[str, Any]:
@@ -127,7 +127,7 @@ def test_of_doubles_the_finished_then_the_later_counts(tmp_path: Path) -> None:
     _, folder = written_study(tmp_path, KEY, [])
     for name, file in (("a", first), ("b", second), ("c", half)):
         (folder / f"{name}.json").write_text(json.dumps(file))
-    collected = collect([folder], KEY)
+    collected = collect_answers([folder], KEY)
     assert [one.source for one in collected.participants] == ["b.json"]
     assert collected.left_out == (
         "a.json is left out: its participant also sent b.json, which is later.",
@@ -227,10 +227,10 @@ def left_and_hasty_once(who: Participant) -> Participant:
 
 
 def test_nobody_is_doubted_who_answers_as_people_do() -> None:
-    assert doubts(PEOPLE, LONG) == {}
+    assert implausible_answers(PEOPLE, LONG) == {}
     for protocol in ("matched", "ranking", "rating"):
         key = replace(made_key(protocol, num_clips=6), video_s=2.0)
-        assert doubts(made_participants(key, 8), key) == {}
+        assert implausible_answers(made_participants(key, 8), key) == {}
 
 
 def test_ties_are_answers_and_sameness_alone_is_no_evidence_of_not_looking() -> None:
@@ -244,7 +244,7 @@ def test_ties_are_answers_and_sameness_alone_is_no_evidence_of_not_looking() -> 
         replace(one, value=dict.fromkeys(one.shown, 50)) if isinstance(one.value, dict) else one
         for one in rater.answers
     )
-    assert doubts([replace(rater, answers=equal)], rating) == {}
+    assert implausible_answers([replace(rater, answers=equal)], rating) == {}
 
 
 def test_impossible_answers_are_set_aside() -> None:
@@ -268,10 +268,10 @@ def test_impossible_answers_are_set_aside() -> None:
 
 def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven() -> None:
     copy = replace(PEOPLE[0], id="another", source="another.json")
-    found = doubts([*PEOPLE, copy], LONG)
+    found = implausible_answers([*PEOPLE, copy], LONG)
     assert found == {"another": f"identical answers and response times as {PEOPLE[0].source}"}
     hasty = each(lambda number: {"ms": 100 if number == 2 else 9_000})(PEOPLE[0])
-    assert doubts([hasty], LONG) == {}
+    assert implausible_answers([hasty], LONG) == {}
 
 
 def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would(
@@ -309,7 +309,7 @@ def test_a_skipped_page_is_no_vote_and_no_reason_to_doubt_and_the_report_counts_
         answer |= {"value": None, "ms": 900, "watched": 0, "skipped": answer["shown"][0]}
     judged[4] |= {"value": None, "skipped": "another"}
     key_path, folder = written_study(tmp_path, LONG, files)
-    collected = collect([folder], LONG)
+    collected = collect_answers([folder], LONG)
     assert "it skips a video that was not shown (1)" in collected.left_out[0]
     screened = screen(collected.participants, LONG)
     assert len(screened.kept) == 6
@@ -333,7 +333,7 @@ def test_ids_of_a_panel_are_those_the_plan_names_and_each_person_counts_once(
     files[0]["finished"] = "2030-01-01T00:00:00Z"  # later than the other one of that id
     key_path, folder = written_study(tmp_path, key, files)
     assert read_key(key_path) == key
-    collected = collect([folder], key)
+    collected = collect_answers([folder], key)
     assert collected.left_out[0].startswith("simulated00003.json is left out: `panel.PROLIFIC_PID`")
     assert [one.panel for one in collected.participants] == [
         {"PROLIFIC_PID": "abc0"},
@@ -419,7 +419,7 @@ def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(
         files[0]["finished"] = None
     _, folder = written_study(tmp_path, LINKED, files)
     (folder / "forged.json").write_text(json.dumps(forged))
-    collected = collect([folder], LINKED)
+    collected = collect_answers([folder], LINKED)
     kept = {one.id: one for one in collected.participants}
     assert len(kept) == 3 and kept[files[0]["participant"]].link == files[0]["link"]
     (sentence,) = collected.left_out

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.study.simulate import ALIKE, RaterModel, davidson, simulate
-from app.study.statistics.answers import collect
+from app.study.simulate import UNIFORM_RATERS, RaterModel, davidson, simulate
+from app.study.statistics.answers import collect_answers
 from app.study.statistics.results import analyse_participants
 from app.study.statistics.votes import MISMATCHED, between, votes_of
 from tests.app.study.made import (
@@ -27,7 +27,9 @@ def test_what_is_simulated_reads_back_whole(tmp_path, protocol):
     written_study(tmp_path, key, [])
     out = tmp_path / "simulated"
     simulate(tmp_path / "study", 9, STRENGTHS, 4, out)
-    collected = collect([out, *out.glob("simulated*")], key)  # each file once, the truth aside
+    collected = collect_answers(
+        [out, *out.glob("simulated*")], key
+    )  # each file once, the truth aside
     assert collected.left_out == ()
     assert len(collected.participants) == 9
     on_lists = Counter(one.list_number for one in collected.participants)
@@ -68,16 +70,18 @@ def test_what_cannot_be_simulated_is_refused(tmp_path, raters, strengths, seed, 
 
 def test_raters_choose_as_often_as_the_model_says():
     key = made_key(num_clips=10)
-    votes = votes_of(made_participants(key, 300, ALIKE), key, "realism")
-    assert votes.is_smooth.mean() == pytest.approx(ALIKE.smoothness, abs=0.05)
+    votes = votes_of(made_participants(key, 300, UNIFORM_RATERS), key, "realism")
+    assert votes.is_smooth.mean() == pytest.approx(UNIFORM_RATERS.smoothness, abs=0.05)
     score = votes[(votes.left == "local") & (votes.right == "global")].score
     seen = [(score == value).mean() for value in (1, 0.5, 0)]
-    assert seen == pytest.approx(list(davidson(-1.0 + ALIKE.left_advantage, 0.5)), abs=0.03)
+    assert seen == pytest.approx(
+        list(davidson(-1.0 + UNIFORM_RATERS.left_advantage, 0.5)), abs=0.03
+    )
 
 
 def test_matched_strength_is_the_log_odds_of_the_right_choice():
     key = made_key("matched", num_clips=10)
-    votes = votes_of(made_participants(key, 200, ALIKE), key, "match")
+    votes = votes_of(made_participants(key, 200, UNIFORM_RATERS), key, "match")
     for name in STRENGTHS:
         score = between(votes, name, name + MISMATCHED).score
         odds = (score == 1).mean() / (score == 0).mean()
@@ -89,11 +93,13 @@ def test_matched_strength_is_the_log_odds_of_the_right_choice():
 def test_intervals_hold_the_truth_about_as_often_as_they_claim(protocol):
     """Of raters and clips all alike, whose truth is the strengths that were set."""
     key = replace(made_key(protocol, num_clips=10, num_lists=28), video_s=2.0)
-    side = ALIKE.left_advantage if protocol == "pairwise" else 0.0
-    tie = ALIKE.tie if protocol == "pairwise" else 0.0
+    side = UNIFORM_RATERS.left_advantage if protocol == "pairwise" else 0.0
+    tie = UNIFORM_RATERS.tie if protocol == "pairwise" else 0.0
     held = []
     for study in range(100):
-        (result,) = analyse_participants(made_participants(key, 28, ALIKE, seed=study), key)
+        (result,) = analyse_participants(
+            made_participants(key, 28, UNIFORM_RATERS, seed=study), key
+        )
         for first, second in combinations(key.systems, 2):
             gap = STRENGTHS[first] - STRENGTHS[second]
             share = davidson(gap + np.array([side, -side]), tie).mean(0) @ [1, 0.5, 0]

@@ -11,8 +11,8 @@ from scipy import optimize, stats
 
 from app.errors import RunError
 from app.study.design.key import Key
-from app.study.report.report import limits
-from app.study.simulate import ALIKE
+from app.study.report.report import format_interval
+from app.study.simulate import UNIFORM_RATERS
 from app.study.statistics.answers import TIE, Participant
 from app.study.statistics.models import (
     PRIOR_SD,
@@ -26,15 +26,15 @@ from app.study.statistics.models import (
 from app.study.statistics.results import analyse_participants, join_jitter, read_jitter
 from app.study.statistics.shares import (
     POWER,
-    Number,
+    ResultEstimate,
     clopper_pearson,
+    detectable_share,
     effective_votes,
     holm,
-    share_numbers,
+    proportion_estimates,
     sign_test,
-    smallest_share_detected,
 )
-from app.study.statistics.votes import between, values_of, votes_of
+from app.study.statistics.votes import between, votes_as_arrays, votes_of
 from tests.app.study.made import STRENGTHS, made_key, made_participants, made_votes
 
 # Krippendorff 2011, "Computing Krippendorff's Alpha-Reliability", example C: four observers.
@@ -88,7 +88,7 @@ def slow_maximum(votes: pd.DataFrame, systems: list[str]) -> np.ndarray:
     return optimize.minimize(loss, np.zeros(len(systems) + 2), method="BFGS").x
 
 
-def one(numbers: list[Number], measure: str, *names: str) -> Number:
+def one(numbers: list[ResultEstimate], measure: str, *names: str) -> ResultEstimate:
     """The only number of that measure and these systems."""
     (found,) = (
         n for n in numbers if n.measure == measure and (n.first, n.second)[: len(names)] == names
@@ -96,7 +96,7 @@ def one(numbers: list[Number], measure: str, *names: str) -> Number:
     return found
 
 
-def width(number: Number) -> float:
+def width(number: ResultEstimate) -> float:
     assert number.low is not None and number.high is not None
     return number.high - number.low
 
@@ -131,14 +131,14 @@ def test_the_maximum_is_that_of_an_independent_slow_search():
 
 def test_known_strengths_come_back_from_pairs_and_from_rankings():
     key = made_key(num_clips=10)
-    votes = votes_of(made_participants(key, 200, ALIKE), key, "realism")
+    votes = votes_of(made_participants(key, 200, UNIFORM_RATERS), key, "realism")
     *found, side, log_tie = fit_strengths(votes, key.systems, has_sides=True).best
     given = np.array([STRENGTHS[name] for name in key.systems])
     assert found == pytest.approx(given - given.mean(), abs=0.1)
-    assert np.exp(log_tie) == pytest.approx(ALIKE.tie, abs=0.05)
-    assert side == pytest.approx(ALIKE.left_advantage, abs=0.08)
+    assert np.exp(log_tie) == pytest.approx(UNIFORM_RATERS.tie, abs=0.05)
+    assert side == pytest.approx(UNIFORM_RATERS.left_advantage, abs=0.08)
     key = made_key("ranking", num_clips=10)
-    votes = votes_of(made_participants(key, 200, ALIKE), key, "realism")
+    votes = votes_of(made_participants(key, 200, UNIFORM_RATERS), key, "realism")
     found = fit_strengths(votes, key.systems, has_sides=False).best
     assert len(found) == 3 and found[1] - found[2] == pytest.approx(1.8, abs=0.15)
 
@@ -147,7 +147,9 @@ def test_a_system_that_wins_everything_stays_finite():
     votes = repeated({("a", "b", 1.0): 30})
     gap = one(strength_numbers(votes, AB, has_sides=False), "log_strength_gap")
     assert gap.value is not None and 2 < gap.value < 8
-    assert limits(gap) == "unknown"  # nobody differs, so nothing is known of how others would
+    assert (
+        format_interval(gap) == "unknown"
+    )  # nobody differs, so nothing is known of how others would
 
 
 def test_participants_are_drawn_whole():
@@ -202,7 +204,7 @@ def test_places_and_ratings_follow_the_blind_ids():
         key = made_key(protocol)
         people = made_participants(key, 1)
         answer = next(each for each in people[0].answers if each.trial == "clip2/0")
-        found = values_of(people, key, "realism")
+        found = votes_as_arrays(people, key, "realism")
         rows = found[found["clip"] == "clip2"]
         seen = {f"clip2-{name}": v for name, v in zip(rows.system, rows.value, strict=True)}
         is_ranking = protocol == "ranking"
@@ -226,7 +228,7 @@ def test_holm_multiplies_by_the_hypotheses_left_and_never_falls():
 
 def test_the_share_found_has_the_power_claimed():
     for count, alpha in [(6, 0.05), (28, 0.05), (28, 0.05 / 6), (280, 0.05)]:
-        share = smallest_share_detected(count, alpha)
+        share = detectable_share(count, alpha)
         assert share is not None
         power = sum(
             stats.binom.pmf(k, count, share)
@@ -234,19 +236,19 @@ def test_the_share_found_has_the_power_claimed():
             if stats.binomtest(k, count).pvalue <= alpha
         )
         assert power == pytest.approx(POWER, abs=1e-6)
-    assert smallest_share_detected(5) is smallest_share_detected(0) is None
+    assert detectable_share(5) is detectable_share(0) is None
 
 
 def test_ties_are_half_a_vote_for_each():
     rows = [(0, "a", "b", 1.0), (1, "a", "b", 0.5), (2, "a", "b", 0.5), (3, "a", "b", 0.0)]
-    found, *_ = share_numbers("share", made_votes(rows))
+    found, *_ = proportion_estimates("share", made_votes(rows))
     assert (found.wins, found.ties, found.losses, found.value) == (1, 2, 1, 0.5)
     assert (found.participants_for, found.participants_against) == (1, 1)
 
 
 def test_one_vote_each_is_the_plain_interval_but_for_the_last_vote():
     score = [1.0] * 40 + [0.0] * 24
-    found, plain = share_numbers(
+    found, plain = proportion_estimates(
         "share", made_votes([(rater, "a", "b", score[rater]) for rater in range(64)])
     )
     # The sample variance divides by 63: one vote fewer than there are.
@@ -256,13 +258,13 @@ def test_one_vote_each_is_the_plain_interval_but_for_the_last_vote():
 
 def test_raters_who_repeat_themselves_count_once():
     once = [(rater, "a", "b", float(rater < 14)) for rater in range(20)]
-    tenfold, plain = share_numbers("share", made_votes(once * 10))
+    tenfold, plain = proportion_estimates("share", made_votes(once * 10))
     assert (tenfold.value, tenfold.votes) == (0.7, 200)
     assert effective_votes(made_votes(once * 10)) < 20  # no repetition makes 20 people more
     assert width(tenfold) > 2.8 * width(plain)
-    assert tenfold.p == share_numbers("share", made_votes(once))[0].p == sign_test(14, 6)
+    assert tenfold.p == proportion_estimates("share", made_votes(once))[0].p == sign_test(14, 6)
     unanimous = [(rater, "a", "b", 1.0) for rater in range(8)] * 5
-    found, *_ = share_numbers("share", made_votes(unanimous))
+    found, *_ = proportion_estimates("share", made_votes(unanimous))
     assert (found.low, found.high) == clopper_pearson(8, 8) and found.high == 1.0
 
 
@@ -285,9 +287,9 @@ def test_the_effective_number_matches_a_simulated_variance():
 def test_clips_that_differ_widen_the_interval_over_clips():
     rows = [(rater, "a", "b", float(clip < 3)) for clip in range(6) for rater in range(20)]
     votes = made_votes(rows).assign(clip=np.repeat(np.arange(6), 20))
-    same, over_clips, _ = share_numbers("share", votes)
+    same, over_clips, _ = proportion_estimates("share", votes)
     assert width(over_clips) > 0.8 and width(same) < 0.2
-    assert len(share_numbers("share", votes[votes["clip"] < 5])) == 2
+    assert len(proportion_estimates("share", votes[votes["clip"] < 5])) == 2
 
 
 def test_between_turns_rows_around_and_no_votes_have_no_share():
@@ -297,9 +299,9 @@ def test_between_turns_rows_around_and_no_votes_have_no_share():
     turned = between(votes, "b", "c")
     assert turned.score.tolist() == [0.0, 1.0, 0.5]
     assert (turned.left == "b").all() and (turned.right == "c").all()
-    assert share_numbers("share", between(votes, "a", "c")) == []
-    found, other = (share_numbers("share", between(votes, *p), *p)[0] for p in ("bc", "cb"))
-    assert found.from_the_other_side().limits == pytest.approx(other.limits)
+    assert proportion_estimates("share", between(votes, "a", "c")) == []
+    found, other = (proportion_estimates("share", between(votes, *p), *p)[0] for p in ("bc", "cb"))
+    assert found.with_systems_swapped().limits == pytest.approx(other.limits)
 
 
 def test_jerk_is_read_by_clip_and_system(tmp_path):
@@ -402,4 +404,4 @@ def test_resamples_that_cannot_differ_give_no_interval() -> None:
     assert len(known) == 2 + 1 + 1 + 2 + 2 + 1 + 1
     for number in known:
         assert not np.isfinite(number.limits[1]) and not np.isfinite(number.limits[2])
-        assert limits(number) == "unknown" and number.beyond == 0
+        assert format_interval(number) == "unknown" and number.significant_side == 0

@@ -76,7 +76,7 @@ def test_motion_stays_in_time_with_its_speech(copy):
 
 def test_clips_shorter_than_a_window_are_told(data):
     with pytest.raises(DataError, match="None of the 6 clips has 600 frames"):
-        data.window_batch(data.of_split("train"), 600, 2, np.random.default_rng(0))
+        data.window_batch(data.clips_of_split("train"), 600, 2, np.random.default_rng(0))
 
 
 def test_real_beat2_clips_load_and_bad_ones_are_named(tmp_path, caplog):
@@ -97,7 +97,7 @@ def test_real_beat2_clips_load_and_bad_ones_are_named(tmp_path, caplog):
     assert [(clip.name, clip.copy) for clip in data.clips] == [(names[1], 0), (names[1], 1)]
     assert data.speakers == {2: "scott"}
     assert data.clips[0].num_frames > 1500
-    assert not data.expression.any()  # FLAME coefficients are no face units
+    assert not data.expression.any()  # FLAME coefficients are not face units
 
 
 def test_copies_repeat_and_differ_and_the_recording_itself_is_as_without_them(
@@ -159,7 +159,7 @@ def test_bad_clips_are_named_skipped_and_counted_and_others_cut_to_the_shorter(
     assert len(data.poses) == len(data.speech) == len(data.expression) == 210
     assert "1_ann_0_0_0" in caplog.text and "2 of 4 clips were skipped" in caplog.text
     with pytest.raises(DataError, match="names no usable test clip"):
-        data.of_split("test")
+        data.clips_of_split("test")
 
 
 def test_motion_and_sound_that_hardly_belong_together_are_named(tmp_path, caplog):
@@ -168,7 +168,7 @@ def test_motion_and_sound_that_hardly_belong_together_are_named(tmp_path, caplog
         write_wav(folder / "wave16k" / f"{name}.wav", made_waveform(round(16_000 * seconds)))
     with caplog.at_level(logging.WARNING):
         data = prepare(folder, tmp_path / "cache", MelEncoder())
-    assert [clip.name for clip in data.of_split("train")] == ["2_bob_0_1_1"]
+    assert [clip.name for clip in data.clips_of_split("train")] == ["2_bob_0_1_1"]
     assert "motion lasts 10.0 s and its sound 4.5 s" in caplog.text
 
 

@@ -15,7 +15,7 @@ from model.metrics.reference_error import l1_to_mean
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
-from model.systems.helpers.config import AUTOENCODERS, JUDGE
+from model.systems.helpers.config import AUTOENCODERS, EVALUATION_ENCODER
 from tests.helpers import smooth_motion_example
 from tests.model.made import shaken
 
@@ -79,13 +79,16 @@ def test_split_half_floor_is_above_zero_and_below_another_distribution():
     rng = np.random.default_rng(0)
     clips = [rng.standard_normal((50, 4)) for _ in range(10)]
     others = [rng.standard_normal((50, 4)) + 1 for _ in range(10)]
-    floor, distance = frechet.split_half_floor(clips), frechet.distance(clips, others)
+    floor, distance = (
+        frechet.split_half_baseline(clips),
+        frechet.frechet_with_interval(clips, others),
+    )
     assert 0 < floor.mean < 0.2 < distance.low <= distance.mean <= distance.high
     assert distance.mean == pytest.approx(4, rel=0.2)
 
 
 def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
-    network = shaken(MotionAutoencoder(JUDGE)).requires_grad_(False)
+    network = shaken(MotionAutoencoder(EVALUATION_ENCODER)).requires_grad_(False)
     statistics = Normaliser(torch.zeros(MOTION_DIM), torch.ones(MOTION_DIM))
     encoder = FrozenEncoder(network, statistics, "")
     motion = smooth_motion_example(400)
@@ -140,9 +143,9 @@ def test_div_is_the_mean_of_eq_17_over_batches():
     ]
     found = window_diversity(clips)
     order = np.random.default_rng(0).permutation(100)
-    sizes = [len(batch) for batch in reference_error.batches(120)]
+    sizes = [len(batch) for batch in reference_error.window_batches(120)]
     assert sizes == [50, 50, 20]
-    assert sorted(np.concatenate(list(reference_error.batches(120)))) == list(range(120))
+    assert sorted(np.concatenate(list(reference_error.window_batches(120)))) == list(range(120))
     halves = [np.concatenate(clips)[batch] for batch in (order[:50], order[50:])]
     for name, dim in (("div", 217), ("div_gesture", 165)):
         expected = np.mean([slow_diversity(half[..., :dim]) for half in halves])

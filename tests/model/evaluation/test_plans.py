@@ -12,7 +12,7 @@ from model.evaluation import plan_detection
 from model.evaluation.adherence import (
     distances,
     gesture_size,
-    moves_alone,
+    only_one_hand_moves,
     random_edit,
     rest_speeds,
     stroke_lags,
@@ -20,16 +20,16 @@ from model.evaluation.adherence import (
 from model.evaluation.plan_detection import (
     DetectionCounts,
     agreement,
-    near,
-    overlapping,
-    with_long_holds,
+    match_intervals,
+    match_points,
+    merge_adjacent_holds,
 )
 from model.plan import detection
 from model.plan.detection import PhaseNetwork
 from model.plan.editing import Gesture, add_gesture, gestures, scale_gesture
 from model.plan.kinds import PLACES, REST_PLACE
 from model.plan.plan import SIDES, GesturePlan
-from model.plan.plan_features import hand_tracks, tracks_of
+from model.plan.plan_features import hand_tracks, plan_tracks
 from tests.model.plan.made import made_plan, phase
 
 FRAMES = 300
@@ -46,7 +46,7 @@ def plan() -> GesturePlan:
 
 def planned_places(plan: GesturePlan) -> dict:
     """Where a plan has the wrists."""
-    planned = tracks_of(plan, FRAMES).astype(np.float64)
+    planned = plan_tracks(plan, FRAMES).astype(np.float64)
     return {side: planned[:, hand_tracks(side)][:, :3] for side in SIDES}
 
 
@@ -69,15 +69,15 @@ def test_a_stroke_that_nobody_makes_is_none(plan):
 
 def test_the_asked_hand_moves_and_the_other_stays(plan):
     places, gesture = planned_places(plan), Gesture("right", 5.0)
-    assert moves_alone(places, plan, gesture) is True
-    assert moves_alone({**places, "left": places["right"]}, plan, gesture) is False
-    assert moves_alone({**places, "right": places["left"]}, plan, gesture) is False
+    assert only_one_hand_moves(places, plan, gesture) is True
+    assert only_one_hand_moves({**places, "left": places["right"]}, plan, gesture) is False
+    assert only_one_hand_moves({**places, "right": places["left"]}, plan, gesture) is False
     drifting = places["left"] + np.arange(FRAMES)[:, None] * [0.1 / 30, 0, 0]
-    assert moves_alone({**places, "left": drifting}, plan, gesture) is True
+    assert only_one_hand_moves({**places, "left": drifting}, plan, gesture) is True
     gone = places["left"] + np.arange(FRAMES)[:, None] * [0.15 / 30, 0, 0]
-    assert moves_alone({**places, "left": gone}, plan, gesture) is False
+    assert only_one_hand_moves({**places, "left": gone}, plan, gesture) is False
     both = add_gesture(plan, "stop", 5.0, "left").plan
-    assert moves_alone(planned_places(both), both, gesture) is None
+    assert only_one_hand_moves(planned_places(both), both, gesture) is None
 
 
 def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
@@ -125,24 +125,29 @@ def test_distances_are_those_of_edited_and_unedited_motion():
 
 
 def test_moments_are_met_once_each():
-    assert near([1.0, 1.05, 3.0], [1.02, 5.0], 0.1) == DetectionCounts(1, 3, 2)
+    assert match_points([1.0, 1.05, 3.0], [1.02, 5.0], 0.1) == DetectionCounts(1, 3, 2)
     counts = DetectionCounts(1, 3, 2)
     assert counts.f1 == pytest.approx(0.4)
     assert counts.as_json() == {"f1": 0.4, "precision": 0.333, "recall": 0.5, "annotated": 2}
-    assert near([], [1.0], 0.1) + near([1.0], [1.0], 0.1) == DetectionCounts(1, 1, 2)
+    assert match_points([], [1.0], 0.1) + match_points([1.0], [1.0], 0.1) == DetectionCounts(
+        1, 1, 2
+    )
 
 
 def test_phases_must_lie_over_each_other():
     told = [phase(0.0, 1.0, "stroke"), phase(2.0, 3.0, "stroke")]
-    assert overlapping([phase(0.1, 1.2, "stroke")], told) == DetectionCounts(1, 1, 2)
-    assert overlapping([phase(0.9, 2.1, "stroke")], told) == DetectionCounts(0, 1, 2)
+    assert match_intervals([phase(0.1, 1.2, "stroke")], told) == DetectionCounts(1, 1, 2)
+    assert match_intervals([phase(0.9, 2.1, "stroke")], told) == DetectionCounts(0, 1, 2)
     twice = [phase(0.0, 0.5, "stroke"), phase(0.5, 1.0, "stroke")]
-    assert overlapping(twice, told) == DetectionCounts(1, 2, 2)
+    assert match_intervals(twice, told) == DetectionCounts(1, 2, 2)
 
 
 def test_holds_that_follow_on_holds_are_one():
     phases = [phase(0.0, 1.0, "hold"), phase(1.0, 2.0, "hold"), phase(2.0, 3.0, "stroke")]
-    assert [(p.phase, p.end_s) for p in with_long_holds(phases)] == [("hold", 2.0), ("stroke", 3.0)]
+    assert [(p.phase, p.end_s) for p in merge_adjacent_holds(phases)] == [
+        ("hold", 2.0),
+        ("stroke", 3.0),
+    ]
 
 
 def test_a_plan_agrees_with_itself_in_everything():
@@ -165,7 +170,7 @@ def test_what_is_fitted_is_what_is_read(tmp_path, monkeypatch):
     monkeypatch.setattr(
         plan_detection, "PhaseNetwork", lambda n: fitted.append(PhaseNetwork(n)) or fitted[0]
     )
-    plan_detection.fit(tmp_path, ["a"], tmp_path / "w.npz")
+    plan_detection.train_phase_network(tmp_path, ["a"], tmp_path / "w.npz")
     monkeypatch.setattr(detection, "WEIGHTS", tmp_path / "w.npz")
     detection._weights.cache_clear()
     read, told = detection._weights()

@@ -12,17 +12,17 @@ from model.evaluation.classifiers import (
     PIECE_FRAMES,
     SpeakerClassifier,
     SpeakerComparisonClips,
-    discriminant,
-    judge_of,
-    manner_numbers,
-    manner_of,
-    with_silence,
+    append_silence,
+    fit_discriminant,
+    fit_speaker_classifier,
+    speaker_effect,
+    style_features,
     wrist_speeds,
 )
 from model.generation.windows import GenerateOptions, generate_motion
-from model.metrics.speech_effect import arm_rotations_alike, arm_speed, speed_in_silence
+from model.metrics.speech_effect import arm_rotation_correlation, arm_speed, silence_speed_ratio
 from model.motion.motion import Motion, first_frames, save_motion
-from model.sampling.samplers import USUAL, clip_seed
+from model.sampling.samplers import DEFAULT_SAMPLING, clip_seed
 from model.systems.registry import load_system
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_speech, make_data_folder
@@ -48,7 +48,7 @@ def test_the_share_of_the_speaker_is_that_of_every_pair_one_by_one(share):
         if seed != seed_:
             r = float(np.corrcoef(arm_speed(a), arm_speed(b))[0, 1])
             alike["speaker" if one == other else "neither"].append(r)
-    found = manner_of(motions)
+    found = speaker_effect(motions)
     wanted = np.mean(alike["speaker"]) - np.mean(alike["neither"])
     assert found["by_speaker"] == pytest.approx(wanted, abs=1e-6)
     assert found["by_speaker"] == pytest.approx(share, abs=0.25)
@@ -56,7 +56,7 @@ def test_the_share_of_the_speaker_is_that_of_every_pair_one_by_one(share):
 
 def test_rotations_of_the_same_noise_are_alike_whoever_speaks():
     same = {(name, seed): motion_of(7, seed, 0.0) for name in SPEAKERS for seed in range(2)}
-    assert manner_of(same)["arm_rotations_same_noise"] == pytest.approx(1 / 12, abs=1e-6)
+    assert speaker_effect(same)["arm_rotations_same_noise"] == pytest.approx(1 / 12, abs=1e-6)
 
 
 def swinging(speed: float) -> Motion:
@@ -94,7 +94,7 @@ def test_the_discriminant_is_the_gaussian_one_of_equal_covariances():
     mix = rng.standard_normal((3, 3))
     centres = {"ann": np.zeros(3), "bob": np.array([1.0, 0.5, 0.0]), "eve": np.array([0.0, 2, 1])}
     own = {who: at + rng.standard_normal((4000, 3)) @ mix for who, at in centres.items()}
-    judge = discriminant(own)
+    judge = fit_discriminant(own)
     asked = rng.standard_normal((200, 3)) @ mix + 0.5
     covariance = mix.T @ mix
     off = [asked - at for at in centres.values()]
@@ -108,36 +108,38 @@ def test_the_discriminant_is_the_gaussian_one_of_equal_covariances():
 
 def test_a_lively_and_a_calm_speaker_are_told_and_short_motion_is_not():
     pieces = {
-        who: np.concatenate([manner_numbers(moved(10, 10 * seed + k, size)) for seed in range(8)])
+        who: np.concatenate([style_features(moved(10, 10 * seed + k, size)) for seed in range(8)])
         for k, (who, size) in enumerate({"calm": 0.4, "lively": 1.0}.items())
     }
-    judge = discriminant(pieces)
-    assert judge.share_right(moved(30, 99, 0.4), "calm") == 1.0
-    assert judge.share_right(moved(30, 99, 1.0), "lively") == 1.0
-    assert judge.share_right(moved(30, 99, 1.0), "calm") == 0.0
-    assert judge.share_right(moved(30, 99, 1.0), "nobody") is None
-    assert judge.share_right(moved(9.9, 99, 1.0), "calm") is None
+    judge = fit_discriminant(pieces)
+    assert judge.accuracy_of_speaker(moved(30, 99, 0.4), "calm") == 1.0
+    assert judge.accuracy_of_speaker(moved(30, 99, 1.0), "lively") == 1.0
+    assert judge.accuracy_of_speaker(moved(30, 99, 1.0), "calm") == 0.0
+    assert judge.accuracy_of_speaker(moved(30, 99, 1.0), "nobody") is None
+    assert judge.accuracy_of_speaker(moved(9.9, 99, 1.0), "calm") is None
     assert judge.measures([moved(10, 98, 0.4), moved(10, 97, 1.0)], "calm") == {"speaker_told": 0.5}
     assert judge.measures([], "calm") == {}
 
 
 def test_it_learns_from_the_training_split_alone(tmp_path, data_folder):
     folder = make_data_folder(tmp_path / "data", seconds=12)
-    judge = judge_of(folder, ["ann", "bob", "eve"])
+    judge = fit_speaker_classifier(folder, ["ann", "bob", "eve"])
     assert isinstance(judge, SpeakerClassifier) and judge.speakers == ("ann", "bob")
     path = folder / "smplxflame_30" / "1_ann_0_2_2.npz"  # of the validation split
     save_motion(moved(12, 5, 3.0), path)
-    again = judge_of(folder, ["ann", "bob", "eve"])
+    again = fit_speaker_classifier(folder, ["ann", "bob", "eve"])
     np.testing.assert_array_equal(again.weights, judge.weights)
     save_motion(moved(12, 5, 3.0), folder / "smplxflame_30" / "1_ann_0_0_0.npz")
-    other = judge_of(folder, ["ann", "bob", "eve"])
+    other = fit_speaker_classifier(folder, ["ann", "bob", "eve"])
     assert not np.allclose(other.weights, judge.weights)
-    assert judge_of(data_folder, ["ann", "bob"]) is None  # no recording is long enough
+    assert (
+        fit_speaker_classifier(data_folder, ["ann", "bob"]) is None
+    )  # no recording is long enough
 
 
 @pytest.mark.parametrize(("frames", "count"), [(299, 0), (300, 1), (599, 1), (600, 2)])
 def test_a_rest_of_less_than_a_piece_is_left_out(frames, count):
-    assert len(manner_numbers(smooth_motion_example(frames, 1))) == count == frames // PIECE_FRAMES
+    assert len(style_features(smooth_motion_example(frames, 1))) == count == frames // PIECE_FRAMES
 
 
 CLIPS = ["1_ann_0_0_0", "2_bob_0_1_1", "1_ann_0_2_2"]
@@ -147,7 +149,7 @@ PAIR = "bob", "ann"
 def test_silence_follows_ten_seconds_or_what_there_is():
     for given, kept in ((4, 4), (12, 10)):
         speech = made_speech(16_000 * given)
-        heard = with_silence(speech)
+        heard = append_silence(speech)
         assert heard.num_frames == 30 * (kept + 5)
         end = 16_000 * kept
         np.testing.assert_array_equal(heard.waveform[:end], speech.waveform[:end])
@@ -159,21 +161,21 @@ def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
     system = replace(found, samplers=(replace(found.samplers[0], steps=1),))
     few = SpeakerComparisonClips.choose(data_folder, CLIPS[:1], [system], PAIR)
     name, speech = CLIPS[0], read_files(data_folder, CLIPS[0])[1]
-    found = few.measures(system, name, speech, USUAL)
+    found = few.measures(system, name, speech, DEFAULT_SAMPLING)
     made = {}
     for speaker in PAIR:
         options = GenerateOptions(speaker, seed=clip_seed(0, name), samples=2)
-        made[speaker] = generate_motion(system, with_silence(speech), options)
+        made[speaker] = generate_motion(system, append_silence(speech), options)
     spoken = {who: [first_frames(motion, 120) for motion in own] for who, own in made.items()}
     motions = {(who, seed): m for who, own in spoken.items() for seed, m in enumerate(own)}
     speeds = wrist_speeds(motions, PAIR)
     assert {name: found[name] for name in speeds} == pytest.approx(speeds, rel=1e-6)
-    alike = [arm_rotations_alike(*pair) for pair in zip(*spoken.values(), strict=True)]
+    alike = [arm_rotation_correlation(*pair) for pair in zip(*spoken.values(), strict=True)]
     assert found["arm_rotations_other_speaker"] == pytest.approx(np.mean(alike), abs=1e-6)
     silent = [
-        speed_in_silence(motion, np.arange(270) < 120)["arms_in_silence"]
+        silence_speed_ratio(motion, np.arange(270) < 120)["arms_in_silence"]
         for own in made.values()
         for motion in own
     ]
     assert found["arms_in_silence"] == pytest.approx(np.mean(silent), rel=1e-6)
-    assert few.measures(system, CLIPS[1], speech, USUAL) == {}, "not among the few"
+    assert few.measures(system, CLIPS[1], speech, DEFAULT_SAMPLING) == {}, "not among the few"

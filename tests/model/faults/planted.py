@@ -12,7 +12,7 @@ from conventions.joints import JOINT_INDEX, JOINT_NAMES, LEFT_HAND, MIRROR_PERMU
 from model.generation.base import Windowing
 from model.metrics.face import unit_columns
 from model.motion.motion import Motion
-from model.motion.transforms import motion_at_speed
+from model.motion.transforms import change_motion_speed
 
 FPS = 30
 Fault = Callable[[Motion], Motion]
@@ -145,7 +145,7 @@ def swapped(joints: np.ndarray) -> None:
 
 
 def stretched(motion: Motion) -> Motion:
-    return motion_at_speed(motion_at_speed(motion, 2.0), 0.5)
+    return change_motion_speed(change_motion_speed(motion, 2.0), 0.5)
 
 
 def frozen(frame: np.ndarray) -> np.ndarray:

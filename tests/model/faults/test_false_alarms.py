@@ -12,7 +12,7 @@ import sys
 import numpy as np
 import pytest
 
-from model.diagnostics import raw_evidence
+from model.diagnostics import analyse_raw
 from model.faults.analysis import Evidence
 from model.faults.table import find_faults
 from model.metrics.lag import speech_bands_by_frame
@@ -52,7 +52,7 @@ def told_of(motion: Motion, loud: np.ndarray) -> list[str]:
             if cut.num_frames < frames / 2:
                 continue  # a rest; it is part of the longer cuts
             heard = loud[start : start + frames]
-            evidence = raw_evidence(cut, open_body_skeleton(), heard=heard)
+            evidence = analyse_raw(cut, open_body_skeleton(), speech_bands=heard)
             if largest_step_m(evidence) > STEP_M:
                 left_out += 1
                 continue

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from app.findings.measure_rows import numbers_of
-from app.findings.verdict import verdict_of
+from app.findings.verdict import make_verdict
 from app.run.examples import CLEAN
 from conventions.joints import JOINT_INDEX
-from model.diagnostics import raw_evidence
-from model.faults.analysis import Evidence, Finding, by_gravity, clock, ranked, true_ranges
+from model.diagnostics import analyse_raw
+from model.faults.analysis import Evidence, Finding, by_severity, format_time, ranked, true_ranges
 from model.faults.table import FAULTS, STILL, drop_missing_parts, find_faults
 from model.formats.read import read_any_motion
 from model.metrics.lag import speech_bands_by_frame
@@ -33,7 +33,7 @@ class Person:
 
 
 def person(motion: Motion, heard: np.ndarray) -> Person:
-    return Person(motion, heard, raw_evidence(motion, SKELETON))
+    return Person(motion, heard, analyse_raw(motion, SKELETON))
 
 
 @pytest.fixture(scope="module")
@@ -58,9 +58,9 @@ def evidence_of(motion: Motion, person: Person, planted: Planted) -> Evidence:
     if planted.beside == "reference":
         reference = person.evidence
         if motion.num_frames != person.motion.num_frames:
-            reference = raw_evidence(person.motion.part(slice(motion.num_frames)), SKELETON)
+            reference = analyse_raw(person.motion.part(slice(motion.num_frames)), SKELETON)
     heard = person.heard if planted.beside == "speech" else None
-    return raw_evidence(motion, SKELETON, reference, planted.windows, heard=heard)
+    return analyse_raw(motion, SKELETON, reference, planted.windows, speech_bands=heard)
 
 
 @pytest.mark.parametrize("planted", PLANTED, ids=lambda p: f"{p.name}-{p.kind}-{p.beside}")
@@ -71,10 +71,10 @@ def test_a_planted_fault_is_found_and_told(example, planted):
     evidence = evidence_of(planted.plant(example.motion), example, planted)
     found = find_faults(evidence)
     assert {finding.kind for finding in found} == {planted.kind, *planted.also}
-    assert found == by_gravity(found)
+    assert found == by_severity(found)
     assert found[0].kind == (planted.first or planted.kind)
     finding = next(finding for finding in found if finding.kind == planted.kind)
-    assert finding.excess >= 1.0 and finding.sentence.endswith(".")
+    assert finding.limit_ratio >= 1.0 and finding.sentence.endswith(".")
     assert planted.says in finding.sentence
     for name, value in planted.numbers.items():
         if isinstance(value, float):
@@ -84,7 +84,7 @@ def test_a_planted_fault_is_found_and_told(example, planted):
         assert 0 <= first <= last < example.motion.num_frames
     measured = {"clean": example.evidence.raw, "planted": evidence.raw}
     numbers: Any = {name: {"raw": numbers_of(raw)} for name, raw in measured.items()}
-    headline = verdict_of("right_middle", [numbers], is_made=False)
+    headline = make_verdict("right_middle", [numbers], is_generated=False)
     assert ranked({"clean": [], "planted": found})[0][0] == "planted"
     if re.search("rotation noise|tremble", found[0].sentence.lower()) and headline is not None:
         worst = "From planted, which has the most jerk, to clean"
@@ -99,7 +99,7 @@ def test_every_fault_of_the_table_is_planted():
 
 
 def test_a_clean_clip_is_left_alone_whole_and_in_parts(example):
-    assert find_faults(raw_evidence(example.motion, SKELETON, heard=example.heard)) == []
+    assert find_faults(analyse_raw(example.motion, SKELETON, speech_bands=example.heard)) == []
     for part in (
         slice(0, 300),
         slice(60, 150),
@@ -109,13 +109,13 @@ def test_a_clean_clip_is_left_alone_whole_and_in_parts(example):
         slice(2),
         slice(1),
     ):
-        assert find_faults(raw_evidence(example.motion.part(part), SKELETON)) == []
+        assert find_faults(analyse_raw(example.motion.part(part), SKELETON)) == []
 
 
 def test_one_step_of_a_joint_is_no_seam(example):
     poses = example.motion.poses.copy()
     poses[104:, 3 * JOINT_INDEX["right_shoulder"]] += 0.3
-    found = find_faults(raw_evidence(replace(example.motion, poses=poses), SKELETON))
+    found = find_faults(analyse_raw(replace(example.motion, poses=poses), SKELETON))
     assert not {finding.kind for finding in found} & {"seams", "period", "pops"}
 
 
@@ -124,11 +124,11 @@ def test_one_step_of_a_joint_is_no_seam(example):
 def test_one_recording_beside_another_is_left_alone(recorded):
     other = load_motion(beat2_folder() / "smplxflame_30" / "2_scott_0_2_2.npz")
     frames = min(other.num_frames, recorded.motion.num_frames)
-    one, two = (raw_evidence(m.part(slice(frames)), SKELETON) for m in (recorded.motion, other))
+    one, two = (analyse_raw(m.part(slice(frames)), SKELETON) for m in (recorded.motion, other))
     first = recorded.motion.part(slice(frames))
-    assert find_faults(raw_evidence(first, SKELETON, heard=recorded.heard[:frames])) == []
+    assert find_faults(analyse_raw(first, SKELETON, speech_bands=recorded.heard[:frames])) == []
     for evidence, reference in ((one, two), (two, one)):
-        beside = raw_evidence(evidence.motion, SKELETON, reference)
+        beside = analyse_raw(evidence.motion, SKELETON, reference)
         assert find_faults(beside) == []
 
 
@@ -147,29 +147,30 @@ EXPECTED = {
 def test_what_is_true_of_others_is_found(name):
     (path,) = foreign_folder().glob(f"{name}.[nb][pv][zyh]")
     read = read_any_motion(path)
-    found = drop_missing_parts(find_faults(raw_evidence(read.motion, SKELETON)), read.missing_parts)
+    found = drop_missing_parts(find_faults(analyse_raw(read.motion, SKELETON)), read.missing_parts)
     assert {finding.kind for finding in found} == EXPECTED[name]
 
 
 def test_a_finding_tells_where_it_is_worst_and_the_gravest_come_first(example):
     plant = {p.name: p.plant for p in PLANTED}
     motion = plant["freeze of 2 s"](plant["7 Hz in the arms"](example.motion))
-    found = find_faults(raw_evidence(motion, SKELETON))
+    found = find_faults(analyse_raw(motion, SKELETON))
     assert found[0].kind == "frozen" and len(found) > 1
     assert found[0].worst_frame == 300 and found[0].frame_ranges[0] == (300, 359)
     told = found[0].as_json()
-    assert (told["worst_frame"], told["worst_s"], told["frames"]) == (300, 10.0, [[300, 359]])
-    assert told["gravity"] == 3 and told["excess"] > 1
+    assert (told["worst_frame"], told["worst_time_s"], told["frames"]) == (300, 10.0, [[300, 359]])
+    assert told["severity"] == 3 and told["limit_ratio"] > 1
 
 
 def test_of_each_motion_the_gravest_comes_first_the_worst_motion_before_all():
     twice, narrow = (
-        Finding(f"{each}.", {}, excess=2.0, span=span) for each, span in (("X", 4.0), ("Y", 2.0))
+        Finding(f"{each}.", {}, limit_ratio=2.0, natural_ratio=ratio)
+        for each, ratio in (("X", 4.0), ("Y", 2.0))
     )
-    angles, grave = replace(narrow, gravity=1), Finding("Z.", {}, gravity=3)
-    assert [each.severity for each in (twice, narrow, angles, grave)] == [0.5, 1.0, 0.5, 0.0]
+    angles, grave = replace(narrow, severity=1), Finding("Z.", {}, severity=3)
+    assert [each.deviation for each in (twice, narrow, angles, grave)] == [0.5, 1.0, 0.5, 0.0]
     found = {"a": [narrow], "b": [twice, angles, twice], "c": [angles, grave], "d": []}
-    far = Finding("W.", {}, excess=9.0)
+    far = Finding("W.", {}, limit_ratio=9.0)
     assert ranked({"a": [far, angles], "b": [grave, narrow]})[2:] == [("b", narrow), ("a", angles)]
     assert ranked(found) == [
         *(("c", grave), ("b", twice), ("a", narrow)),
@@ -184,13 +185,13 @@ def test_of_motions_that_shake_the_one_whose_fingertips_jerk_most_is_told_first(
     clean = example.motion.part(slice(frames))
     noise = plant(example.motion).part(slice(frames)).poses - clean.poses
     noisy = {f"x{k}": replace(clean, poses=clean.poses + k * noise) for k in (2, 4, 1)}
-    found = {name: find_faults(raw_evidence(each, SKELETON)) for name, each in noisy.items()}
+    found = {name: find_faults(analyse_raw(each, SKELETON)) for name, each in noisy.items()}
     names = list(dict.fromkeys(name for name, _ in ranked(found)))
     assert names == ["x4", "x2", "x1"]
     assert all("jerk" in {each.kind for each in found[name]} for name in names)
 
 
 def test_times_and_stretches():
-    assert [clock(frame) for frame in (0, 45, 1799)] == ["0:00.0", "0:01.5", "1:00.0"]
+    assert [format_time(frame) for frame in (0, 45, 1799)] == ["0:00.0", "0:01.5", "1:00.0"]
     there = np.array([0, 1, 1, 0, 0, 1, 1, 1, 0, 1], bool)
     assert true_ranges(there) == ((5, 7), (1, 2), (9, 9))

@@ -121,7 +121,7 @@ class Drawn:
             return "refused", None
         if self.apart_m(reading.motion) < self.tolerance_m:
             return "right", reading
-        is_told = any(each.sure == "unsure" for each in reading.assumptions)
+        is_told = any(each.confidence == "unsure" for each in reading.assumptions)
         return "unsure" if is_told else "silent", reading
 
     def apart_m(self, motion: Motion) -> float:

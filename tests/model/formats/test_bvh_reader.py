@@ -97,9 +97,9 @@ def test_limbs_of_each_naming_convention_point_as_in_the_file(tmp_path: Path, na
     assert max(angles_deg(path, name).values()) < split
     reading = read_any_motion(path)
     joints, layout = reading.of("joints"), reading.of("layout")
-    assert joints is not None and f" {AT_REST[name]} SMPL-X joints stay at rest" in joints.why
-    assert joints.sure == "sure" and layout is not None
-    assert (layout.sure == "unsure") == CONVENTIONS[name].is_unsure
+    assert joints is not None and f" {AT_REST[name]} SMPL-X joints stay at rest" in joints.reason
+    assert joints.confidence == "sure" and layout is not None
+    assert (layout.confidence == "unsure") == CONVENTIONS[name].is_unsure
 
 
 def test_limbs_of_a_recording_of_cmu_point_as_in_the_file():
@@ -117,8 +117,8 @@ def test_without_names_an_elbow_that_lengths_do_not_tell_is_told_as_unsure(tmp_p
             f"Right{part}", f"Right{number}"
         )
     told = read(tmp_path, text).of("joints")
-    assert told is not None and told.sure == "unsure"
-    assert "their names do not say which joint is the elbow;" in told.why
+    assert told is not None and told.confidence == "unsure"
+    assert "their names do not say which joint is the elbow;" in told.reason
 
 
 def test_a_hand_without_fingers_rests_along_its_forearm(tmp_path: Path):
@@ -158,7 +158,7 @@ def test_numbers_in_names_say_which_joint_of_a_finger_it_is(tmp_path: Path):
     less = str.maketrans({"1": "", "2": "1", "3": "2"})
     names = [JOINT_NAMES[j].translate(less) if j in HANDS else JOINT_NAMES[j] for j in WHOLE]
     told = read(tmp_path, text_of(WHOLE, names)).of("joints")
-    assert told is not None and "; 10 are not used, " in told.why
+    assert told is not None and "; 10 are not used, " in told.reason
 
 
 def test_lengths_are_told_otherwise(tmp_path: Path):
@@ -213,7 +213,7 @@ def test_text_is_read_where_nothing_is_lost(tmp_path: Path, text: str, said: str
         ("BIERARCHY", "line 1, it does not begin with HIERARCHY"),
         ("HIERARCHY\nROOT a\n{\nMOTION\n", "no joint has channels"),
         ("HIERARCHY\nROOT a\n{\nCHANNELS 9 x", "cannot have '9' channels"),
-        ("HIERARCHY\nROOT a\n{\nCHANNELS 1 Wposition", "no channels: wposition"),
+        ("HIERARCHY\nROOT a\n{\nCHANNELS 1 Wposition", "not channels: wposition"),
         ("HIERARCHY\nROOT a {\nBONE", "'BONE' is none of"),
         ("HIERARCHY\n}", "a } has no {"),
         (TEXT.replace("Frames: 20", "Frames: many"), "'Frames: N' is expected; found"),
@@ -223,7 +223,7 @@ def test_text_is_read_where_nothing_is_lost(tmp_path: Path, text: str, said: str
         (changed_row(2, lambda row: "1e300 " + row.split(" ", 1)[1]), "holds 1e+300, beyond 1e+06"),
         (changed_row(2, lambda row: row + " 7"), f"line {ROW + 2}, a row of 70 numbers"),
         (changed_row(2, lambda row: row[:90]), f"line {ROW + 2}, a row of"),
-        (changed_row(2, lambda row: "x" + row), "is no number"),
+        (changed_row(2, lambda row: "x" + row), "is not a number"),
         (changed_row(2, lambda row: "nan " + row.split(" ", 1)[1]), "not finite in frames 2"),
         (TEXT.replace("\nMOTION", "\nMOVES"), "'MOVES' is none of"),
         ("HIERARCHY\n" + "ROOT a {\n" * 500, "over 400 joints"),
@@ -264,7 +264,7 @@ def test_without_legs_or_a_rest_pose_it_is_read_and_told_as_unsure(
     found, wanted = (each[:, joints] for each in (joints_of(reading.motion), WANTED))
     np.testing.assert_allclose(found, wanted, atol=0.02 if is_along_x else 2e-3)
     assert ("legs" in reading.missing_parts) == (joints == UPPER)
-    unsure = {each.kind for each in reading.assumptions if each.sure == "unsure"}
+    unsure = {each.kind for each in reading.assumptions if each.confidence == "unsure"}
     assert unsure >= ({"layout"} if is_along_x else {"up", "facing"})
 
 

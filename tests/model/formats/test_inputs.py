@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.diagnostics import raw_evidence
+from model.diagnostics import analyse_raw
 from model.faults.table import find_faults
 from model.formats.read import read_any_motion
 from model.formats.reading import ImportedMotion, length_notes, parse_import_overrides
@@ -150,7 +150,7 @@ def test_what_is_refused_or_unsure_can_be_told(name: str, assume: str, frames: i
     reading = read_any_motion(INPUTS / name, parse_import_overrides(assume))
     assert reading.motion.num_frames == frames
     told = reading.of(assume.split("=")[0])  # type: ignore[arg-type]
-    assert told is not None and told.sure == "told"
+    assert told is not None and told.confidence == "user"
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -235,7 +235,7 @@ def test_a_body_that_bobs_is_found_and_one_that_stands_is_not():
         pytest.skip("no files that outsiders met here (shared/data/inputs5)")
     found = {
         name: find_faults(
-            raw_evidence(read_any_motion(folder / f"{name}.npz").motion, open_body_skeleton())
+            analyse_raw(read_any_motion(folder / f"{name}.npz").motion, open_body_skeleton())
         )
         for name in ("base", "emage_floats")
     }

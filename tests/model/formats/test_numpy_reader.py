@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS
 from model.formats.convention_detection import RELAXED_HANDS
-from model.formats.motion_draft import shape_of
-from model.formats.numpy_reader import CONVERT
+from model.formats.motion_draft import rotation_layout
+from model.formats.numpy_reader import CONVERT_PICKLE_COMMAND
 from model.formats.parameters import motion_files
 from model.formats.read import mean_hands, read_any_motion
 from model.formats.reading import ImportedMotion, parse_import_overrides
@@ -53,7 +53,7 @@ def refusal(path: Path, assume: str = "") -> str:
 def value_of(reading: ImportedMotion, kind: str) -> tuple[str, str]:
     found = reading.of(kind)  # type: ignore[arg-type]
     assert found is not None
-    return found.value, found.sure
+    return found.value, found.confidence
 
 
 def test_our_own_files_need_no_note(tmp_path: Path):
@@ -137,7 +137,7 @@ def test_a_stated_mean_hand_comes_from_the_body_else_ours_stands_in(tmp_path: Pa
     ],
 )
 def test_shapes_of_rotations(shape: tuple[int, ...], told: tuple[int, ...] | None):
-    found = shape_of(shape)
+    found = rotation_layout(shape)
     assert (found and found.rows(np.zeros(shape)).shape) == told
 
 
@@ -260,8 +260,8 @@ def test_a_folder_with_a_file_for_each_parameter_is_one_motion(tmp_path: Path, l
 def test_quaternions_do_not_offer_their_own_form_among_the_others(tmp_path: Path):
     for form in ("quaternion-wxyz", "quaternion-xyzw", "6d"):
         found = read_any_motion(written(tmp_path, poses=in_form(POSES, form))).of("rotations")
-        assert found is not None and found.value == form and found.others
-        assert form not in found.others
+        assert found is not None and found.value == form and found.alternatives
+        assert form not in found.alternatives
 
 
 def test_expressions_and_betas_of_other_lengths_are_filled_up(tmp_path: Path):
@@ -272,7 +272,7 @@ def test_expressions_and_betas_of_other_lengths_are_filled_up(tmp_path: Path):
     assert not motion.expressions[:, 50:].any()
     other = written(tmp_path, betas=np.zeros((60, 301)), expressions=np.zeros((60, 128)))
     notes = " ".join(read_any_motion(other).notes)
-    assert "no shape of a body" in notes and "none of FLAME's" in notes
+    assert "not a body shape" in notes and "none of FLAME's" in notes
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1, "m"), (100, "cm"), (1000, "mm")])
@@ -309,7 +309,7 @@ def test_what_is_said_and_does_not_apply_is_told(tmp_path: Path):
     reading = read_any_motion(
         path, parse_import_overrides("units=cm,hands=mean,motion=2,frames=bridge,rate=30")
     )
-    vain = [each.kind for each in reading.assumptions if "does not apply" in each.why]
+    vain = [each.kind for each in reading.assumptions if "does not apply" in each.reason]
     assert vain == ["hands", "motion", "units"] and "rate 30, as you say" in " ".join(reading.notes)
 
 
@@ -350,7 +350,7 @@ def test_what_is_pickled_is_read_after_the_line_that_converts_it(tmp_path: Path,
         case _:
             np.save(path, np.array(content, dtype=object), allow_pickle=True)
     assert "never loaded" in refusal(path)
-    command = CONVERT.split('"')[1]
+    command = CONVERT_PICKLE_COMMAND.split('"')[1]
     subprocess.run([sys.executable, "-c", command, str(path)], cwd=tmp_path, check=True)
     reading = read_any_motion(tmp_path / "motion.npz")
     np.testing.assert_array_equal(reading.motion.poses, MOTION.poses)
@@ -370,8 +370,8 @@ def test_positions_are_no_rotations(tmp_path: Path):
         ({"poses": np.zeros((0, 165))}, "no frames"),
         ({"poses": np.zeros(())}, "has the shape ()"),
         ({"poses": np.full((60, 165), 90.0)}, "radians, not degrees"),
-        ({"poses": np.full((60, 220), 0.9)}, "no unit quaternions"),
-        ({"poses": np.full((60, 495), 0.9)}, "no rotation matrices"),
+        ({"poses": np.full((60, 220), 0.9)}, "not unit quaternions"),
+        ({"poses": np.full((60, 495), 0.9)}, "not rotation matrices"),
         ({"trans": np.zeros((60, 2))}, "(frames, 3)"),
         ({"trans": np.zeros((0, 3))}, "`trans` is empty; it has the shape (0, 3)"),
         ({"trans": np.array(1.0)}, "(frames, 3)"),

@@ -7,7 +7,7 @@ import pytest
 from model.formats.reading import (
     Assumption,
     ImportedMotion,
-    apart,
+    differing_assumptions,
     length_notes,
     parse_import_overrides,
 )
@@ -25,11 +25,11 @@ def test_a_note_names_file_value_reason_and_the_way_out():
     assert note == "a.npz: up z, it stands along it (if not, say --assume up=y|x)."
     assert reading.of("up") is UP and reading.of("hands") is None
     assert UP.as_json() == {
-        "what": "up",
+        "kind": "up",
         "value": "z",
-        "why": "it stands along it",
-        "sure": "unsure",
-        "others": ["y", "x"],
+        "reason": "it stands along it",
+        "confidence": "unsure",
+        "alternatives": ["y", "x"],
     }
 
 
@@ -37,10 +37,10 @@ def test_what_differs_between_compared_motions_is_told():
     slow = Assumption("rate", "15", "as stated")
     one = ImportedMotion(MOTION, (slow,), missing_parts=frozenset({"detail", "face"}))
     other = ImportedMotion(MOTION, (USUAL,), missing_parts=frozenset({"face"}))
-    first, second = apart({"a": one, "b": other})
+    first, second = differing_assumptions({"a": one, "b": other})
     assert "differ in frame rate (a 15, b 30)" in first
     assert second.startswith("a was upsampled from a lower frame rate")
-    assert apart({"a": one, "b": one}) == []
+    assert differing_assumptions({"a": one, "b": one}) == []
 
 
 def test_a_rate_at_which_the_speech_would_fit_is_told():

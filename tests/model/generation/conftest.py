@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from model.systems.globaldiff.config import BEST
+from model.systems.globaldiff.config import PRIORFLOW
 from model.systems.registry import load_system
 from tests.model.made import TINY_BEST, TINY_SYSTEMS, make_weights
 from tests.model.systems.asynfusion.made import make_asynfusion
@@ -15,7 +15,7 @@ from tests.model.systems.gan.made_generator import make_gan_weights
 
 
 def make_every_weights(folder: Path) -> None:
-    make_weights(folder, {**TINY_SYSTEMS, BEST: TINY_BEST})
+    make_weights(folder, {**TINY_SYSTEMS, PRIORFLOW: TINY_BEST})
     make_gan_weights(folder)
     make_asynfusion(folder)
 

@@ -8,12 +8,12 @@ from model.generation.base import SpeechWindow
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain
 from model.motion.motion import concatenate
-from model.systems.globaldiff.config import BEST
+from model.systems.globaldiff.config import PRIORFLOW
 
-PACE = Pace(hop=10, heard_ahead=12)
+PACE = Pace(hop=10, look_ahead=12)
 OPTIONS = GenerateOptions(speaker="ann", steps=2, seed=3)
 FEATURES = torch.randn(400, 68, generator=torch.Generator().manual_seed(1))
-SYSTEMS = ["globaldiff/local", "globaldiff/global", BEST, "gan/5", "asynfusion/lcm-sync"]
+SYSTEMS = ["globaldiff/local", "globaldiff/global", PRIORFLOW, "gan/5", "asynfusion/lcm-sync"]
 
 
 def streamed(live: LiveMotion, blocks):
@@ -42,7 +42,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
     """Made apart from the stream: every window from all of the speech that was heard by then, so
     that nothing to come can have changed it."""
     system, num_frames, sizes = loaded(name), 120, [3, 14, 6] * 5 + [5]
-    live = LiveMotion(system, OPTIONS, Pace(hop=9, heard_ahead=11))
+    live = LiveMotion(system, OPTIONS, Pace(hop=9, look_ahead=11))
     pieces = streamed(live, FEATURES[:num_frames].split(sizes))
     chain, motion = WindowChain(system, OPTIONS), PiecewiseMotion(system)
     cut, start, offline = system.windowing, 0, []
@@ -56,7 +56,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
         first = 50 + start - cut.context
         speech = all_speech[first : first + cut.frames + 2 * cut.context]
         window = chain.window(SpeechWindow(speech), hop)
-        offline += motion.go_on(window.part(slice(hop)))
+        offline += motion.append(window.part(slice(hop)))
         start += hop
     assert len(pieces) == len(offline) > 6
     one, other = concatenate(pieces), concatenate(offline)
@@ -65,7 +65,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
 
 
 def test_memory_does_not_grow_and_place_does_not_drift(loaded):
-    system = loaded(BEST)
+    system = loaded(PRIORFLOW)
     live = LiveMotion(system, OPTIONS, PACE)
     pieces = streamed(live, FEATURES.repeat(2, 1).split(52))
     assert len(live._speech) < 4 * 60 + 2 * 2 * system.windowing.context + 60 < 600
@@ -73,7 +73,7 @@ def test_memory_does_not_grow_and_place_does_not_drift(loaded):
     assert np.abs(concatenate(pieces).trans[:, [0, 2]]).max() < 3.0
 
 
-@pytest.mark.parametrize("pace", [Pace(hop=7), Pace(hop=53), Pace(heard_ahead=7)])
+@pytest.mark.parametrize("pace", [Pace(hop=7), Pace(hop=53), Pace(look_ahead=7)])
 def test_a_pace_that_windows_cannot_keep_is_refused(loaded, pace):
     with pytest.raises(ValueError, match="gan/5 needs 8 to 52 and at least 8"):
         LiveMotion(loaded("gan/5"), OPTIONS, pace)

@@ -7,12 +7,12 @@ import pytest
 import torch
 
 from model.generation.regenerate import (
-    ENDING,
+    STATE_SUFFIX,
     GenerationState,
-    KeptError,
-    load_performance,
+    StateError,
+    load_state,
     regenerate,
-    save_performance,
+    save_state,
 )
 from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
@@ -121,16 +121,16 @@ def test_pieces_put_together_are_the_motion_and_what_did_not_change_comes_first(
 
 
 def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_path):
-    path = tmp_path / f"take{ENDING}"
-    save_performance(first, path)
-    read = load_performance(path, system, PLAN, first.motion)
+    path = tmp_path / f"take{STATE_SUFFIX}"
+    save_state(first, path)
+    read = load_state(path, system, PLAN, first.motion)
     assert torch.equal(read.conditioning, first.conditioning)
     again = regenerate(system, SPEECH, options(WITHOUT), read)
     np.testing.assert_array_equal(arrays(again.motion), arrays(changed.motion))
     path.write_bytes(path.read_bytes()[:1000])
     for broken in (path, tmp_path / "gone"):
-        with pytest.raises(KeptError, match="has expired"):
-            load_performance(broken, system, PLAN, first.motion)
+        with pytest.raises(StateError, match="has expired"):
+            load_state(broken, system, PLAN, first.motion)
 
 
 def test_it_stops_when_asked_to_and_refuses_what_it_cannot_keep(system, first):

@@ -15,13 +15,13 @@ from model.generation.windows import (
     WindowChain,
     generate_motion,
     motion_pieces,
-    one_thread,
+    single_threaded,
 )
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, concatenate
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
 from model.sampling.samplers import clip_seed
-from model.systems.globaldiff.config import BEST
+from model.systems.globaldiff.config import PRIORFLOW
 from processes.job import Cancelled
 from tests.model.made import made_speech
 
@@ -60,8 +60,8 @@ def test_windows_of_speech_hold_both_its_ends():
         window = SpeechWindow.of(features, start, 60, context=20)
         wanted = torch.arange(start - 20, start + 80).clamp(0, 199).float()
         torch.testing.assert_close(window.speech[:, 0], wanted)
-        torch.testing.assert_close(window.around(0, 60)[:, 0], wanted[20:80])
-        torch.testing.assert_close(window.around(5, 60)[:, 0], wanted[15:85])
+        torch.testing.assert_close(window.with_context(0, 60)[:, 0], wanted[20:80])
+        torch.testing.assert_close(window.with_context(5, 60)[:, 0], wanted[15:85])
 
 
 def test_clips_of_a_set_have_seeds_of_their_own_that_never_change():
@@ -71,10 +71,10 @@ def test_clips_of_a_set_have_seeds_of_their_own_that_never_change():
 
 
 OPTIONS = GenerateOptions(speaker="ann", steps=2)
-SYSTEMS = ["globaldiff/local", "globaldiff/global", BEST]
+SYSTEMS = ["globaldiff/local", "globaldiff/global", PRIORFLOW]
 LENGTHS = [
     *(("globaldiff/global", n) for n in (15, 60, 61, 112, 113, 200)),
-    *((name, 113) for name in ("globaldiff/local", BEST)),
+    *((name, 113) for name in ("globaldiff/local", PRIORFLOW)),
 ]
 
 
@@ -199,7 +199,7 @@ def test_motion_is_made_in_one_thread_and_as_many_as_before_work_after_it(small)
     options = GenerateOptions(speaker="ann", steps=1)
     torch.set_num_threads(2)
     try:
-        with pytest.raises(ZeroDivisionError), one_thread():
+        with pytest.raises(ZeroDivisionError), single_threaded():
             assert torch.get_num_threads() == 1
             raise ZeroDivisionError
         assert torch.get_num_threads() == 2

@@ -8,7 +8,7 @@ import pytest
 from conventions.joints import JOINT_INDEX
 from model.metrics.face import (
     count_blinks,
-    face_and_hands,
+    face_hand_correlation,
     face_measures,
     head_speed,
     lagged_correlation,
@@ -70,14 +70,14 @@ def hands(speed: np.ndarray) -> np.ndarray:
 
 def test_a_face_that_goes_with_the_hands_is_told_from_one_that_does_not():
     own, other, still = strokes(1), strokes(2), np.zeros(900)
-    together = face_and_hands(made(own, np.cumsum(own) / 30), hands(own))
-    apart = face_and_hands(made(other, np.cumsum(other) / 30), hands(own))
+    together = face_hand_correlation(made(own, np.cumsum(own) / 30), hands(own))
+    apart = face_hand_correlation(made(other, np.cumsum(other) / 30), hands(own))
     for name in ("brow_with_hands", "head_with_hands"):
         assert together[name] > 0.5 > 0.3 > abs(apart[name])
-    late = face_and_hands(made(np.roll(own, 10), np.cumsum(own) / 30), hands(own))
+    late = face_hand_correlation(made(np.roll(own, 10), np.cumsum(own) / 30), hands(own))
     assert late["brow_with_hands"] > 0.5
-    assert set(face_and_hands(made(still, still), hands(own)).values()) == {0.0}
-    assert face_and_hands(made(still[:200], still[:200]), hands(own[:200])) == {}
+    assert set(face_hand_correlation(made(still, still), hands(own)).values()) == {0.0}
+    assert face_hand_correlation(made(still[:200], still[:200]), hands(own[:200])) == {}
     for lag in (-12, 0, 12):  # frames, found on either side
         assert lagged_correlation(np.roll(own, lag)[50:-50], own[50:-50]) > 0.9
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from conventions.rates import FPS, SAMPLE_RATE
-from model.faults.glitches import shifted_speech
+from model.faults.glitches import speech_lag
 from model.metrics.lag import find_lag, speech_bands_by_frame
-from model.motion.motion import Motion, in_step, load_motion
+from model.motion.motion import Motion, load_motion, shift_by_lag
 from model.speech.audio import load_speech
 from tests.helpers import beat2_folder, smooth_motion_example
 from tests.model.faults.test_faults import SKELETON
@@ -70,7 +70,7 @@ def stretched(motion: Motion, times: float) -> Motion:
 @pytest.mark.parametrize("frames", [-30, -12, 0, 1, 23, 75])
 def test_a_lag_is_found_to_half_a_frame_with_its_sign(sound, frames):
     lag = find_lag(moved(speaking(sound), frames), speech_bands_by_frame(sound))
-    assert lag.lag_ground == "face"
+    assert lag.lag_source == "face"
     assert lag.lag_s == pytest.approx(frames / FPS, abs=0.5 / FPS)
     assert lag.lag_low_s <= lag.lag_s <= lag.lag_high_s < lag.lag_low_s + 0.1
     assert lag.lag_drift_s == 0.0
@@ -119,35 +119,35 @@ def test_arms_that_follow_the_sound_give_ground_where_there_is_no_face(sound):
         poses[:, 3 * joint] = sign * np.cumsum(fast * np.sign(np.sin(np.arange(900) / 40))) / 30
     still = replace(motion, expressions=np.zeros_like(motion.expressions), poses=poses)
     lag = find_lag(moved(still, 14), speech_bands_by_frame(sound))
-    assert lag.lag_ground == "body"
+    assert lag.lag_source == "body"
     assert lag.lag_s == pytest.approx(14 / FPS, abs=2 / FPS)
 
 
 def test_a_motion_is_moved_to_where_its_speech_is(sound):
     motion = speaking(sound)
     late, early = moved(motion, 12), moved(motion, -12)
-    np.testing.assert_array_equal(in_step(late, 0.4).poses, motion.poses[:-12])
-    held = in_step(early, -0.4)
+    np.testing.assert_array_equal(shift_by_lag(late, 0.4).poses, motion.poses[:-12])
+    held = shift_by_lag(early, -0.4)
     np.testing.assert_array_equal(held.poses[12 : 12 + 888], motion.poses[12:])
     assert (held.poses[:12] == motion.poses[12]).all() and held.num_frames == 912
-    assert in_step(motion, 0.0).num_frames == motion.num_frames
+    assert shift_by_lag(motion, 0.0).num_frames == motion.num_frames
     with pytest.raises(ValueError, match=r"lag of -40 s is as long as the motion.* 30.0 s"):
-        in_step(motion, -40.0)
+        shift_by_lag(motion, -40.0)
 
 
 def test_it_is_a_finding_that_says_how_to_put_it_right(sound):
-    from model.diagnostics import raw_evidence
+    from model.diagnostics import analyse_raw
 
     def told(motion: Motion) -> list:
         return list(
-            shifted_speech(raw_evidence(motion, SKELETON, heard=speech_bands_by_frame(sound)))
+            speech_lag(analyse_raw(motion, SKELETON, speech_bands=speech_bands_by_frame(sound)))
         )
 
     motion = speaking(sound)
     assert told(motion) == [] and told(moved(motion, 3)) == []
     (late,) = told(moved(motion, 12))
     assert late.sentence.startswith("The face moves 0.40 s late relative to the speech (95 %")
-    assert "--assume lag=0.40" in late.sentence and late.excess == pytest.approx(3, abs=0.1)
+    assert "--assume lag=0.40" in late.sentence and late.limit_ratio == pytest.approx(3, abs=0.1)
     (early,) = told(moved(motion, -12))
     assert "0.40 s early" in early.sentence and "lag=-0.40" in early.sentence
     (drifts,) = told(stretched(motion, 1.05))

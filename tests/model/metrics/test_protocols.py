@@ -34,7 +34,7 @@ NAMES = {
 
 def clip_of(motion: Motion, reference: Clip | None = None, **inputs) -> Clip:
     tracks = track_points(motion, open_body_skeleton())
-    return Clip(tracks.joints, tracks.global_rot[:, 0], reference, **inputs)
+    return Clip(tracks.joints, tracks.R_world_joint[:, 0], reference, **inputs)
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +227,7 @@ def test_labels_of_beat_are_read_frame_by_frame_and_others_refused(tmp_path):
     assert read_semantics(path, 15).tolist() == [0.0] * 3 + [0.7] * 4 + [0.1] * 6 + [0.0] * 2
     for text in ("word 0 1 1 .5", "a\t0\t1\t1\t7\tb", "a\tnan\t1\t1\t.5\tb", "a\t0\t1"):
         path.write_text(text)
-        with pytest.raises(MotionError, match=r"Line 1 of clip\.txt is no label of BEAT"):
+        with pytest.raises(MotionError, match=r"Line 1 of clip\.txt is not a label of BEAT"):
             read_semantics(path, 10)
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from conventions.joints import FINGERTIP_NAMES, JOINT_INDEX, JOINT_NAMES
-from model.metrics.error_growth import growth_sentence, measure_error_growth
-from model.metrics.reference_error import PARTS, degrees_by_part
+from model.metrics.error_growth import error_growth_summary, measure_error_growth
+from model.metrics.reference_error import PARTS, rotation_difference_by_part
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
 from tests.helpers import beat2_folder, smooth_motion_example
@@ -21,7 +21,7 @@ def test_a_turned_joint_counts_for_its_part_alone():
     """An elbow turned by .3 rad in the second half of the frames that both have: .15 on average,
     shared among the arm's four joints."""
     turn = about(1, np.where(np.arange(60) < 30, 0.0, 0.3))
-    found = degrees_by_part(posed(90), posed(60, right_elbow=turn))
+    found = rotation_difference_by_part(posed(90), posed(60, right_elbow=turn))
     assert next(iter(found)) == "right arm"
     assert found["right arm"] == pytest.approx(np.rad2deg(0.15) / 4, rel=1e-3)
     assert max(value for part, value in found.items() if part != "right arm") < 0.01
@@ -49,8 +49,8 @@ def test_spread_in_the_rest_pose_follows_its_lever_arms():
     assert growth.points == (*names[1:], "right_middle")
     assert growth.predicted_local_spread_m[-1] == pytest.approx(local, rel=1e-9)
     assert growth.predicted_global_spread_m[-1] == pytest.approx(world, rel=1e-9)
-    assert growth.local_spread_m[-1] == pytest.approx(local, rel=0.05)
-    assert growth.global_spread_m[-1] == pytest.approx(world, rel=0.05)
+    assert growth.local_rms_m[-1] == pytest.approx(local, rel=0.05)
+    assert growth.global_rms_m[-1] == pytest.approx(world, rel=0.05)
     assert growth.predicted_ratio == pytest.approx(local / world)
     assert growth.local_angle_error_ratio == pytest.approx(np.sqrt(2), rel=0.02)
 
@@ -65,7 +65,7 @@ def test_a_joint_is_moved_by_its_ancestors_alone_and_the_first_bone_alike_by_bot
     np.testing.assert_allclose(growth.predicted_local_spread_m, expected, rtol=1e-9)
     expected = 0.01 * np.sqrt(2) * np.array([to_hip, np.hypot(to_hip, thigh)])
     np.testing.assert_allclose(growth.predicted_global_spread_m, expected, rtol=1e-9)
-    assert growth.local_spread_m[0] == pytest.approx(growth.global_spread_m[0], rel=1e-9)
+    assert growth.local_rms_m[0] == pytest.approx(growth.global_rms_m[0], rel=1e-9)
 
 
 def test_a_seed_decides_the_noise_and_the_pelvis_cannot_be_followed():
@@ -73,8 +73,8 @@ def test_a_seed_decides_the_noise_and_the_pelvis_cannot_be_followed():
     first, again, other = (
         measure_error_growth(motion, SKELETON, "left_thumb", seed=seed) for seed in (3, 3, 4)
     )
-    np.testing.assert_array_equal(first.local_spread_m, again.local_spread_m)
-    assert first.ratio != other.ratio and np.all(np.diff(first.local_spread_m) > 0)
+    np.testing.assert_array_equal(first.local_rms_m, again.local_rms_m)
+    assert first.ratio != other.ratio and np.all(np.diff(first.local_rms_m) > 0)
     with pytest.raises(ValueError, match="No rotation moves the pelvis"):
         measure_error_growth(motion, SKELETON, "pelvis")
     one = measure_error_growth(motion.part(slice(1)), SKELETON, FINGERTIP_NAMES[0])
@@ -88,7 +88,7 @@ def test_a_recorded_clip_shows_the_known_ratio():
     growth = measure_error_growth(motion, SKELETON, "right_middle", 0.02)
     assert growth.ratio == pytest.approx(3.2, rel=0.15)
     assert growth.ratio == pytest.approx(growth.predicted_ratio, rel=0.03)
-    assert growth.local_spread_m[-1] == pytest.approx(0.042, rel=0.1)
-    sentence = growth_sentence(growth, 0.02)
+    assert growth.local_rms_m[-1] == pytest.approx(0.042, rel=0.1)
+    sentence = error_growth_summary(growth, 0.02)
     assert "right middle fingertip" in sentence and "0.02 rad" in sentence
     assert "4.1 cm" in sentence and "3.2 times" in sentence

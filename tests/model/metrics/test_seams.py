@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX, LOWER_BODY
-from model.diagnostics import raw_evidence
+from model.diagnostics import analyse_raw
 from model.formats.read import read_any_motion
 from model.generation.base import Windowing
 from model.metrics.seams import (
-    Period,
+    JerkPeriod,
     by_phase,
     find_period,
     recurring_jerk,
@@ -109,7 +109,7 @@ def with_jumps(motion: Motion, period: int, joint: str | None = None, first: int
     return changed(motion, joints, 0.04 * (windows % 2)[:, None, None] * np.array([0, 0, 1]))
 
 
-def period_of(motion: Motion) -> Period | None:
+def period_of(motion: Motion) -> JerkPeriod | None:
     return find_period(track_points(motion, SKELETON))
 
 
@@ -119,7 +119,7 @@ def test_jumps_are_found_at_their_period_and_frame(period):
     assert found is not None and (found.frames, found.kind) == (period, "pulses")
     assert found.part in ("right arm", "right hand")
     assert (found.phase_frame - 5) % period in (0, 1, period - 1)
-    assert found.peak_over_usual > 1.5
+    assert found.peak_over_median > 1.5
     for frame in found.worst_frames:
         assert (frame - found.phase_frame) % period == 0
 
@@ -145,15 +145,15 @@ def test_what_repeats_nothing_has_no_period():
 
 def test_seams_are_folded_on_what_is_known_or_found():
     jumps = with_jumps(rough(900), 64, first=0)
-    found = raw_evidence(jumps, SKELETON).raw.seams
-    assert found.folded_on_frames == len(found.jerk_by_window_phase_m_s3) == 64
+    found = analyse_raw(jumps, SKELETON).raw.seams
+    assert found.fold_period_frames == len(found.jerk_by_window_phase_m_s3) == 64
     assert found.jerk_by_window_phase_m_s3.argmax() in (0, 1, 63)
     assert np.isnan(found.seam_jerk_ratio)  # a period has no first frame of its own
-    known = raw_evidence(jumps, SKELETON, windows=Windowing(64, 0)).raw.seams
-    assert known.seam_jerk_ratio > 1.5 and known.folded_on_frames == 64
-    nothing = raw_evidence(rough(900), SKELETON).raw.seams
-    assert nothing.folded_on_frames is None and not len(nothing.jerk_by_window_phase_m_s3)
-    hip = raw_evidence(with_jumps(rough(900), 30, "left_hip", first=7), SKELETON).raw.seams
+    known = analyse_raw(jumps, SKELETON, windows=Windowing(64, 0)).raw.seams
+    assert known.seam_jerk_ratio > 1.5 and known.fold_period_frames == 64
+    nothing = analyse_raw(rough(900), SKELETON).raw.seams
+    assert nothing.fold_period_frames is None and not len(nothing.jerk_by_window_phase_m_s3)
+    hip = analyse_raw(with_jumps(rough(900), 30, "left_hip", first=7), SKELETON).raw.seams
     assert hip.jerk_by_window_phase_m_s3.argmax() in (6, 7, 8)
 
 
@@ -170,7 +170,7 @@ def test_windows_that_cannot_be_are_refused(advance, overlap):
 def test_jumps_planted_in_a_recording_are_found(period, joint):
     recorded = load_motion(beat2_folder() / "smplxflame_30" / "2_scott_0_1_1.npz")
     found = period_of(with_jumps(recorded, period, joint))
-    assert found is not None and found.frames == period and found.chance < 1e-9
+    assert found is not None and found.frames == period and found.p_value < 1e-9
 
 
 @pytest.mark.parametrize(

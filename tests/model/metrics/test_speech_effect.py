@@ -9,12 +9,12 @@ from conventions.joints import JOINT_INDEX
 from model.metrics.speech_effect import (
     LEAST_FRAMES,
     TRACKS,
-    arm_rotations_alike,
+    arm_rotation_correlation,
     arm_speed,
-    likeness,
+    silence_speed_ratio,
     speech_and_noise_shares,
-    speed_in_silence,
-    spoken_and_silent,
+    speech_and_silence_masks,
+    track_correlation,
 )
 from model.motion.kinematics import face_unit_names
 from model.motion.motion import Motion
@@ -63,14 +63,14 @@ def test_arm_speed_is_in_degrees_a_second_whichever_arm_turns():
 def test_likeness_is_the_correlation_of_what_both_have_and_0_of_what_is_still():
     rng = np.random.default_rng(0)
     one, other = rng.normal(size=200), rng.normal(size=120)
-    assert likeness(one, other) == pytest.approx(np.corrcoef(one[:120], other)[0, 1])
-    assert likeness(one, np.ones(200)) == 0.0
+    assert track_correlation(one, other) == pytest.approx(np.corrcoef(one[:120], other)[0, 1])
+    assert track_correlation(one, np.ones(200)) == 0.0
 
 
 def test_rotations_of_arms_alone_are_compared():
     one, other = motion_of(1, 2, 0.5), motion_of(1, 2, 0.5)
     other.poses[:, 3 * JOINT_INDEX["head"]] += slow(np.random.default_rng(5))
-    assert arm_rotations_alike(one, other) == pytest.approx(1 / 12, abs=1e-6)  # 11 are still
+    assert arm_rotation_correlation(one, other) == pytest.approx(1 / 12, abs=1e-6)  # 11 are still
 
 
 def test_a_motion_in_other_units_has_no_brows():
@@ -125,7 +125,7 @@ def test_frames_are_told_as_one_by_one(end):
     speech = np.random.default_rng(end).random(200) < 0.3
     parts = [np.zeros(40), speech, np.zeros(LONG + 20), speech, np.zeros(LONG - 30), speech]
     voiced = np.concatenate([*parts, np.zeros(end)]).astype(bool)
-    spoken, silent = spoken_and_silent(voiced)
+    spoken, silent = speech_and_silence_masks(voiced)
     wanted = slowly(voiced.tolist())
     assert spoken.tolist() == [kind == "spoken" for kind in wanted]
     assert silent.tolist() == [kind == "silent" for kind in wanted]
@@ -138,9 +138,11 @@ def test_speeds_are_those_of_the_silence_over_those_of_speaking(joint, part):
     speeds = np.where(voiced, 0.2, 7.0)  # before the speech, and long after it, is not looked at
     speeds[200 : 200 + LONG] = 0.05
     motion = posed(400, **{joint: about(0, np.deg2rad(np.cumsum(speeds)))})
-    assert speed_in_silence(motion, voiced) == {f"{part}_in_silence": pytest.approx(0.25, rel=1e-3)}
+    assert silence_speed_ratio(motion, voiced) == {
+        f"{part}_in_silence": pytest.approx(0.25, rel=1e-3)
+    }
     voiced[:] = True
-    assert speed_in_silence(motion, voiced) == {}
+    assert silence_speed_ratio(motion, voiced) == {}
     voiced[300:] = False  # 3 s: a pause
-    assert speed_in_silence(motion, voiced) == {}
-    assert speed_in_silence(motion, np.zeros(400, bool)) == {}
+    assert silence_speed_ratio(motion, voiced) == {}
+    assert silence_speed_ratio(motion, np.zeros(400, bool)) == {}

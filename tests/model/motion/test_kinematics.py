@@ -31,35 +31,35 @@ def double_skeleton() -> RestSkeleton:
     return RestSkeleton(rest.rest_joints.double(), rest.tip_offsets.double())
 
 
-def slow_forward_kinematics(local_rot: Tensor, rest: Tensor) -> tuple[Tensor, Tensor]:
+def slow_forward_kinematics(R_parent_joint: Tensor, rest: Tensor) -> tuple[Tensor, Tensor]:
     """One joint after the other, GlobalDiff eqs. 1 and 2."""
-    global_rot = [local_rot[..., 0, :, :]]
-    positions = [rest[0].expand(*local_rot.shape[:-3], 3)]
+    R_world_joint = [R_parent_joint[..., 0, :, :]]
+    positions = [rest[0].expand(*R_parent_joint.shape[:-3], 3)]
     for joint in range(1, 55):
         parent = PARENTS[joint]
-        global_rot.append(global_rot[parent] @ local_rot[..., joint, :, :])
+        R_world_joint.append(R_world_joint[parent] @ R_parent_joint[..., joint, :, :])
         bone = rest[joint] - rest[parent]
-        positions.append(positions[parent] + global_rot[parent] @ bone)
-    return torch.stack(global_rot, dim=-3), torch.stack(positions, dim=-2)
+        positions.append(positions[parent] + R_world_joint[parent] @ bone)
+    return torch.stack(R_world_joint, dim=-3), torch.stack(positions, dim=-2)
 
 
 def test_agrees_with_the_joint_by_joint_loop_and_local_and_global_are_inverse():
     skeleton = double_skeleton()
     for batch in BATCHES:
-        local_rot = random_local_rotations(batch)
-        slow_rot, slow_positions = slow_forward_kinematics(local_rot, skeleton.rest_joints)
-        global_rot, positions = joint_positions_from_local(local_rot, skeleton)
-        assert_exact(global_rot, slow_rot)
+        R_parent_joint = random_local_rotations(batch)
+        slow_rot, slow_positions = slow_forward_kinematics(R_parent_joint, skeleton.rest_joints)
+        R_world_joint, positions = joint_positions_from_local(R_parent_joint, skeleton)
+        assert_exact(R_world_joint, slow_rot)
         assert_exact(positions, slow_positions)
         assert_exact(joint_positions_from_global(slow_rot, skeleton), slow_positions)
-        assert_exact(kinematics.local_from_global(slow_rot), local_rot)
+        assert_exact(kinematics.local_from_global(slow_rot), R_parent_joint)
 
 
 def test_a_raised_left_arm_is_the_left_arm_and_up():
     skeleton = open_body_skeleton()
-    local_rot = torch.eye(3).repeat(55, 1, 1)
-    local_rot[16] = matrix_from_axis_angle(torch.tensor([0.0, 0.0, math.pi / 2]))
-    _, positions = joint_positions_from_local(local_rot, skeleton)
+    R_parent_joint = torch.eye(3).repeat(55, 1, 1)
+    R_parent_joint[16] = matrix_from_axis_angle(torch.tensor([0.0, 0.0, math.pi / 2]))
+    _, positions = joint_positions_from_local(R_parent_joint, skeleton)
     moved = (positions - skeleton.rest_joints).norm(dim=-1) > 1e-3
     assert moved.nonzero().flatten().tolist() == [18, 20, *range(25, 40)]
     assert positions[20, 1] > skeleton.rest_joints[20, 1] + 0.4
@@ -67,10 +67,10 @@ def test_a_raised_left_arm_is_the_left_arm_and_up():
 
 def test_fingertips_are_rigid_on_the_last_finger_joint():
     skeleton = double_skeleton()
-    global_rot, positions = joint_positions_from_local(random_local_rotations((4,)), skeleton)
-    tips = fingertip_positions(global_rot, positions, skeleton)
+    R_world_joint, positions = joint_positions_from_local(random_local_rotations((4,)), skeleton)
+    tips = fingertip_positions(R_world_joint, positions, skeleton)
     for k, joint in enumerate(FINGERTIP_JOINTS):
-        offset = global_rot[:, joint] @ skeleton.tip_offsets[k]
+        offset = R_world_joint[:, joint] @ skeleton.tip_offsets[k]
         assert_exact(tips[:, k], positions[:, joint] + offset)
 
 
@@ -99,17 +99,17 @@ def test_mirrored_motion_gives_exactly_the_mirrored_points():
     poses = torch.randn(5, 165, dtype=torch.float64)
     transl = torch.randn(5, 3, dtype=torch.float64)
     image = torch.tensor([-1.0, 1, 1], dtype=torch.float64)
-    local_rot = matrix_from_axis_angle(poses.unflatten(-1, (55, 3)))
-    mirrored = mirror_local(local_rot)
+    R_parent_joint = matrix_from_axis_angle(poses.unflatten(-1, (55, 3)))
+    mirrored = mirror_local(R_parent_joint)
     for skeleton, of_mirrored in ((one, other), (symmetric, symmetric)):
-        rot, positions = joint_positions_from_local(local_rot, skeleton, transl)
+        rot, positions = joint_positions_from_local(R_parent_joint, skeleton, transl)
         seen_rot, seen = joint_positions_from_local(mirrored, of_mirrored, transl * image)
         expected = (positions * image)[:, list(MIRROR_PERMUTATION)]
         assert_exact(seen, expected)
         tips = fingertip_positions(rot, positions, skeleton)
         seen_tips = fingertip_positions(seen_rot, seen, of_mirrored)
         assert_exact(seen_tips, (tips * image)[:, [5, 6, 7, 8, 9, 0, 1, 2, 3, 4]])
-    assert_exact(mirror_local(mirrored), local_rot)
+    assert_exact(mirror_local(mirrored), R_parent_joint)
 
 
 def test_the_open_body_is_a_standing_person_who_faces_z_and_is_symmetric():

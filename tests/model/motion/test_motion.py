@@ -181,7 +181,7 @@ def test_entries_that_are_no_arrays_and_names_that_move_the_cursor_are_refused(t
 def test_what_is_too_large_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
     path = tmp_path / "a.npz"
     with path.open("wb") as file:
-        file.truncate(200 * 10**6)  # takes no room on the disk, and is no archive
+        file.truncate(200 * 10**6)  # takes no room on the disk, and is not an archive
     assert_refused(path, "191 MiB", "at most 160 MiB")
     assert npz.MAX_BYTES == 512 * 2**20
     monkeypatch.setattr(npz, "MAX_BYTES", 2**20)

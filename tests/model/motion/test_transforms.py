@@ -10,7 +10,7 @@ from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion
 from model.motion.rotations import geodesic_angle
 from model.motion.tracks import moving_chain
-from model.motion.transforms import exaggerate, motion_at_speed, noisy_motions
+from model.motion.transforms import add_rotation_noise, change_motion_speed, exaggerate_tremor
 from tests.helpers import smooth_motion_example
 from tests.model.motion.made import about, along, posed
 
@@ -31,30 +31,30 @@ def angles_of(motion: Motion, joint: str = "left_elbow") -> np.ndarray:
 
 @pytest.mark.parametrize("factor", [5, 20])
 def test_tremble_is_multiplied_and_the_gesture_stays(factor):
-    shown = exaggerate(turning(SLOW + FAST), factor)
+    shown = exaggerate_tremor(turning(SLOW + FAST), factor)
     error = np.abs(angles_of(shown) - SLOW - factor * FAST)[INSIDE]
     assert error.max() < 0.04 * factor * 0.01, "the filter has a slope: 10 Hz passes almost whole"
     others = np.delete(shown.poses, 3 * JOINT_INDEX["left_elbow"] + 1, axis=1)
     assert np.abs(others).max() < 1e-5
     calm = turning(SLOW)
-    assert np.abs(exaggerate(calm, factor).poses - calm.poses)[INSIDE].max() < 2e-3
+    assert np.abs(exaggerate_tremor(calm, factor).poses - calm.poses)[INSIDE].max() < 2e-3
 
 
 def test_the_body_s_own_place_trembles_too_and_no_joint_turns_over():
-    shown = exaggerate(posed(150, trans=along(1, 0.1 * FAST)), 5)
+    shown = exaggerate_tremor(posed(150, trans=along(1, 0.1 * FAST)), 5)
     assert np.ptp(shown.trans[INSIDE, 1]) == pytest.approx(0.5 * np.ptp(FAST[INSIDE]), rel=0.04)
-    wild = angles_of(exaggerate(turning(30 * FAST), 20))
+    wild = angles_of(exaggerate_tremor(turning(30 * FAST), 20))
     assert 0.9 * MAX_EXAGGERATED_RAD < np.abs(wild[INSIDE]).max() < 1.1 * MAX_EXAGGERATED_RAD
 
 
 def test_speech_gaze_short_clips_and_a_factor_of_one_stay_as_they_are():
     for joint in ("jaw", "left_eye"):
         motion = turning(FAST, joint)
-        assert np.array_equal(exaggerate(motion, 20).poses, motion.poses)
-    assert exaggerate(motion, 1) is motion
+        assert np.array_equal(exaggerate_tremor(motion, 20).poses, motion.poses)
+    assert exaggerate_tremor(motion, 1) is motion
     for num_frames in (1, 3, 4, 7):
         motion = turning(FAST[:num_frames])
-        shown = exaggerate(motion, 5)
+        shown = exaggerate_tremor(motion, 5)
         assert shown.num_frames == num_frames and (shown is motion) == (num_frames < 4)
 
 
@@ -76,7 +76,7 @@ def spread(errors: torch.Tensor) -> float:
 def test_noise_is_the_same_turns_on_local_and_on_global_rotations():
     """Local noise adds up along the chain and global noise does not, at a price: an angle between
     neighbours holds the noise of both."""
-    on_local, on_global = noisy_motions(MOTION, NOISE_RAD)
+    on_local, on_global = add_rotation_noise(MOTION, NOISE_RAD)
     local_error = errors_rad(on_local, is_global=False)[:, OTHERS]
     global_error = errors_rad(on_global, is_global=True)[:, OTHERS]
     torch.testing.assert_close(local_error, global_error, atol=1e-3, rtol=0)
@@ -90,7 +90,7 @@ def test_noise_is_the_same_turns_on_local_and_on_global_rotations():
         assert errors_rad(motion, is_global=False)[:, list(FACE)].max() < 1e-3
         assert np.array_equal(motion.trans, MOTION.trans)
         assert np.array_equal(motion.expressions, MOTION.expressions)
-    again, other = (noisy_motions(MOTION, NOISE_RAD, seed)[0].poses for seed in (0, 1))
+    again, other = (add_rotation_noise(MOTION, NOISE_RAD, seed)[0].poses for seed in (0, 1))
     assert np.array_equal(again, on_local.poses) and not np.array_equal(other, on_local.poses)
 
 
@@ -100,7 +100,9 @@ def test_velocities_scale_with_speed(speed):
     angle = np.radians(170.0) * np.arange(91) / 30
     angle = (angle + np.pi) % (2 * np.pi) - np.pi  # as files have it: at most half a turn
     pelvis = angle[:, None] * [0.6, 0.0, 0.8]
-    fast = motion_at_speed(posed(91, np.linspace([0, 1, 0], [3, 1, -3], 91), pelvis=pelvis), speed)
+    fast = change_motion_speed(
+        posed(91, np.linspace([0, 1, 0], [3, 1, -3], 91), pelvis=pelvis), speed
+    )
     rotmat = fast.local_rotations()[:, 0].double()
     steps = torch.rad2deg(geodesic_angle(rotmat[:-1], rotmat[1:])) * 30
     np.testing.assert_allclose(steps, 170.0 * speed, rtol=1e-3)
@@ -112,7 +114,7 @@ def test_velocities_scale_with_speed(speed):
 )
 def test_the_path_is_walked_to_its_end(frames, speed, wanted):
     motion = smooth_motion_example(frames)
-    fast = motion_at_speed(motion, speed)
+    fast = change_motion_speed(motion, speed)
     assert fast.num_frames == wanted
     assert frames - 1 - speed < (wanted - 1) * speed <= frames - 1 + 1e-9
     new = min(10, wanted - 1)  # frame 10 of the new shows frame 10 * speed
@@ -122,7 +124,7 @@ def test_the_path_is_walked_to_its_end(frames, speed, wanted):
 
 
 def test_what_lies_between_two_frames_is_between_them():
-    half = motion_at_speed(MOTION, 0.5)
+    half = change_motion_speed(MOTION, 0.5)
     for name in ("trans", "expressions"):
         rows = getattr(MOTION, name)
         np.testing.assert_allclose(getattr(half, name)[1::2], (rows[:-1] + rows[1:]) / 2, atol=1e-6)

@@ -11,7 +11,7 @@ from model.plan.plan import (
     Nod,
     Phase,
     Smile,
-    Stand,
+    Stance,
 )
 
 REST = (0.2, -0.3, 0.1)
@@ -45,7 +45,7 @@ def made_plan() -> GesturePlan:
         brows=(Brow(1.9, 0.5),),
         smiles=(Smile(3.0, 5.0, 0.4),),
         blinks=(Blink(0.8), Blink(4.0)),
-        stands=(Stand(0.0, 3.0, "left"), Stand(3.0, 6.0, "right")),
+        stands=(Stance(0.0, 3.0, "left"), Stance(3.0, 6.0, "right")),
         planted=(
             FootContact(0.0, 6.0, "left"),
             FootContact(0.0, 2.5, "right"),

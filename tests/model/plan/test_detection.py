@@ -11,7 +11,7 @@ from model.motion.kinematics import face_unit_names, open_body_skeleton
 from model.motion.motion import Motion
 from model.plan.detection import hand_phases, plan_from_motion
 from model.plan.plan import PHASES, GesturePlan
-from model.plan.plan_features import hand_tracks, tracks_of
+from model.plan.plan_features import hand_tracks, plan_tracks
 from tests.model.motion.made import about, posed
 from tests.model.plan.made import phase
 
@@ -34,7 +34,7 @@ def gestures_at(*times: float) -> GesturePlan:
 
 def wrist(plan: GesturePlan) -> np.ndarray:
     """The planned way with a little tremor."""
-    path = tracks_of(plan, 30 * SECONDS)[:, hand_tracks("right")][:, :3].astype(np.float64)
+    path = plan_tracks(plan, 30 * SECONDS)[:, hand_tracks("right")][:, :3].astype(np.float64)
     tremor = np.random.default_rng(0).normal(0, 0.004, path.shape)
     return path + gaussian_filter1d(tremor, 3, axis=0)
 

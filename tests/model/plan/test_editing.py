@@ -9,23 +9,23 @@ from hypothesis import strategies as st
 
 from model.plan.editing import (
     ARM_M,
-    LEAST_S,
+    MIN_PHASE_S,
     Gesture,
     add_gesture,
+    change_hands,
     counterpart,
     delete_gesture,
-    ended,
     gestures,
     move_gesture,
+    move_phase_end,
     raise_gesture,
     scale_gesture,
     set_hold,
     speed_up_gesture,
     stroke_time_on_word,
     with_event,
-    with_hands,
 )
-from model.plan.kinds import PLACES, REST_PLACE, strokes_of
+from model.plan.kinds import PLACES, REST_PLACE, gesture_strokes
 from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, PlanResult, Smile
 from tests.model.plan.made import LOW, made_plan, phase, resting, said
 
@@ -95,11 +95,11 @@ def test_a_deleted_gesture_leaves_the_hand_at_rest_or_in_the_hold_before():
 
 
 def test_other_hands_make_it():
-    plan = with_hands(BUSY, MIDDLE, "left").plan
+    plan = change_hands(BUSY, MIDDLE, "left").plan
     assert (lands(plan, "left"), lands(plan)) == ([4.5, 8.0], [2.0, 8.0])
-    plan = with_hands(plan, Gesture("left", 8.0), "right").plan
+    plan = change_hands(plan, Gesture("left", 8.0), "right").plan
     assert (lands(plan, "left"), lands(plan)) == ([4.5], [2.0, 8.0])
-    plan = with_hands(plan, Gesture("left", 4.5), "both").plan
+    plan = change_hands(plan, Gesture("left", 4.5), "both").plan
     assert (lands(plan, "left"), lands(plan)) == ([4.5], [2.0, 4.5, 8.0])
 
 
@@ -155,14 +155,17 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         (lambda p: raise_gesture(p, MIDDLE, 2.0), "at most 1 m"),
         (lambda p: speed_up_gesture(p, MIDDLE, 0.0), ".2 to 5 times as fast"),
         (lambda p: with_event(p, Nod(11.0, 3.0)), "The speech goes from 0 to 10.00 s"),
-        (lambda p: ended(p, "right", 4.0, 4.2), "right hand does nothing that ends at 4.00 s"),
-        (lambda p: ended(p, "left", 10.0, 9.0), "left hand's rest ends with the speech"),
         (
-            lambda p: ended(ended(p, "right", 2.0, 0.0).plan, "right", 1.89, 1.8),
+            lambda p: move_phase_end(p, "right", 4.0, 4.2),
+            "right hand does nothing that ends at 4.00 s",
+        ),
+        (lambda p: move_phase_end(p, "left", 10.0, 9.0), "left hand's rest ends with the speech"),
+        (
+            lambda p: move_phase_end(move_phase_end(p, "right", 2.0, 0.0).plan, "right", 1.89, 1.8),
             r"The stroke ends at 1.89 s: it lasts 0.2 s at least\.",
         ),
         (
-            lambda p: ended(ended(p, "right", 2.0, 4.0).plan, "right", 2.2, 3.0),
+            lambda p: move_phase_end(move_phase_end(p, "right", 2.0, 4.0).plan, "right", 2.2, 3.0),
             "the hold after it needs 0.1 s",
         ),
     ],
@@ -201,7 +204,7 @@ def edited(plan: GesturePlan, edit: tuple[str, float, str, str, float]) -> PlanR
     return {
         "move": lambda: move_gesture(plan, gesture, at),
         "delete": lambda: delete_gesture(plan, gesture),
-        "hands": lambda: with_hands(plan, gesture, hands),
+        "hands": lambda: change_hands(plan, gesture, hands),
         "hold": lambda: set_hold(plan, gesture, by),
         "size": lambda: scale_gesture(plan, gesture, by),
         "raise": lambda: raise_gesture(plan, gesture, by - 1.3),
@@ -228,13 +231,13 @@ def test_whatever_is_edited_hands_can_do_it(edits):
             for one, other in pairwise(phases):
                 assert other.start_s == pytest.approx(one.end_s, abs=1e-6)
                 assert one.end_s > one.start_s
-            for stroke in strokes_of(new):
+            for stroke in gesture_strokes(new):
                 first = new.hand(stroke.side)[stroke.first]
                 is_new = stroke.last_stroke not in plan.hand(stroke.side)
                 if is_new and first.phase == "preparation":
                     assert (
                         stroke.last_stroke.end_s - stroke.last_stroke.start_s
-                        >= LEAST_S["stroke"] - 1e-6
+                        >= MIN_PHASE_S["stroke"] - 1e-6
                     )
             assert len(before[side] - set(lands(new, side))) <= 1  # no other gesture is lost
         assert (new.nods, new.looks, new.planted) == (plan.nods, plan.looks, plan.planted)
@@ -252,52 +255,52 @@ rests to 5.7, and strikes again to 6.5."""
     ids=["longer", "shorter", "so long that the way back shortens"],
 )
 def test_another_end_of_a_hold_moves_the_way_back_into_the_rest(until, hold, retraction, rest):
-    new = ended(ENDS, "right", 2.3, until)
+    new = move_phase_end(ENDS, "right", 2.3, until)
     assert told(new.plan)[3:6] == [
         ("hold", 2.0, hold), ("retraction", hold, retraction), ("rest", retraction, rest),
     ]  # fmt: skip
     assert new.plan.right[6:] == ENDS.right[6:] and new.plan.left == ENDS.left
     if until == 3.5:
         assert new.notes == ()
-        assert told(ended(new.plan, "right", 3.5, 2.3).plan) == told(ENDS)
+        assert told(move_phase_end(new.plan, "right", 3.5, 2.3).plan) == told(ENDS)
 
 
 def test_a_way_back_that_has_no_room_goes_and_that_is_said():
-    stays = ended(ENDS, "right", 2.3, 5.3)
+    stays = move_phase_end(ENDS, "right", 2.3, 5.3)
     assert told(stays.plan)[3:5] == [("hold", 2.0, 5.7), ("preparation", 5.7, 6.19)]
     (note,) = stays.notes
     assert note.endswith("back to rest: the hold lasts until the next gesture begins, 5.70 s.")
-    again = ended(stays.plan, "right", 5.7, 4.0)
+    again = move_phase_end(stays.plan, "right", 5.7, 4.0)
     assert told(again.plan)[3:6] == [
         ("hold", 2.0, 4.0), ("retraction", 4.0, 4.8), ("rest", 4.8, 5.7),
     ]  # fmt: skip
     assert again.plan.right[4].goal == again.plan.right[5].goal == ENDS.right[4].goal
     last = set_hold(ENDS, Gesture("right", 6.5), 1.0).plan
-    until_end = ended(last, "right", 7.5, 9.8)
+    until_end = move_phase_end(last, "right", 7.5, 9.8)
     assert told(until_end.plan)[-1] == ("hold", 6.5, 10.0)
     assert "until the speech ends, 10.00 s" in until_end.notes[0]
 
 
 def test_what_follows_gives_way_but_for_what_a_hand_needs():
-    slow = ended(ENDS, "right", 2.0, 2.15)
+    slow = move_phase_end(ENDS, "right", 2.0, 2.15)
     assert told(slow.plan)[2:4] == [("stroke", 1.69, 2.15), ("hold", 2.15, 2.3)]
-    far = ended(ENDS, "right", 2.0, 4.0)
+    far = move_phase_end(ENDS, "right", 2.0, 4.0)
     assert told(far.plan)[2:4] == [("stroke", 1.69, 2.2), ("hold", 2.2, 2.3)]
     assert far.notes == ("The stroke ends at 2.20 s: the hold after it needs 0.1 s.",)
-    early = ended(ENDS, "right", 2.0, 0.0)
+    early = move_phase_end(ENDS, "right", 2.0, 0.0)
     assert told(early.plan)[2] == ("stroke", 1.69, 1.89)
     assert early.notes == ("The stroke ends at 1.89 s: it lasts 0.2 s at least.",)
-    later = ended(ENDS, "right", 1.2, 1.6)
+    later = move_phase_end(ENDS, "right", 1.2, 1.6)
     assert told(later.plan)[:2] == [("rest", 0.0, 1.49), ("preparation", 1.49, 1.69)]
-    back = ended(ENDS, "right", 3.1, 2.4)
+    back = move_phase_end(ENDS, "right", 3.1, 2.4)
     assert told(back.plan)[4:6] == [("retraction", 2.3, 2.8), ("rest", 2.8, 5.7)]
 
 
 def test_both_hands_parts_of_a_gesture_are_found_together():
     both = add_gesture(STILL, "big", 4.0, "both").plan
     assert counterpart(both, "left", 4.3) == 4.3 and counterpart(both, "left", 4.0) == 4.0
-    assert counterpart(both, "left", both.left[0].end_s) is None, "rests are no part of a gesture"
-    assert counterpart(ended(both, "left", 4.3, 5.0).plan, "left", 5.0) is None
+    assert counterpart(both, "left", both.left[0].end_s) is None, "rests are not part of a gesture"
+    assert counterpart(move_phase_end(both, "left", 4.3, 5.0).plan, "left", 5.0) is None
     assert counterpart(made_plan(), "right", 2.4) is None
 
 
@@ -308,7 +311,7 @@ def test_whatever_ends_elsewhere_phases_follow_on_one_another(moves):
     for side, which, at in moves:
         phases = plan.hand(side)
         try:
-            new = ended(plan, side, phases[which % len(phases)].end_s, at).plan
+            new = move_phase_end(plan, side, phases[which % len(phases)].end_s, at).plan
         except PlanError as error:
             assert str(error).endswith(".")
             continue
@@ -317,7 +320,7 @@ def test_whatever_ends_elsewhere_phases_follow_on_one_another(moves):
         assert all(other.start_s == one.end_s for one, other in pairwise(after))
         for one in after:
             before = [p.end_s - p.start_s for p in phases if p.phase == one.phase]
-            assert one.end_s - one.start_s >= min(LEAST_S[one.phase], *before, 99) - 1e-6
+            assert one.end_s - one.start_s >= min(MIN_PHASE_S[one.phase], *before, 99) - 1e-6
         assert len(gestures(new, side)) == len(gestures(plan, side))
         other_side = SIDES[1 - SIDES.index(side)]
         assert new.hand(other_side) == plan.hand(other_side)

@@ -16,7 +16,7 @@ from model.plan.files import (
     ENDINGS,
     annotated_plan,
     markers_csv,
-    markers_of,
+    plan_markers,
     read_plan_file,
     write_plan_file,
 )
@@ -34,9 +34,9 @@ from model.plan.plan import (
     PlanError,
     PlanResult,
     Smile,
-    Stand,
+    Stance,
 )
-from model.plan.tiers import USUAL_NOD_DEG, plan_of_tiers, tiers_of
+from model.plan.tiers import DEFAULT_NOD_DEG, plan_to_tiers, tiers_to_plan
 from tests.helpers import reported_folder
 from tests.model.plan.made import HANDS, HIGH, grid, made_plan, phase, tier
 
@@ -83,7 +83,7 @@ def plans(draw: st.DrawFn) -> GesturePlan:
         brows=tuple(Brow(at, draw(_numbers(-1, 1))) for at in draw(_times(3))),
         smiles=tuple(Smile(a, b, draw(_numbers(0, 1))) for a, b in spans(2)),
         blinks=tuple(Blink(at) for at in draw(_times(3))),
-        stands=tuple(Stand(a, b, draw(st.sampled_from(["left", "both"]))) for a, b in spans(2)),
+        stands=tuple(Stance(a, b, draw(st.sampled_from(["left", "both"]))) for a, b in spans(2)),
         planted=tuple(FootContact(a, b, side) for side in SIDES for a, b in spans(2)),
     )
 
@@ -120,10 +120,10 @@ def plan_with(field: str, told: str) -> str:
 
 
 BAD = [
-    ("not json", "is no plan of format 1"),
-    ("[]", "is no plan of format 1"),
-    ("[" * 100_000, "is no plan"),
-    ('{"format": 2}', "is no plan of format 1"),
+    ("not json", "is not a plan of format 1"),
+    ("[]", "is not a plan of format 1"),
+    ("[" * 100_000, "is not a plan"),
+    ('{"format": 2}', "is not a plan of format 1"),
     (f'{{"format": 1, "duration_s": {10**400}}}', "`duration_s` cannot be "),
     (plan_with("dance", "[]"), "no key `dance`"),
     (plan_with("nods", "3"), "`nods` cannot be 3: input should be a valid array"),
@@ -195,14 +195,14 @@ def test_what_a_form_cannot_hold_is_refused_and_leaves_no_file(tmp_path: Path) -
         assert not (tmp_path / f"plan{ending}").exists()
     with pytest.raises(PlanError, match=r"a plan is written as .json, .TextGrid, .eaf"):
         write_plan_file(plan, tmp_path / "plan.txt")
-    for sign, says in (("\0", "holds a sign"), ("\ud800", "is no text")):  # which XML cannot hold
+    for sign, says in (("\0", "holds a sign"), ("\ud800", "is not text")):  # which XML cannot hold
         bad = plan.with_hand("left", (replace(plan.left[0], kind=f"a{sign}"),))
         with pytest.raises(PlanError, match=says):
             write_plan_file(replace(bad, smiles=()), tmp_path / "a.eaf")
 
 
 def told(*tiers: NamedTier) -> PlanResult:
-    return plan_of_tiers(tiers, 5.0)
+    return tiers_to_plan(tiers, 5.0)
 
 
 ROWS = (
@@ -260,7 +260,7 @@ def test_heads_and_faces_need_no_numbers() -> None:
     )
     plan = read.plan
     assert plan.left == plan.right and len(plan.left) == 1
-    assert (plan.nods[0].time_s, plan.nods[0].depth_deg) == (1.2, USUAL_NOD_DEG)
+    assert (plan.nods[0].time_s, plan.nods[0].depth_deg) == (1.2, DEFAULT_NOD_DEG)
     assert [look.yaw_deg > 0 for look in plan.looks] == [False, True]
     assert plan.brows[0].height < 0 and plan.blinks[0].time_s == 2.1
     assert plan.stands[0].leg == "left"
@@ -280,7 +280,7 @@ def test_a_name_that_means_several_things_means_the_first() -> None:
         ([tier("words", (0.0, 1.0, "so"))], "No tier tells what a hand does.*found words"),
         ([], "found no tier"),
         ([tier("phase R", (0, 2, "stroke"), (1, 3, "hold"))], "a hand does one thing at a time"),
-        ([tier("phase R", (0, 2, "rest")), tier("goal R", (0, 2, "near"))], "no three numbers"),
+        ([tier("phase R", (0, 2, "rest")), tier("goal R", (0, 2, "near"))], "not three numbers"),
         ([tier("phase R"), tier("weight", (0, 2, "chair"))], "not left, right, both"),
         ([tier("phase R"), tier("nods", (0, 2, "nan"))], "is not finite"),
         ([tier("phase R"), tier("smile", (2, 1, ".5"))], "must end after it begins"),
@@ -322,7 +322,7 @@ def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
         (Brow(1.0, 0.7),),
         (Smile(1.0, 2.0, 0.3),),
         (Blink(0.5),),
-        (Stand(0.0, 2.0, "left"), Stand(2.0, 3.0, "both")),
+        (Stance(0.0, 2.0, "left"), Stance(2.0, 3.0, "both")),
         tuple(
             FootContact(a, b, side)
             for a, b, side in ((0.0, 3.0, "left"), (0.0, 1.0, "right"), (1.5, 3.0, "right"))
@@ -447,11 +447,11 @@ HOSTILE = [
     (eaf("", '<!DOCTYPE x SYSTEM "http://a.b/c.dtd">'), "document type"),
     (eaf("<a>" * 50 + "</a>" * 50), "nested deeper"),
     (eaf("<a " + " ".join(f'a{k}=">"' for k in range(9_000)) + "/>"), "label or tag of more"),
-    (eaf(slots("0", "5"))[:-9], "is no ELAN file"),
-    ("<svg/>", "is no ELAN file"),
-    ("", "is no ELAN file"),
-    ('<?xml version="1.0" encoding="nonsense"?><a/>', "is no ELAN file"),
-    (eaf(slots("0", "-5")), "'-5' is no number of milliseconds"),
+    (eaf(slots("0", "5"))[:-9], "is not an ELAN file"),
+    ("<svg/>", "is not an ELAN file"),
+    ("", "is not an ELAN file"),
+    ('<?xml version="1.0" encoding="nonsense"?><a/>', "is not an ELAN file"),
+    (eaf(slots("0", "-5")), "'-5' is not a number of milliseconds"),
     (eaf(slots("0", "999999999")), "more than 24 hours"),
     (eaf(slots("0") + phase_tier((0, 4, "prep"))), "has no times"),
     (eaf("").replace("milliseconds", "PAL-frames"), "PAL-frames"),
@@ -461,17 +461,17 @@ HOSTILE = [
 ]  # fmt: skip
 
 
-GRID = format_textgrid(tiers_of(made_plan(), for_praat=True), 6.0)
+GRID = format_textgrid(plan_to_tiers(made_plan(), for_praat=True), 6.0)
 NO_GRID = [
-    (GRID.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is no time of a plan"),
-    (GRID.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is no time of a plan"),
-    (GRID.replace("xmax = 6.0000", "xmax = 1e99", 1), "lasts 1e.99 s, which is no length"),
+    (GRID.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is not a time of a plan"),
+    (GRID.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is not a time of a plan"),
+    (GRID.replace("xmax = 6.0000", "xmax = 1e99", 1), "lasts 1e.99 s, which is not a length"),
     (GRID.replace("xmax = 6.0000", "xmax = 1e5", 1), "at most 24 hours"),
     (GRID[: len(GRID) // 2], "is cut off or damaged: of 9 rows"),
     (GRID[: GRID.index("item [9]")], "is cut off or damaged: of 14 tiers 8 are there"),
     (GRID.replace("xmin = 1.0000", "", 1), "has no time where it begins or ends"),
     (GRID.replace('"brows"', '"nods"'), "two tiers called nods; rename or delete one"),
-    ("xmin = 0", "is no TextGrid"),
+    ("xmin = 0", "is not a TextGrid"),
     ('File type = "ooTextFile"\nObject class = "TextGrid"\n', "has no tier at all"),
 ]
 
@@ -523,7 +523,7 @@ def test_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def test_every_movement_and_event_is_a_marker_in_time() -> None:
-    markers = markers_of(made_plan())
+    markers = plan_markers(made_plan())
     assert markers == sorted(markers)
     names = [name for _, name in markers]
     assert len(names) == 7 + 2 + 3 + 1 + 2 and "left rest" not in names

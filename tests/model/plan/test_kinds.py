@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, strokes_of
+from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, gesture_strokes
 from model.plan.plan import SIDES, GesturePlan, Side
-from model.plan.plan_features import tracks_of
+from model.plan.plan_features import plan_tracks
 from tests.model.plan.made import REST, made_plan, phase, resting, said
 
 HERE, THERE = (0.1, 0.0, 0.3), (0.4, 0.2, 0.3)
@@ -80,11 +80,11 @@ def test_beats_outside_gestures_follow(table):
 
 
 def test_strokes_hold_what_follows_them():
-    (stroke,) = strokes_of(made_plan())
+    (stroke,) = gesture_strokes(made_plan())
     assert (stroke.side, stroke.first, stroke.last, stroke.is_bimanual) == ("right", 1, 6, False)
     assert stroke.last_stroke.word == "whole"
     plan = replace(made_plan(), left=made_plan().right)
-    assert [s.is_bimanual for s in strokes_of(plan)] == [True, True]
+    assert [s.is_bimanual for s in gesture_strokes(plan)] == [True, True]
 
 
 STILL = resting(8.0)
@@ -95,11 +95,11 @@ def calling() -> KindTable:
     plans = [(one_stroke("here", HERE, "so"), 1) for _ in range(60)]
     plans += [(one_stroke("point", THERE, "there"), 1) for _ in range(10)]
     plans += [(one_stroke("big", HERE, "huge", both=True), 1) for _ in range(10)]
-    return KindTable.fit(plans, num_speakers=3, said={"so": 60, "there": 10, "huge": 20})
+    return KindTable.fit(plans, num_speakers=3, word_counts={"so": 60, "there": 10, "huge": 20})
 
 
 def called(plan: GesturePlan, words, table: KindTable, seed: int = 0) -> GesturePlan:
-    return table.with_called_strokes(plan, words, np.random.default_rng(seed))
+    return table.add_word_strokes(plan, words, np.random.default_rng(seed))
 
 
 def strokes(plan: GesturePlan) -> list[tuple[Side, str, str]]:
@@ -133,7 +133,7 @@ def test_a_word_on_a_still_hand_gets_its_gesture_and_the_hand_its_rest_again(cal
     assert plan.hand(side)[-1].goal == REST and plan.hand(side)[-1].end_s == 8.0
     other = SIDES[1 - SIDES.index(side)]
     assert [p.phase for p in plan.hand(other)] == ["rest"]
-    assert np.isfinite(tracks_of(plan, 240)).all()
+    assert np.isfinite(plan_tracks(plan, 240)).all()
 
 
 def test_both_hands_make_what_both_make_as_often_as_people_do(calling):

@@ -5,22 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.plan.plan import HANGING, PHASES, SIDES, GesturePlan, HandPhase, without_gaps
+from model.plan.plan import HANGING_PLACE, PHASES, SIDES, GesturePlan, HandPhase, fill_gaps
 from model.plan.plan_features import (
-    BY_NAME,
-    LONGEST_S,
+    CHAINS_BY_NAME,
+    MAX_STATE_S,
     NUM_TRACKS,
     TIERS,
     EventOnset,
-    at_rest,
     body_track,
-    chains_of,
+    chain_state_at,
+    chain_states,
     chains_to_plan,
-    frames_of,
+    coupled_states,
     hand_tracks,
-    seen_of,
-    seen_together,
-    tracks_of,
+    plan_to_chains,
+    plan_tracks,
+    rest_share,
 )
 from tests.model.plan.made import HIGH, LOW, REST, made_plan, phase
 
@@ -29,7 +29,7 @@ PLAN = made_plan()
 
 
 def test_tracks_tell_goals_phases_and_ends_at_their_times():
-    tracks = tracks_of(PLAN, FRAMES)
+    tracks = plan_tracks(PLAN, FRAMES)
     assert tracks.shape == (FRAMES, NUM_TRACKS) == (180, 29)
     right = tracks[:, hand_tracks("right")]
     np.testing.assert_allclose(right[15, :3], REST, atol=1e-6)
@@ -46,7 +46,7 @@ def test_tracks_tell_goals_phases_and_ends_at_their_times():
 
 
 def test_the_body_has_its_pulses_and_levels():
-    tracks = tracks_of(PLAN, FRAMES)
+    tracks = plan_tracks(PLAN, FRAMES)
 
     def track(name: str) -> np.ndarray:
         return tracks[:, body_track(name)]
@@ -62,7 +62,7 @@ def test_the_body_has_its_pulses_and_levels():
 
 def test_gaps_are_holds_and_rests():
     told = (phase(1.0, 1.5, "stroke", HIGH, "offer"), phase(3.0, 3.5, "retraction"))
-    found = without_gaps(told, 5.0)
+    found = fill_gaps(told, 5.0)
     assert [(p.phase, p.start_s, p.end_s) for p in found] == [
         ("rest", 0.0, 1.0),
         ("stroke", 1.0, 1.5),
@@ -71,25 +71,27 @@ def test_gaps_are_holds_and_rests():
         ("rest", 3.5, 5.0),
     ]
     assert found[2].goal == HIGH and found[2].kind == "offer" and found[4].kind == ""
-    assert without_gaps((), 2.0) == (HandPhase(0.0, 2.0, "rest", HANGING),)
-    tracks = tracks_of(GesturePlan(2.0), 60)  # an empty plan hangs
-    np.testing.assert_allclose(tracks[:, hand_tracks("left")][:, :3], [HANGING] * 60, atol=1e-6)
+    assert fill_gaps((), 2.0) == (HandPhase(0.0, 2.0, "rest", HANGING_PLACE),)
+    tracks = plan_tracks(GesturePlan(2.0), 60)  # an empty plan hangs
+    np.testing.assert_allclose(
+        tracks[:, hand_tracks("left")][:, :3], [HANGING_PLACE] * 60, atol=1e-6
+    )
 
 
 def test_both_hands_rest_where_neither_does_anything():
     plan = PLAN  # the right hand moves from 1 s to 4.2 s, the left rests
-    rest = at_rest(plan, range(180))
+    rest = rest_share(plan, range(180))
     assert rest[:26].min() > 0.99 and rest[131:174].min() > 0.99
     assert rest[35:121].max() < 0.01
     assert 0.05 < rest[30] < 0.95
-    np.testing.assert_allclose(at_rest(plan, range(20, 50)), rest[20:50], atol=1e-6)
-    assert at_rest(plan, range(170, 230))[10:].min() > 0.99  # beyond the end of the plan
+    np.testing.assert_allclose(rest_share(plan, range(20, 50)), rest[20:50], atol=1e-6)
+    assert rest_share(plan, range(170, 230))[10:].min() > 0.99  # beyond the end of the plan
     both = replace(plan, left=plan.right)
-    np.testing.assert_array_equal(at_rest(both, range(180)), rest)
+    np.testing.assert_array_equal(rest_share(both, range(180)), rest)
 
 
 ALL = np.arange(180)
-CHAINS = chains_of(PLAN)
+CHAINS = plan_to_chains(PLAN)
 
 
 def test_a_plan_becomes_chains_and_a_plan_again():
@@ -106,22 +108,22 @@ def test_a_plan_becomes_chains_and_a_plan_again():
     assert [(nod.time_s, nod.depth_deg) for nod in again.nods] == [(1.9, 4.0), (3.0, 2.5)]
     for name in ("looks", "brows", "smiles", "blinks", "stands", "planted"):
         assert getattr(again, name) == getattr(plan, name)
-    assert chains_of(again) == CHAINS and set(CHAINS) == set(BY_NAME)
+    assert plan_to_chains(again) == CHAINS and set(CHAINS) == set(CHAINS_BY_NAME)
     assert all(chain[0].frame == 0 for chain in CHAINS.values())
 
 
 def test_a_chain_is_told_frame_by_frame():
-    tier = BY_NAME["right"]
-    found = frames_of(tier, CHAINS["right"], ALL)
+    tier = CHAINS_BY_NAME["right"]
+    found = chain_states(tier, CHAINS["right"], ALL)
     assert found.state_before.shape == (180, tier.state_dim) == (180, 11)
     begins = np.flatnonzero(found.event)
     assert begins.tolist() == [30, 45, 57, 72, 78, 84, 105, 126]
     assert found.event[30] == 1 + 1 and found.event[45] == 1 + 2  # preparation, stroke
     np.testing.assert_allclose(found.mark[30] * 0.2, HIGH, atol=1e-6)
     assert (
-        found.state_before[30, 0] == 1 and found.seen_now[30, 1] == 1
+        found.state_before[30, 0] == 1 and found.state_after[30, 1] == 1
     )  # rest before, now preparation
-    assert found.state_before[30, 6] == pytest.approx(1.0) and found.seen_now[30, 6] == 0.0
+    assert found.state_before[30, 6] == pytest.approx(1.0) and found.state_after[30, 6] == 0.0
     assert found.state_before[29, 7] == pytest.approx(np.log(29 / 30 + 0.1))
     assert not found.mark[31:45].any()
 
@@ -129,26 +131,28 @@ def test_a_chain_is_told_frame_by_frame():
 def test_what_is_drawn_next_and_some_frames_see_what_training_saw():
     for tier in TIERS:
         chain = CHAINS[tier.name]
-        found, some = frames_of(tier, chain, ALL), frames_of(tier, chain, ALL[40:90])
+        found, some = chain_states(tier, chain, ALL), chain_states(tier, chain, ALL[40:90])
         np.testing.assert_array_equal(some.state_before, found.state_before[40:90])
         np.testing.assert_array_equal(some.event, found.event[40:90])
         for frame in (1, 30, 31, 57, 100, 179):
             last = [begun for begun in chain if begun.frame < frame][-1]
-            np.testing.assert_array_equal(seen_of(tier, last, frame), found.state_before[frame])
+            np.testing.assert_array_equal(
+                chain_state_at(tier, last, frame), found.state_before[frame]
+            )
 
 
 def test_long_states_look_alike():
-    tier = BY_NAME["blink"]
-    late, later = (seen_of(tier, EventOnset(0, 0), round(30 * s)) for s in (LONGEST_S, 60))
+    tier = CHAINS_BY_NAME["blink"]
+    late, later = (chain_state_at(tier, EventOnset(0, 0), round(30 * s)) for s in (MAX_STATE_S, 60))
     np.testing.assert_array_equal(late, later)
 
 
 def test_the_second_hand_sees_what_the_first_has_just_begun():
     hand = (phase(0.0, 1.0, "rest"), phase(1.0, 2.0, "stroke", HIGH))
     plan = replace(made_plan(), duration_s=2.0, left=hand, right=hand, planted=())
-    chains = chains_of(plan)
+    chains = plan_to_chains(plan)
     frames = np.arange(60)
-    seen = seen_together({t.name: frames_of(t, chains[t.name], frames) for t in TIERS})
+    seen = coupled_states({t.name: chain_states(t, chains[t.name], frames) for t in TIERS})
     stroke = 2
     assert seen["right"][30, 11 + stroke] == 0.0  # the left hand has not begun for it
     assert seen["left"][30, 11 + stroke] == 1.0

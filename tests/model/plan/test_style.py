@@ -10,13 +10,13 @@ import pytest
 from model.plan.editing import Gesture, add_gesture, gestures, stroke_time_on_word
 from model.plan.plan import GesturePlan, PlanError, PlanResult
 from model.plan.style import (
-    AWAY_S,
+    MIN_MISALIGNMENT_S,
     StyleChange,
-    excited,
-    on_wrong_words,
+    misalign_gestures,
+    parse_style,
     read_style_file,
     style_of,
-    wish_of,
+    with_arousal,
     with_style,
 )
 from tests.model.plan.made import resting, said
@@ -58,10 +58,10 @@ def test_sliders_say_where_there_is_no_room():
 
 def test_excitement_moves_all_sliders_one_way():
     style = style_of(BUSY)
-    calm, wild = excited(style, -1.0), excited(style, 1.0)
+    calm, wild = with_arousal(style, -1.0), with_arousal(style, 1.0)
     for name in ("gestures_per_min", "size_m", "height_m", "both"):
         assert getattr(calm, name) < getattr(style, name) < getattr(wild, name)
-    assert wild.stroke_s < style.stroke_s < calm.stroke_s and excited(style, 0.0) == style
+    assert wild.stroke_s < style.stroke_s < calm.stroke_s and with_arousal(style, 0.0) == style
 
 
 def plan_of(lands: tuple[float, ...], kind: str = "beat") -> GesturePlan:
@@ -104,10 +104,10 @@ def test_more_gestures_go_onto_words_and_without_words_that_is_said(tmp_path):
 def test_on_wrong_words_no_stroke_lands_where_one_was_called_for(kind, words):
     right = (2.06, 5.1, 8.06, 11.1, 14.06)
     plan = plan_of(right, kind)
-    made = on_wrong_words(plan, words)
+    made = misalign_gestures(plan, words)
     found = [one.lands_s for one in gestures(made.plan, "right")]
     assert made.notes == () and len(found) == len(right) and found == sorted(found)
-    assert np.abs(np.subtract.outer(found, right)).min() >= AWAY_S - 1e-6
+    assert np.abs(np.subtract.outer(found, right)).min() >= MIN_MISALIGNMENT_S - 1e-6
     if kind == "shrug":
         assert [one.lands_s for one in gestures(made.plan, "left")] == found
     old, new = ([p for p in each.right if p.phase == "stroke"] for each in (plan, made.plan))
@@ -122,7 +122,7 @@ def test_on_wrong_words_no_stroke_lands_where_one_was_called_for(kind, words):
 def test_a_gesture_without_room_stays_and_is_counted():
     plan = plan_of(tuple(np.arange(1.0, 19.5, 0.72).round(2)))
     times = [one.lands_s for one in gestures(plan, "right")]
-    made = on_wrong_words(plan, [said("x", at, at + 0.01) for at in times])
+    made = misalign_gestures(plan, [said("x", at, at + 0.01) for at in times])
     assert made.plan == plan and made.notes == ("26 of 26 gestures stay on their words.",)
     assert len(times) == 26 and all(b > a for a, b in pairwise(times))
     assert Gesture("right", times[0]) in gestures(plan, "right")
@@ -141,9 +141,9 @@ def test_a_gesture_without_room_stays_and_is_counted():
         ("times = 2", "`times` is a table"),
         ("[times]\nsmile = -1", "times.smile is a number from 0 to 10; got -1."),
         ("size_m = 0.2\n[times]\nsize_m = 2", "size_m is given twice, alone and in `times`"),
-        ("size_m =", "style.toml is no TOML file."),
-        ("\x00", "style.toml is no TOML file."),
-        ("a." * 3000 + "b = 1", "style.toml is no TOML file."),
+        ("size_m =", "style.toml is not a TOML file."),
+        ("\x00", "style.toml is not a TOML file."),
+        ("a." * 3000 + "b = 1", "style.toml is not a TOML file."),
         ("#" * 20_000, "style.toml is larger than 10 kB"),
     ],
 )
@@ -157,4 +157,4 @@ def test_a_missing_file_is_refused_and_tables_are_read_alike(tmp_path):
     with pytest.raises(PlanError, match=r"there\.toml could not be read: no such file"):
         read_style_file(tmp_path / "there.toml")
     told = {"times": {"gestures_per_min": 0.5}, "wrong_words": True, "excite": -0.5}
-    assert wish_of(told) == StyleChange({}, {"gestures_per_min": 0.5}, -0.5, True)
+    assert parse_style(told) == StyleChange({}, {"gestures_per_min": 0.5}, -0.5, True)

@@ -16,9 +16,9 @@ from model.speech.features import (
     MelEncoder,
     RunningVoice,
     VoiceReference,
-    analysed,
+    analyse_hops,
     augment_mel,
-    in_other_throats,
+    vocal_tract_perturbation,
 )
 from tests.helpers import ROOT
 from tests.model.made import made_waveform
@@ -66,9 +66,9 @@ def test_block_size_does_not_change_the_numbers(monkeypatch):
 
 def test_features_of_one_speech_are_computed_once_for_all_systems(monkeypatch):
     counts: list[int] = []
-    analyse = features.analysed
+    analyse = features.analyse_hops
     monkeypatch.setattr(features, "_KEPT_HOPS", 450)
-    monkeypatch.setattr(features, "analysed", lambda *how: [counts.append(1), analyse(*how)][1])
+    monkeypatch.setattr(features, "analyse_hops", lambda *how: [counts.append(1), analyse(*how)][1])
     clip, other = made_waveform(32_000), made_waveform(32_000)[::-1].copy()
     features._kept.clear()
     whole = MelEncoder().encode(clip, 80)
@@ -108,13 +108,13 @@ def test_augmentation_keeps_pitch_and_differs_between_samples():
 
 def test_another_throat_stretches_the_mel_bands_and_leaves_the_rest():
     rows = torch.randn(3, 5, 68)
-    same = in_other_throats(rows, (1.0, 1.0), torch.Generator())
+    same = vocal_tract_perturbation(rows, (1.0, 1.0), torch.Generator())
     torch.testing.assert_close(same, rows)
-    longer = in_other_throats(rows, (1.25, 1.25), torch.Generator())
+    longer = vocal_tract_perturbation(rows, (1.25, 1.25), torch.Generator())
     wanted = np.interp(np.arange(64) * 1.25, np.arange(64), rows[2, 3, :NUM_MELS].numpy())
     np.testing.assert_allclose(longer[2, 3, :NUM_MELS], wanted, atol=1e-5)
     torch.testing.assert_close(longer[..., NUM_MELS:], rows[..., NUM_MELS:])
-    drawn = in_other_throats(
+    drawn = vocal_tract_perturbation(
         rows[:1].expand(4, -1, -1), (0.8, 1.2), torch.Generator().manual_seed(0)
     )
     assert len({round(float(one[0, 40]), 4) for one in drawn}) == 4
@@ -175,7 +175,7 @@ def test_silence_and_noise_leave_the_level_alone():
     voice, rng = RunningVoice(), np.random.default_rng(0)
 
     def hops(waveform):
-        return analysed(waveform.astype(np.float32), 0, len(waveform) // 160)
+        return analyse_hops(waveform.astype(np.float32), 0, len(waveform) // 160)
 
     spoken = voice.voice(hops(made_waveform(10 * 16_000)))
     for quiet in (np.zeros(40 * 16_000), 1e-3 * rng.standard_normal(40 * 16_000)):

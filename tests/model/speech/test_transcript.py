@@ -18,7 +18,7 @@ from model.speech.transcript import (
     read_transcript,
     read_words,
 )
-from model.speech.word_alignment import number_words, words_to_say
+from model.speech.word_alignment import number_words, pronounce_text
 from tests.helpers import reported_folder
 
 SPOKEN = [(0.1, 0.4, "hello"), (0.5, 1.25, 'so-called "art"')]
@@ -97,9 +97,9 @@ def test_what_is_no_transcript(tmp_path):
     path = tmp_path / "a.TextGrid"
     assert "could not be read: no such file" in refusal(path)
     path.write_text("hello world")
-    assert "is no TextGrid" in refusal(path)
+    assert "is not a TextGrid" in refusal(path)
     path.write_bytes(b"\xff\xff\x00\xd8")
-    assert "no text in UTF-8, UTF-16 or Latin-1" in refusal(path)
+    assert "not text in UTF-8, UTF-16 or Latin-1" in refusal(path)
     path.write_text(grid(("phones", PHONES), ("other", PHONES)))
     assert "no tier called words; it has phones, other" in refusal(path)
     path.write_text(grid(("words", []), ("phones", PHONES)))
@@ -126,8 +126,8 @@ def test_what_is_no_plain_text(tmp_path):
         read_words(path)
     for content, sentence in (
         (b" \n...", "said.txt holds no words."),
-        (b"RIFF\0\0\0\1", "said.txt is no plain text; save it as UTF-8."),
-        (b"\xff\xff\x00\xd8", "said.txt is no text in UTF-8, UTF-16 or Latin-1."),
+        (b"RIFF\0\0\0\1", "said.txt is not plain text; save it as UTF-8."),
+        (b"\xff\xff\x00\xd8", "said.txt is not text in UTF-8, UTF-16 or Latin-1."),
         (b"a" * (MAX_TEXT + 1), "said.txt holds more than 262144 characters."),
     ):
         path.write_bytes(content)
@@ -136,7 +136,7 @@ def test_what_is_no_plain_text(tmp_path):
         assert str(caught.value) == sentence
     path = tmp_path / "said.doc"
     path.write_text("hello world")
-    with pytest.raises(TranscriptError, match="is no TextGrid"):
+    with pytest.raises(TranscriptError, match="is not a TextGrid"):
         read_words(path)
 
 
@@ -245,16 +245,16 @@ def test_latin_1_is_read_and_told(tmp_path: Path) -> None:
     given = read_words(path)
     assert [word.text for word in given.transcript.words] == ["na\u00efve"]
     (note,) = given.notes
-    assert note.startswith("a.TextGrid is no UTF-8; it was read as Latin-1")
+    assert note.startswith("a.TextGrid is not UTF-8; it was read as Latin-1")
 
 
 def test_what_is_no_file_of_words(tmp_path: Path) -> None:
     for name, content, says in (
-        ("a.json", "[" * 99_999, "is no JSON of Whisper"),
+        ("a.json", "[" * 99_999, "is not JSON of Whisper"),
         ("a.json", '{"segments": [{"start": 1e999, "end": {}, "text": "a"}]}', "no words or segm"),
         ("a.json", '{"words": [{"word": "a", "start": 2, "end": 1}]}', "must end after it begins"),
         ("a.json", '{"words": [{"word": "a", "start": -2, "end": 1}]}', "must end after it begins"),
-        ("a.tsv", "one\ttwo\tthree", "is no table of start, end and word"),
+        ("a.tsv", "one\ttwo\tthree", "is not a table of start, end and word"),
         ("a.ctm", "a 1 0.3 word", "Line 1 of a.ctm is not recording, channel"),
         ("a.ctm", "a 1 0 1 x\na 2 0 1 y", "words of 2 recordings or channels (a 1, a 2)"),
         ("a.srt", "nothing", "holds no words"),
@@ -306,7 +306,7 @@ def test_words_keep_their_letters_and_lose_what_is_around_them():
         ("hello\u2014hello / it\u2019s - ...", ["hello", "hello", "it's"]),
         ("Caf\u00e9 \u4e2d\u6587 [and]", ["Caf\u00e9", "and"]),
     ):
-        found = words_to_say(written, KNOWN.get)
+        found = pronounce_text(written, KNOWN.get)
         assert [word.text for word in found] == words
         assert all(
             word.dictionary_form in KNOWN and word.phones == KNOWN[word.dictionary_form]
@@ -322,7 +322,7 @@ def test_what_no_dictionary_has_is_said_by_rules_and_numbers_are_read_out():
         "Shipstone": "SH IH P S T AA N",
         "phight": "F AY T",
     }.items():
-        (word,) = words_to_say(written, KNOWN.get)
+        (word,) = pronounce_text(written, KNOWN.get)
         assert (word.text, word.dictionary_form, word.phones) == (written, None, phones)
     for digits, said in {
         "0": "zero",

@@ -142,7 +142,7 @@ def test_whatever_goes_wrong_is_one_note(monkeypatch, tmp_path):
         os.kill(hearing._child.pid, signal.SIGTERM)
         (note,) = hearing.result().notes
     assert note.endswith("the recogniser ended by signal 15 (SIGTERM).")
-    monkeypatch.setattr(word_recognition, "PATIENCE", (0.0, 0.0))
+    monkeypatch.setattr(word_recognition, "TIMEOUT_S", (0.0, 0.0))
     (note,) = heard(waveform).notes
     assert note.endswith("are missing from the results: it took too long.")
     monkeypatch.undo()

@@ -6,7 +6,7 @@ import io
 import pytest
 
 from conventions.names import printable
-from model.storage.escaping import csv_cell, csv_text, escape_latex, escape_markdown
+from model.storage.escaping import csv_text, escape_csv_cell, escape_latex, escape_markdown
 
 FORMULAS = [
     *("=cmd|' /C calc'!A0", "+1+cmd|' /C calc'!A0", "-2+3+cmd|' /C calc'!A0", "\t=1+1", "\r=1+1"),
@@ -17,7 +17,7 @@ FORMULAS = [
 
 @pytest.mark.parametrize("name", FORMULAS)
 def test_no_cell_begins_a_formula(name):
-    cell = str(csv_cell(name))
+    cell = str(escape_csv_cell(name))
     for part in cell.split(";"):  # where a spreadsheet cuts the line at semicolons
         assert part.strip()[0] not in "=+-@\t\r\n\uff1d\uff0b\uff0d\uff20"
     assert cell.isprintable()
@@ -25,9 +25,9 @@ def test_no_cell_begins_a_formula(name):
 
 def test_numbers_and_harmless_names_stay_as_they_are():
     for value in (-1.5, 0, None, "-1.5", "+2", "-1e-05", "-inf", ".5", "-0.25e+3"):
-        assert csv_cell(value) is value
+        assert escape_csv_cell(value) is value
     for name in ("globaldiff/full", "a-b=c", "mean, low", "50 %", "ä\u00df", ""):
-        assert csv_cell(name) == name
+        assert escape_csv_cell(name) == name
 
 
 def test_a_table_is_read_back_as_it_was_but_for_what_would_be_obeyed():

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from model.networks.config import MatchingConfig
-from model.storage.cards import Card, CheckpointError, load_card, with_setting
-from model.storage.checkpoint import load_into, load_weights, save_weights
+from model.storage.cards import CheckpointError, WeightsCard, load_card, override_setting
+from model.storage.checkpoint import load_module, load_weights, save_weights
 from model.storage.files import WriteError, parse_toml, written_atomically
 from model.systems.asynfusion.config import presets
 from model.systems.registry import families
@@ -40,11 +40,13 @@ def test_weights_come_back_as_fp16_rounds_them(tmp_path):
 def test_weights_that_do_not_fit_are_told_by_the_first_that_differs(saved, said):
     tensors = {f"network.{name}": torch.zeros(shape) for name, shape in saved.items()}
     with pytest.raises(CheckpointError, match="of toy do not fit their card: " + said):
-        load_into(torch.nn.Linear(3, 2), tensors, "network.", "toy")
+        load_module(torch.nn.Linear(3, 2), tensors, "network.", "toy")
 
 
 def test_what_a_card_lacks_or_misstates_is_told_with_the_weights_name():
-    card = Card({"config": {"network": {"hidden": 8}}, "speakers": ["hana"]}, "globaldiff/local")
+    card = WeightsCard(
+        {"config": {"network": {"hidden": 8}}, "speakers": ["hana"]}, "globaldiff/local"
+    )
     for read, what in (
         (lambda: card.sha256, "'sha256'"),
         (lambda: card.encoder, "'encoder'"),
@@ -55,20 +57,20 @@ def test_what_a_card_lacks_or_misstates_is_told_with_the_weights_name():
         with pytest.raises(CheckpointError, match="The card of globaldiff/local") as caught:
             read()
         assert what in str(caught.value)
-    assert (card.training_hours, card.steps, card.whose) == (0.0, None, None)
-    told = Card({"speakers": {"hana": 3}, "training_hours": 2.5, "steps": 9}, "gan/5")
+    assert (card.training_hours, card.steps, card.origin_note) == (0.0, None, None)
+    told = WeightsCard({"speakers": {"hana": 3}, "training_hours": 2.5, "steps": 9}, "gan/5")
     assert (told.speakers, told.training_hours, told.steps) == ({"hana": 3}, 2.5, 9)
 
 
 def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
     config = presets("asynfusion/ddim")["demo"]
-    faster = with_setting(config, "loss.velocity=3")
+    faster = override_setting(config, "loss.velocity=3")
     assert faster == replace(config, loss=replace(config.loss, velocity=3.0))
     trained = [(family, system) for family in families() for system in family.trained]
     found = [config for family, name in trained for config in family.presets(name).values()]
     assert len(found) > 10
     for config in found:
-        assert with_setting(config, "random_seed=3") == replace(config, random_seed=3)
+        assert override_setting(config, "random_seed=3") == replace(config, random_seed=3)
 
 
 @pytest.mark.parametrize(
@@ -80,12 +82,12 @@ def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
         ("steps=many", "another kind"),
         ("aim=2", "another kind"),
         ("aim=data", "use noise or teacher"),
-        ("network.width=65", "width 65 is no multiple"),
+        ("network.width=65", "width 65 is not a multiple"),
     ],
 )
 def test_what_is_wrong_with_a_setting_is_said(setting, says):
     with pytest.raises(ValueError, match=says):
-        with_setting(presets("asynfusion/ddim")["demo"], setting)
+        override_setting(presets("asynfusion/ddim")["demo"], setting)
 
 
 def test_a_write_error_is_one_sentence_and_knows_its_cause_in_another_process_too(tmp_path):
@@ -111,12 +113,12 @@ def test_a_stranger_s_folder_of_weights_is_told_of_whatever_lies_in_it(tmp_path)
         with pytest.raises(CheckpointError, match="lacks or misstates"):
             getattr(load_card(tmp_path, "a"), name)
     os.mkfifo(weights)
-    with pytest.raises(CheckpointError, match="no regular file"):
+    with pytest.raises(CheckpointError, match="not a regular file"):
         load_weights(tmp_path, "a")
     for make in (os.mkfifo, lambda path: os.symlink("/dev/zero", path)):
         card.unlink()
         make(card)
-        with pytest.raises(CheckpointError, match="no regular file"):
+        with pytest.raises(CheckpointError, match="not a regular file"):
             load_card(tmp_path, "a")
 
 

@@ -107,7 +107,7 @@ def test_targets_of_another_skeleton_are_made_anew(data):
 
 
 def test_context_is_held_at_both_ends_of_a_clip(data):
-    clip = data.of_split("train")[1]
+    clip = data.clips_of_split("train")[1]
     for start in (clip.start, clip.stop - 60):
         frames = np.arange(start, start + 60)[None]
         batch = data.batch(frames, [clip], context=25)
@@ -149,7 +149,7 @@ def test_a_compiled_step_is_the_step(tmp_path, data_folder):
 def test_mapped_targets_equal_converted_windows(data, space):
     skeleton = open_body_skeleton()
     targets = prepare_targets(data, space, "velocity", skeleton)
-    batch = data.window_batch(data.of_split("train"), 60, 5, np.random.default_rng(0))
+    batch = data.window_batch(data.clips_of_split("train"), 60, 5, np.random.default_rng(0))
     wanted_vectors = to_vectors(space, batch.poses, batch.transl)
     wanted = decode(wanted_vectors, space, skeleton)
     for rotations in (True, False):
@@ -159,8 +159,8 @@ def test_mapped_targets_equal_converted_windows(data, space):
         torch.testing.assert_close(found.positions, wanted.positions, atol=1e-4, rtol=1e-4)
         at_start = found.positions[:, 0, 0, [0, 2]] - skeleton.rest_joints[0, [0, 2]]
         assert at_start.abs().max() < 1e-6
-        assert rotations or found.global_rot is None
-        for name in ("global_rot", "global_vectors") if rotations else ():
+        assert rotations or found.R_world_joint is None
+        for name in ("R_world_joint", "global_vectors") if rotations else ():
             own, other = (getattr(one, name)[..., :ROTATION_DIM] for one in (found, wanted))
             torch.testing.assert_close(own, other, atol=1e-5, rtol=1e-4)
 
@@ -189,7 +189,7 @@ def test_two_processes_train_as_one_does(tmp_path, data_folder, system):
     assert [row["split"] for row in one] == [row["split"] for row in two] == ["val", "train"]
     for row, other in zip(one, two, strict=True):
         for column in row:
-            # How much a batch spreads is no mean over its shares.
+            # How much a batch spreads is not the mean over its shares.
             if row[column] and column not in ("split", "liveliness"):
                 wanted = pytest.approx(float(row[column]), rel=1e-3, abs=1e-5)
                 assert float(other[column]) == wanted, column

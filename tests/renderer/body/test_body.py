@@ -87,9 +87,9 @@ def test_chunk_size_does_not_change_the_result(body, chunk):
 
 def test_joints_are_those_of_forward_kinematics(body):
     motion = random_motion()
-    local_rot = matrix_from_axis_angle(torch.from_numpy(motion.poses).reshape(-1, 55, 3))
+    R_parent_joint = matrix_from_axis_angle(torch.from_numpy(motion.poses).reshape(-1, 55, 3))
     _, positions = kinematics.joint_positions_from_local(
-        local_rot, kinematics.open_body_skeleton(), torch.from_numpy(motion.trans)
+        R_parent_joint, kinematics.open_body_skeleton(), torch.from_numpy(motion.trans)
     )
     assert max_distance_mm(body.joint_positions(motion), positions.numpy()) < 0.02
 

@@ -178,14 +178,14 @@ def tube(rings: int, around: int = 12) -> tuple[np.ndarray, np.ndarray]:
 
 def test_only_near_openings_a_mesh_is_seen_from_behind():
     load_opengl(gl_backend())
-    from renderer.draw.gl import OPENING_M, near_openings
+    from renderer.draw.gl import OPENING_M, faces_near_openings
 
     vertices, faces = tube(30)
     edge_m = OPENING_M / 4.5
     vertices *= edge_m / 0.1
     ring = np.rint(vertices[faces][..., 1] / edge_m)
     is_near = (ring.min(axis=1) <= 4) | (ring.max(axis=1) >= 29 - 4)
-    np.testing.assert_array_equal(near_openings(faces, vertices), is_near)
+    np.testing.assert_array_equal(faces_near_openings(faces, vertices), is_near)
 
 
 def test_stills_of_a_body_can_have_nothing_behind_them():

@@ -16,7 +16,7 @@ from renderer.scene.camera import (
     MARGIN,
     MAX_PAN_M,
     MAX_PITCH_RAD,
-    ZOOMS,
+    ZOOM_RANGE,
     Camera,
     Orbit,
     extreme_points,
@@ -285,7 +285,7 @@ def test_a_quarter_turn_sees_the_left_of_the_body():
     ("orbit", "words"),
     [
         (Orbit(pitch_rad=1.6), "pitch is -1.48 to 1.48; got 1.6"),
-        (Orbit(zoom=20.0), f"zoom is {ZOOMS[0]:g} to {ZOOMS[1]:g}; got 20"),
+        (Orbit(zoom=20.0), f"zoom is {ZOOM_RANGE[0]:g} to {ZOOM_RANGE[1]:g}; got 20"),
         (Orbit(zoom=float("nan")), "got nan"),
         (Orbit(right_m=2 * MAX_PAN_M), "way to the right"),
         (Orbit(yaw_rad=float("inf")), "yaw"),

@@ -154,9 +154,9 @@ def test_an_ffmpeg_that_fails_is_quoted(tmp_path, monkeypatch):
 
 def test_a_missing_ffmpeg_is_named(tmp_path, monkeypatch):
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "gone"))
-    with pytest.raises(VideoError, match=r"gone is no ffmpeg.*unset IMAGEIO_FFMPEG_EXE"):
+    with pytest.raises(VideoError, match=r"gone is not an ffmpeg.*unset IMAGEIO_FFMPEG_EXE"):
         write_video(tmp_path / "v.mp4", np.arange(3))
-    with pytest.raises(VideoError, match="is no ffmpeg"):
+    with pytest.raises(VideoError, match="is not an ffmpeg"):
         probe_video(tmp_path / "v.mp4")
     assert list(tmp_path.iterdir()) == []
 

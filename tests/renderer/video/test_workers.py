@@ -17,7 +17,7 @@ from renderer.draw.offscreen import GLError
 from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.encoder import VideoError
 from renderer.video.render import RenderSettings
-from renderer.video.workers import RenderJob, draw_jobs, failure
+from renderer.video.workers import RenderJob, draw_jobs, worker_failure
 from tests.renderer.drawn import children_that_draw, render_stills
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import (
@@ -140,9 +140,9 @@ def test_a_crash_is_an_error_here_and_one_while_idle_is_made_good(tmp_path):
 
 
 def test_a_crash_is_the_drivers_where_there_is_one():
-    crash = failure(ExitReport(-signal.SIGSEGV))
+    crash = worker_failure(ExitReport(-signal.SIGSEGV))
     assert "most likely the OpenGL driver" in str(crash) and isinstance(crash, GLError)
-    left = failure(ExitReport(1, ("KeyError: 'x'",)))
+    left = worker_failure(ExitReport(1, ("KeyError: 'x'",)))
     assert not isinstance(left, GLError) and "KeyError" in str(left) and "driver" not in str(left)
 
 

@@ -41,13 +41,13 @@ def test_cut_follows_the_curve_leaves_no_gap_and_keeps_area():
         return points[:, 0] + 0.3 * points[:, 1] - 2.6
 
     flat = sheet(5)
-    cut = geometry.cut(flat, field)
+    cut = geometry.cut_along_field(flat, field)
     assert area(cut) == pytest.approx(25)
     values = field(cut.positions)[cut.faces]
     assert (np.minimum(values.max(1), -values.min(1)) < 1e-9).all(), "a face crosses the cut"
     part = cut.faces_only(field(geometry.centres(cut)) > 0)
     assert area(part) == pytest.approx(25 - 5 * (2.6 - 0.75))
-    cut = geometry.cut(
+    cut = geometry.cut_along_field(
         sheet(5), lambda p: p[:, 0] - 2.5, within=lambda p: (p[:, 1] > 1) & (p[:, 1] < 4)
     )
     assert area(cut) == pytest.approx(25)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from conventions.rates import FPS, SAMPLE_RATE
-from tools.corpus.build import made_clip, plan_jobs
+from tools.corpus.build import make_clip_of_job, plan_jobs
 from tools.corpus.clip import ClipPaths, CorpusClip, clip_paths, write_clip
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "procedural_speaker"
@@ -24,7 +24,7 @@ def made_example(root: Path) -> ClipPaths:
         VoiceError: where flite is missing or fails.
     """
     job = plan_jobs(root, HOURS, SEED)[INDEX]
-    write_clip(root, NAME, part_of(made_clip(job), START_S, LENGTH_S))
+    write_clip(root, NAME, part_of(make_clip_of_job(job), START_S, LENGTH_S))
     return clip_paths(root, NAME)
 
 

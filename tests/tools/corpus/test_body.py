@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from conventions.rates import FPS
 from model.motion.two_bone_ik import HingedLimb
 from tools.corpus.body.arms import Swing, two_bone_ik
-from tools.corpus.body.contact import Hips, push_apart, push_off_trunk
+from tools.corpus.body.contact import Hips, push_off_trunk, separate_hands
 from tools.corpus.body.signals import bump, minimum_jerk, smooth_noise, sway_line
 
 
@@ -108,18 +108,18 @@ def test_a_hand_in_the_trunk_leaves_it_to_the_front_or_to_its_own_side():
 
 def test_hands_that_overlap_are_parted_to_contact():
     left, right = ball(0.005, 0.0, 0.3), ball(-0.005, 0.0, 0.3)
-    push = push_apart(left, right, RADII)
+    push = separate_hands(left, right, RADII)
     gap = left[:, 0, 0] - right[:, 0, 0] + 2 * push
     np.testing.assert_allclose(gap, 2 * RADII[0] - 0.004, atol=1e-9)
 
 
 def test_resting_hands_that_nearly_touch_are_drawn_together_and_gesturing_ones_are_not():
     left, right = ball(0.04, 0.0, 0.3), ball(-0.04, 0.0, 0.3)
-    gap = 0.08 + 2 * push_apart(left, right, RADII)
+    gap = 0.08 + 2 * separate_hands(left, right, RADII)
     np.testing.assert_allclose(gap, 2 * RADII[0] - 0.004, atol=1e-6)
     moving = 0.01 * np.arange(FRAMES)[:, None, None] * [0.0, 1.0, 0.0]  # 0.3 m/s
-    np.testing.assert_allclose(push_apart(left + moving, right + moving, RADII), 0.0, atol=1e-9)
-    far = push_apart(ball(0.24, 0.0, 0.3), ball(-0.24, 0.0, 0.3), RADII)
+    np.testing.assert_allclose(separate_hands(left + moving, right + moving, RADII), 0.0, atol=1e-9)
+    far = separate_hands(ball(0.24, 0.0, 0.3), ball(-0.24, 0.0, 0.3), RADII)
     np.testing.assert_allclose(far, 0.0, atol=1e-9)
 
 

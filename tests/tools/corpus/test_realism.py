@@ -19,9 +19,11 @@ STILL = np.zeros((300, 55, 3))
 
 
 def posed(vectors: np.ndarray, trans: np.ndarray) -> PosedClip:
-    local_rot = matrices(vectors)
-    global_rot, positions = forward_kinematics(open_body_rig(), local_rot, trans)
-    return PosedClip(local_rot, global_rot, positions, positions[:, JOINT_INDEX["right_middle3"]])
+    R_parent_joint = matrices(vectors)
+    R_world_joint, positions = forward_kinematics(open_body_rig(), R_parent_joint, trans)
+    return PosedClip(
+        R_parent_joint, R_world_joint, positions, positions[:, JOINT_INDEX["right_middle3"]]
+    )
 
 
 def person(seed: int, finger_scale: float = 1.0) -> Figures:

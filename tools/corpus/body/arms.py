@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.motion.two_bone_ik import about_axis, hinge_frame, unit
-from tools.corpus.body.contact import Hips, hand_balls, push_apart, push_off_trunk
+from model.motion.two_bone_ik import hinge_frame, rotations_about_axis, unit
+from tools.corpus.body.contact import Hips, hand_balls, push_off_trunk, separate_hands
 from tools.corpus.body.signals import (
     DEVIATION,
     ELBOW_OUT,
@@ -199,10 +199,10 @@ def forearm_and_wrist(
     pronation = np.radians(hand[:, PRONATION]) * arm.sign
     flex = np.radians(np.clip(hand[:, WRIST_FLEX], -60, 55))
     deviation = np.radians(np.clip(hand[:, DEVIATION], -20, 22))
-    wrist = about_axis(along, 0.52 * pronation)
-    wrist = wrist @ about_axis(np.array([0.0, 0.0, -arm.sign]), flex)
-    wrist = wrist @ about_axis(np.array([0.0, -arm.sign, 0.0]), deviation)
-    return fore @ about_axis(along, 0.48 * pronation), wrist
+    wrist = rotations_about_axis(along, 0.52 * pronation)
+    wrist = wrist @ rotations_about_axis(np.array([0.0, 0.0, -arm.sign]), flex)
+    wrist = wrist @ rotations_about_axis(np.array([0.0, -arm.sign, 0.0]), deviation)
+    return fore @ rotations_about_axis(along, 0.48 * pronation), wrist
 
 
 def with_less_twist(
@@ -236,7 +236,9 @@ def within_reach(arm: Arm, hand: Float[np.ndarray, "T C"]) -> Float[np.ndarray, 
     return hand
 
 
-def _soft_ceiling(value: np.ndarray, limit: np.ndarray | float, margin: float) -> np.ndarray:
+def _soft_ceiling(
+    value: Float[np.ndarray, " ..."], limit: Float[np.ndarray, " ..."] | float, margin: float
+) -> np.ndarray:
     """Bend values smoothly above ``limit``, never past ``limit + margin``."""
     over = np.maximum(value - limit, 0.0)
     return np.where(value > limit, limit + margin * np.tanh(over / margin), value)
@@ -388,7 +390,7 @@ def move_arms(
             push = push_off_trunk(centres, radii, side, hips)
             hands[side][:, POSITION] += push
             balls[side] = centres + push[:, None]
-        apart = push_apart(balls["left"], balls["right"], radii)
+        apart = separate_hands(balls["left"], balls["right"], radii)
         hands["left"][:, 0] += apart
         hands["right"][:, 0] -= apart
     for side in SIDES:

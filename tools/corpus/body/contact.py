@@ -66,7 +66,7 @@ def hips_in_chest(rig: Rig, rotations: dict[int, Float[np.ndarray, "T 3 3"]]) ->
 def hand_balls(
     rig: Rig,
     side: str,
-    local_rot: dict[int, Float[np.ndarray, "T 3 3"]],
+    R_parent_joint: dict[int, Float[np.ndarray, "T 3 3"]],
     wrist_rot: Float[np.ndarray, "T 3 3"],
     wrist: Float[np.ndarray, "T 3"],
 ) -> tuple[Float[np.ndarray, "T P 3"], Float[np.ndarray, " P"]]:
@@ -78,7 +78,7 @@ def hand_balls(
         if parent not in rotmat:
             continue
         place[joint] = place[parent] + rotmat[parent] @ rig.offsets[joint]
-        rotmat[joint] = rotmat[parent] @ local_rot[joint]
+        rotmat[joint] = rotmat[parent] @ R_parent_joint[joint]
         centres.append(place[joint])
         radii.append(_RADIUS_M[name[-1]])
         if name.endswith("1"):
@@ -102,7 +102,7 @@ def push_off_trunk(
     return push + np.einsum("tij,tj->ti", hips.rotmat, off_hips)
 
 
-def push_apart(
+def separate_hands(
     left: Float[np.ndarray, "T P 3"],
     right: Float[np.ndarray, "T P 3"],
     radii: Float[np.ndarray, " P"],

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
 from model.motion.two_bone_ik import HingedLimb
-from model.plan.plan import FootContact, Leg, Side, Stand
+from model.plan.plan import FootContact, Leg, Side, Stance
 from tools.corpus.body.signals import (
     bump,
     frame_times,
@@ -37,7 +37,7 @@ class Legs:
 
     rotations: dict[int, Float[np.ndarray, "T 3 3"]]
     trans: Float[np.ndarray, "T 3"]
-    stances: tuple[Stand, ...]
+    stances: tuple[Stance, ...]
     """Stances, which cover the clip."""
     planted: tuple[FootContact, ...]
     """Spans in which each foot is on the floor."""
@@ -111,7 +111,7 @@ class _Feet:
     yaw_deg: dict[str, Float[np.ndarray, " T"]]
     lift: dict[str, Float[np.ndarray, " T"]]
     shift: Float[np.ndarray, "T 3"]
-    stances: tuple[Stand, ...]
+    stances: tuple[Stance, ...]
     planted: tuple[FootContact, ...]
 
 
@@ -168,9 +168,9 @@ def _footsteps(calm: Float[np.ndarray, " T"], speaker: Speaker, rng: np.random.G
     return _Feet(place, yaw, lift, shift, _stances(changes, end_s), tuple(planted))
 
 
-def _stances(changes: list[tuple[float, Leg]], duration_s: float) -> tuple[Stand, ...]:
+def _stances(changes: list[tuple[float, Leg]], duration_s: float) -> tuple[Stance, ...]:
     """Return the supporting leg from each change to the next."""
     changes = sorted(changes, key=lambda change: change[0])
     ends = [*(time for time, _ in changes[1:]), duration_s]
     spans = zip(changes, ends, strict=True)
-    return tuple(Stand(start, end, leg) for (start, leg), end in spans if end > start)
+    return tuple(Stance(start, end, leg) for (start, leg), end in spans if end > start)

@@ -169,15 +169,15 @@ def _pose(definition: dict[str, Any]) -> HandPose:
     )
 
 
-def _gesture(told: dict[str, Any]) -> GestureShape:
+def _gesture(content: dict[str, Any]) -> GestureShape:
     return GestureShape(
-        told["hands"],
-        _pose(told["prepare"]),
-        _pose(told["stroke"]),
-        tuple((each["share"], _pose(each["pose"])) for each in told.get("via", ())),
-        tuple(told.get("shapes", ())),
-        Cycle(**told["cycle"]) if "cycle" in told else None,
-        told.get("shrugs", False),
+        content["hands"],
+        _pose(content["prepare"]),
+        _pose(content["stroke"]),
+        tuple((each["share"], _pose(each["pose"])) for each in content.get("via", ())),
+        tuple(content.get("shapes", ())),
+        Cycle(**content["cycle"]) if "cycle" in content else None,
+        content.get("shrugs", False),
     )
 
 

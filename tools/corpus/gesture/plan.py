@@ -8,6 +8,7 @@ hold that slowly relaxes; in pauses between phrases the hands retract.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from model.plan.plan import Phase
 from tools.corpus.gesture.choice import GestureSelector
@@ -249,7 +250,11 @@ class _Planner:
         return beats
 
     def _beat_moves(
-        self, side: str, name: str, beats: list[tuple[float, float]], wander: np.ndarray
+        self,
+        side: str,
+        name: str,
+        beats: list[tuple[float, float]],
+        wander: Float[np.ndarray, " beats"],
     ) -> None:
         """Plan up and down moves for every beat with enough time."""
         rng, manner = self.rng, self.manner

@@ -67,9 +67,9 @@ def euler_matrices(
 
 
 def forward_kinematics(
-    rig: Rig, local_rot: Float[np.ndarray, "T 55 3 3"], trans: Float[np.ndarray, "T 3"]
+    rig: Rig, R_parent_joint: Float[np.ndarray, "T 55 3 3"], trans: Float[np.ndarray, "T 3"]
 ) -> tuple[Float[np.ndarray, "T 55 3 3"], Float[np.ndarray, "T 55 3"]]:
     """Compute global rotations and positions of every joint, with the pelvis at rest plus trans."""
-    rest = np.broadcast_to(rig.rest_joints, local_rot.shape[:-1])
-    global_rot, positions = global_transforms(local_rot, rest)
-    return global_rot, positions + trans[:, None]
+    rest = np.broadcast_to(rig.rest_joints, R_parent_joint.shape[:-1])
+    R_world_joint, positions = global_transforms(R_parent_joint, rest)
+    return R_world_joint, positions + trans[:, None]

@@ -34,8 +34,8 @@ RIGHT_MIDDLE_TIP_JOINT = JOINT_INDEX["right_middle3"]
 class PosedClip:
     """Clip on the skeleton of the corpus, whatever body it was recorded on."""
 
-    local_rot: Float[np.ndarray, "T 55 3 3"]
-    global_rot: Float[np.ndarray, "T 55 3 3"]
+    R_parent_joint: Float[np.ndarray, "T 55 3 3"]
+    R_world_joint: Float[np.ndarray, "T 55 3 3"]
     positions: Float[np.ndarray, "T 55 3"]
     right_tip: Float[np.ndarray, "T 3"]
 
@@ -47,11 +47,13 @@ def read_posed_clip(path: Path, rig: Rig) -> PosedClip:
         MotionError: if it cannot be used.
     """
     motion = load_motion(path)
-    local_rot = matrices(motion.poses.astype(np.float64).reshape(-1, 55, 3))
-    global_rot, positions = forward_kinematics(rig, local_rot, motion.trans.astype(np.float64))
+    R_parent_joint = matrices(motion.poses.astype(np.float64).reshape(-1, 55, 3))
+    R_world_joint, positions = forward_kinematics(
+        rig, R_parent_joint, motion.trans.astype(np.float64)
+    )
     offset = rig.tip_offsets[rig.tip_joints.index(RIGHT_MIDDLE_TIP_JOINT)]
-    tip = positions[:, RIGHT_MIDDLE_TIP_JOINT] + global_rot[:, RIGHT_MIDDLE_TIP_JOINT] @ offset
-    return PosedClip(local_rot, global_rot, positions, tip)
+    tip = positions[:, RIGHT_MIDDLE_TIP_JOINT] + R_world_joint[:, RIGHT_MIDDLE_TIP_JOINT] @ offset
+    return PosedClip(R_parent_joint, R_world_joint, positions, tip)
 
 
 def derivative(positions: Float[np.ndarray, "T D"], order: int) -> Float[np.ndarray, " S"]:
@@ -70,7 +72,7 @@ def in_chest(clip: PosedClip, joint: int) -> Float[np.ndarray, "T 3"]:
     """Return a joint's position in the chest's frame: metres to its left, up and forward."""
     chest = JOINT_INDEX["spine3"]
     offset = clip.positions[:, joint] - clip.positions[:, chest]
-    return np.einsum("tba,tb->ta", clip.global_rot[:, chest], offset)
+    return np.einsum("tba,tb->ta", clip.R_world_joint[:, chest], offset)
 
 
 WINDOW, HOP = 60, 30  # frames
@@ -107,7 +109,7 @@ def realism_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
     """Compute statistics of 2 s windows without listening, one a second, from 65 frames on."""
     paths = {
         "fingertip": clip.right_tip,
-        "head": axis_angles(clip.global_rot[:, JOINT_INDEX["head"]]),
+        "head": axis_angles(clip.R_world_joint[:, JOINT_INDEX["head"]]),
         "chest": clip.positions[:, JOINT_INDEX["spine3"]],
     }
     return _figures(_series(clip), paths, silences)
@@ -119,7 +121,9 @@ def head_windows(clip: PosedClip, silences: Silences = ()) -> Figures:
     Brows, lids and lips are left out, as recordings have another basis of face units, and the
     sideways turn of the jaw, which the corpus does not have.
     """
-    neck, head, jaw = (clip.local_rot[:, JOINT_INDEX[name]] for name in ("neck", "head", "jaw"))
+    neck, head, jaw = (
+        clip.R_parent_joint[:, JOINT_INDEX[name]] for name in ("neck", "head", "jaw")
+    )
     in_chest_deg = np.degrees(axis_angles(neck @ head))
     opening = np.degrees(axis_angles(jaw))[:, 0]
     series = {
@@ -167,12 +171,12 @@ def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
         return [JOINT_INDEX[f"left_{name}"], JOINT_INDEX[f"right_{name}"]]
 
     def turning(joints: list[int]) -> Float[np.ndarray, " _"]:
-        return turning_deg_s(clip.local_rot[:, joints]).mean(1)
+        return turning_deg_s(clip.R_parent_joint[:, joints]).mean(1)
 
     def moving(name: str, order: int) -> Float[np.ndarray, " _"]:
         return np.mean([derivative(clip.positions[:, j], order) for j in both(name)], axis=0)
 
-    finger_angles = np.linalg.norm(axis_angles(clip.local_rot[:, FINGERS]), axis=-1)
+    finger_angles = np.linalg.norm(axis_angles(clip.R_parent_joint[:, FINGERS]), axis=-1)
     return {
         "wrist speed, m/s": moving("wrist", 1),
         "wrist jerk, m/s^3": moving("wrist", 3),
@@ -181,8 +185,8 @@ def _series(clip: PosedClip) -> dict[str, Float[np.ndarray, " _"]]:
         "elbow turning, deg/s": turning(both("elbow")),
         "wrist turning, deg/s": turning(both("wrist")),
         "finger turning, deg/s": turning(list(FINGERS)),
-        "head turning, deg/s": turning_deg_s(clip.global_rot[:, [JOINT_INDEX["head"]]])[:, 0],
-        "chest turning, deg/s": turning_deg_s(clip.global_rot[:, [JOINT_INDEX["spine3"]]])[:, 0],
+        "head turning, deg/s": turning_deg_s(clip.R_world_joint[:, [JOINT_INDEX["head"]]])[:, 0],
+        "chest turning, deg/s": turning_deg_s(clip.R_world_joint[:, [JOINT_INDEX["spine3"]]])[:, 0],
         "pelvis speed, m/s": derivative(clip.positions[:, 0], 1),
         "ankle speed, m/s": moving("ankle", 1),
         "knee turning, deg/s": turning(both("knee")),
@@ -261,16 +265,16 @@ def _judge(a: Figures, b: Figures) -> Pipeline:
     return make_pipeline(StandardScaler(), regression).fit(both, _sides(a, b))
 
 
-def _told_apart(judge: Pipeline, a: Figures, b: Figures) -> float:
+def _auc(classifier: Pipeline, a: Figures, b: Figures) -> float:
     """Compute the area under the curve of a classifier."""
-    return _area(judge.decision_function(a), judge.decision_function(b))
+    return _area(classifier.decision_function(a), classifier.decision_function(b))
 
 
 def _sides(a: Sized, b: Sized) -> np.ndarray:
     return np.repeat([0, 1], [len(a), len(b)])
 
 
-def _area(low: np.ndarray, high: np.ndarray) -> float:
+def _area(low: Float[np.ndarray, " N"], high: Float[np.ndarray, " M"]) -> float:
     """Return the probability that a draw of ``high`` exceeds one of ``low``; ties count half."""
     return float(roc_auc_score(_sides(low, high), np.concatenate([low, high])))
 
@@ -282,8 +286,8 @@ def measure_realism(real: list[Figures], corpus: list[Figures]) -> Realism:
     judges = _judge(first, halves[0]), _judge(second, halves[1])
     # Each classifier is tested on the real clip and the half outside its training data.
     joint = [
-        _told_apart(judges[0], second, halves[1]),
-        _told_apart(judges[1], first, halves[0]),
+        _auc(judges[0], second, halves[1]),
+        _auc(judges[1], first, halves[0]),
     ]
     both, every = pd.concat([first, second]), pd.concat(halves)
     apart = every.mean() - both.mean()
@@ -316,7 +320,7 @@ def _floor(first: Figures, second: Figures) -> float:
             _without_quarter(windows, quarter) for windows in (first, second)
         )
         if all(len(part) for part in (first_rest, first_part, second_rest, second_part)):
-            areas.append(_told_apart(_judge(first_rest, second_rest), first_part, second_part))
+            areas.append(_auc(_judge(first_rest, second_rest), first_part, second_part))
     return float(np.mean(areas)) if areas else float("nan")
 
 

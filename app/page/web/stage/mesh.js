@@ -20,7 +20,7 @@ export class Mesh {
   uv = null; // of a character's texture, (V, 2)
   /** @type {ImageBitmap | null} */
   picture = null; // that texture
-  jawTarget = -1; // target that opens a mouth whose jaw is no bone
+  jawTarget = -1; // target that opens a mouth whose jaw is not a bone
   #levels; // faces (F, 3) of each mesh, the whole first
   #counts; // of each, how many vertices it and the coarser ones have: they come first
   place; // of each vertex of the file among those here
@@ -146,7 +146,7 @@ export class Mesh {
 
   /** Faces over the ends at which some were cut off from others: of each end a fan from one of its corners. */
   #lids(kept, border) {
-    const places = new Map(); // seams of colours are no ends
+    const places = new Map(); // seams of colours are not ends
     const placeOf = (vertex) => {
       if (!places.has(vertex)) places.set(vertex, this.positions.subarray(3 * vertex, 3 * vertex + 3).join());
       return places.get(vertex);

@@ -24,7 +24,7 @@ export class Motion {
 }
 
 /**
- * Reads messages that follow each other; throws where they are no motion.
+ * Reads messages that follow each other; throws where they are not motion.
  *
  * @param {ArrayBuffer} bytes
  * @param {number} first Number of the frame that they must begin with.

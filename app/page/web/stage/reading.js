@@ -17,10 +17,10 @@ export function wordsOf(what, value) {
  */
 export function readingOf({ name, label, assumed }) {
   if (!assumed?.read.length) return null;
-  const isOpen = ({ sure }) => sure === "unsure" || sure === "told";
+  const isOpen = ({ confidence }) => confidence === "unsure" || confidence === "user";
   const told = { name, kind: assumed.kind };
-  const chips = assumed.read.filter(isOpen).map((each) => chip(told, wordsOf(each.what, each.value) + (each.sure === "unsure" ? "?" : ""), [each]));
-  const rest = assumed.read.filter((each) => !isOpen(each)).sort((one, other) => Number(!one.others.length) - Number(!other.others.length));
+  const chips = assumed.read.filter(isOpen).map((each) => chip(told, wordsOf(each.kind, each.value) + (each.confidence === "unsure" ? "?" : ""), [each]));
+  const rest = assumed.read.filter((each) => !isOpen(each)).sort((one, other) => Number(!one.alternatives.length) - Number(!other.alternatives.length));
   if (rest.length) chips.push(chip(told, "import details", rest));
   return make("div", { class: "reading", role: "group", "aria-label": `How ${label ?? name} was read` }, ...chips);
 }
@@ -32,10 +32,10 @@ function chip(told, words, read) {
     const choose = ({ currentTarget }) => currentTarget.dispatchEvent(new CustomEvent("otherwise", { bubbles: true, detail }));
     return make("button", { type: "button", onclick: choose }, text);
   };
-  const parts = read.map(({ what, value, why, sure, others }) => {
-    const choices = others.map((other) => choice(what, other, wordsOf(what, other)));
-    if (sure === "told") choices.push(choice(what, null, "as detected"));
-    return make("li", {}, make("p", {}, make("b", {}, wordsOf(what, value)), why ? `: ${why}.` : ""), ...choices);
+  const parts = read.map(({ kind: what, value, reason, confidence, alternatives }) => {
+    const choices = alternatives.map((other) => choice(what, other, wordsOf(what, other)));
+    if (confidence === "user") choices.push(choice(what, null, "as detected"));
+    return make("li", {}, make("p", {}, make("b", {}, wordsOf(what, value)), reason ? `: ${reason}.` : ""), ...choices);
   });
   return popUp("chip", make("summary", {}, words), make("ul", {}, ...parts));
 }

@@ -7,7 +7,7 @@
   const words = study.words;
   const main = document.getElementById("main");
   const query = new URLSearchParams(location.search);
-  const isPreview = query.has("preview"); // by the researcher, who is no participant
+  const isPreview = query.has("preview"); // by the researcher, who is not a participant
   const postTo = isPreview ? null : study.postTo;
   const asked = query.get("p");
   const token = /^\d{1,6}-[0-9a-f]{32}$/.test(query.get("t") || "") ? query.get("t") : null; // a signed link

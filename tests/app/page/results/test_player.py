@@ -87,7 +87,11 @@ def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
         with pytest.raises(RunError, match=r"timeline\.json of this run is damaged"):
             showing.timeline()
     told = json.loads((tmp_path / RUN).read_text())
-    for assumed in ({"what": "up"}, {**ASSUMED, "others": 3}, {**ASSUMED, "sure": "<b>"}):
+    for assumed in (
+        {"kind": "up"},
+        {**ASSUMED, "alternatives": 3},
+        {**ASSUMED, "confidence": "<b>"},
+    ):
         told["rows"][0]["assumed"] = [assumed]
         (tmp_path / RUN).write_text(json.dumps(told))
         with pytest.raises(RunError, match="is damaged"):

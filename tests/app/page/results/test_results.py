@@ -14,7 +14,15 @@ from typing import Any
 import pytest
 
 from app import text
-from app.findings.measure_rows import FAST_POWER, FGD, JERK, MEASURES, SEAMS, nearest, written
+from app.findings.measure_rows import (
+    FGD,
+    JERK,
+    METRICS,
+    POWER_ABOVE_5_HZ,
+    SEAMS,
+    format_value,
+    nearest,
+)
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
 from app.page.results.kept_runs import KeptRuns, address_of
@@ -70,15 +78,15 @@ def test_the_nearest_to_the_reference_is_marked_not_the_lowest(tmp_path):
     ):
         assert nearest(values, target) == names
     short = {None: "n/a", 0.0: "0", 152.4: "152", 1234.5: "1,230", 0.00623: "0.00623"}
-    assert {value: written(value) for value in short} == short
-    assert (written(-3.214), written(2.5e-7)) == ("-3.21", "2.5e-07")
+    assert {value: format_value(value) for value in short} == short
+    assert (format_value(-3.214), format_value(2.5e-7)) == ("-3.21", "2.5e-07")
 
 
 def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
     whole = table(numbers(104.0, a=300.0), tmp_path)
     jerk = row(whole, JERK)
     assert '<span class="raw">300</span><span class="savgol">100</span>' in jerk
-    power = row(whole, FAST_POWER)
+    power = row(whole, POWER_ABOVE_5_HZ)
     assert "<small>%</small>" in power and ">1.23<" in power  # a share of 0.0123
     rows = re.findall("<tr data-measure.*?</tr>", whole)
     first = [row for row in rows if 'class="later"' not in row.split(">")[0]]
@@ -92,8 +100,8 @@ def test_numbers_are_there_raw_and_filtered_in_the_units_that_it_says(tmp_path):
 
 def test_the_numbers_tell_only_findings_that_do_not_stand_beside_the_viewer(tmp_path):
     measured = numbers(104.0, a=1.0)
-    grave = Finding("Grave.", {}, gravity=3, worst_frame=45)
-    slight = [Finding(f"Slight {n}.", {}, gravity=1, excess=9.0 - n) for n in range(3)]
+    grave = Finding("Grave.", {}, severity=3, worst_frame=45)
+    slight = [Finding(f"Slight {n}.", {}, severity=1, limit_ratio=9.0 - n) for n in range(3)]
     measured.findings["a"] = [*slight, grave]
     whole = table(measured, tmp_path)
     assert "More findings (1)" in whole and "Slight 2." in whole
@@ -291,11 +299,11 @@ def test_sets_and_clips_have_the_rule_of_each_metric_one_click_away(run):
     told = {"clips": ["1", "2"], "worst": [], "measures": rows}
     shown = sets_html(told, ["a"], "", "")
     for key, protocol in ((JERK, ""), ("", "gac/unicamp"), ("", "fgd/workbench")):
-        about = next((row.about for row in MEASURES if row.key == key), None)
+        about = next((row.about for row in METRICS if row.key == key), None)
         assert escape(about or PROTOCOLS[protocol].rule) in shown
     clips = clips_html({"1": run().record, "2": run().record})
     assert "<code>workbench/1</code>" in clips.split('<details class="rules">')[1]
-    assert all(row.about.count(". ") <= 1 for row in MEASURES)
+    assert all(row.about.count(". ") <= 1 for row in METRICS)
 
 
 def test_both_are_in_one_player_with_one_time_line(run):

@@ -228,7 +228,7 @@ def test_only_what_belongs_to_it_is_served(media, browser, job, temp):
         assert mine.get(f"/{asked}").status_code == 404, asked
     picture = mine.get(f"/{address(job / 'figure6.svg')}").headers
     page = mine.get(f"/{address(job / 'bundle' / 'index.html')}").headers
-    assert page["content-disposition"].startswith("attachment"), "of a run it is no page"
+    assert page["content-disposition"].startswith("attachment"), "of a run it is not a page"
     assert picture["content-disposition"].startswith("attachment"), "a browser could run it"
     assert not list(temp.iterdir())
 

@@ -24,7 +24,7 @@ from app.run.generated_motions import row_names
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from app.study.design.plan import Plan, read_plan
 from model.plan.style import StyleChange
-from model.systems.globaldiff.config import BEST, SYSTEMS
+from model.systems.globaldiff.config import PRIORFLOW, SYSTEMS
 from model.systems.planned.config import PLANNED
 from tests.app import fakes
 from tests.app.requests import generate_request
@@ -194,7 +194,7 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
 
 
 def test_what_a_form_offers_and_says_of_the_run(tmp_path):
-    first = [BEST, "globaldiff/local", "globaldiff/global"]
+    first = [PRIORFLOW, "globaldiff/local", "globaldiff/global"]
     assert default_systems(list(SYSTEMS)) == first and default_systems(first[:2]) == first[:2]
     assert default_systems(["a", "globaldiff/global", "b", "c"]) == ["a", "globaldiff/global", "b"]
     path = tmp_path / "example.wav"

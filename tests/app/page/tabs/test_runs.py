@@ -84,7 +84,7 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
     assert last["figures"]["visible"] and "<img" in last["figures"]["value"]
     assert saved(last["downloads"]) == ["diagnostics.json", "jitter.png"]
     assert 'href="media/run/' in last["downloads"]["value"]
-    read = [{**fakes.ASSUMED, "why": "so"}]
+    read = [{**fakes.ASSUMED, "reason": "so"}]
     assert last["player"]["rows"][0]["assumed"] == {"kind": "*.npz", "read": read}
 
 
@@ -298,8 +298,8 @@ def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
 def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why_it_kept_less(
     keeps, live, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("app.live.sessions.AHEAD_S", 10.0)  # nobody waits for sound here
-    monkeypatch.setattr("app.live.sessions.WATCHED_S", 1e9)
+    monkeypatch.setattr("app.live.sessions.MAX_AHEAD_S", 10.0)  # nobody waits for sound here
+    monkeypatch.setattr("app.live.sessions.RATE_WINDOW_S", 1e9)
     ready: list[Any] = []
     number = live.open(LIVE, "mine", ready.append)
     own = ready[0]["token"]

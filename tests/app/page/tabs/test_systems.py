@@ -20,7 +20,7 @@ from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
 from app.run.output.run_folder import RunRecord, edit_record
 from app.run.requests.requests import WITHOUT_NOISE, RotationNoiseRequest
 from app.run.run_writer import open_run_writer
-from model.systems.globaldiff.config import ABLATION, BEST, SYSTEMS
+from model.systems.globaldiff.config import ABLATION, PRIORFLOW, SYSTEMS
 from model.systems.globaldiff.config import ABLATION_EXPLAINED as EXPLAINED
 from tests.app.fakes import catalogue_of, made_services
 from tests.app.page.made import updates_of
@@ -140,7 +140,7 @@ def test_noise_that_cannot_be_drawn_is_told(tmp_path):
 
 def test_the_ladder_has_the_steps_of_the_trainings_and_tells_those_without_weights_apart():
     assert [step.system for step in EXPLAINED.steps] == list(ABLATION)
-    assert BEST in ablations_html([BEST])
+    assert PRIORFLOW in ablations_html([PRIORFLOW])
     html = ablations_html(["globaldiff/local", "globaldiff/global"])
     assert html.count("class=absent") == 3 and html.count(NOT_HERE) == 4
     assert "absent" not in ablations_html(list(SYSTEMS)) and NOT_HERE not in ablations_html(

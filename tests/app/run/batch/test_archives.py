@@ -137,7 +137,7 @@ def test_a_file_of_another_size_than_it_says_is_refused(folder: Path, tmp_path: 
     content = path.read_bytes()
     assert content.count(struct.pack("<L", 5000)) == 2
     path.write_bytes(content.replace(struct.pack("<L", 5000), struct.pack("<L", 10)))
-    with pytest.raises(RunError, match="no readable zip"):
+    with pytest.raises(RunError, match="not a readable zip"):
         unpack_archive(path, folder, NPZ)
     assert sum(file.stat().st_size for file in folder.rglob("*.npz")) <= 10
 
@@ -165,7 +165,7 @@ def test_what_is_no_zip_is_told(folder: Path, tmp_path: Path):
     }
     for name, data in bad.items():
         (tmp_path / name).write_bytes(data)
-        with pytest.raises(RunError, match=f"{name} is no readable zip"):
+        with pytest.raises(RunError, match=f"{name} is not a readable zip"):
             unpack_archive(tmp_path / name, folder, NPZ)
     locked = zipfile.ZipInfo("a.npz")
     path = _zip(tmp_path / "locked.zip", (locked, b"secret"))
@@ -194,7 +194,7 @@ def test_hostile_tars_leave_nothing(kind: str, tmp_path: Path, folder: Path):
     info.name = {"out": "../x.npz", "root": "/x.npz"}.get(kind, "x.npz")
     with tarfile.open(tmp_path / "a.tar", "w") as opened:
         opened.addfile(info)
-    with pytest.raises(RunError, match=r"link or device|unsafe path|no readable tar"):
+    with pytest.raises(RunError, match=r"link or device|unsafe path|not a readable tar"):
         unpack_archive(tmp_path / "a.tar", folder, NPZ)
     assert _all_below(tmp_path) == {"a.tar"}
 
@@ -212,5 +212,5 @@ def test_archives_too_deep_cut_or_none_are_refused(tmp_path: Path, folder: Path)
     for bad in (content[:600], content[:-500], b"", b"\x1f\x8b no", huge.tobuf()):
         path = tmp_path / ("bad.tar" if bad == huge.tobuf() else "bad.tar.gz")
         path.write_bytes(bad)
-        with pytest.raises(RunError, match=r"no readable tar|holds none"):
+        with pytest.raises(RunError, match=r"not a readable tar|holds none"):
             unpack_archive(path, folder, NPZ)

@@ -10,7 +10,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.findings.measure_rows import written
+from app.findings.measure_rows import format_value
 from app.run.batch.leaderboard import (
     Entry,
     MetricValue,
@@ -104,7 +104,7 @@ def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path
         ),
     ):
         (tmp_path / "board.json").write_text(json.dumps({**told, **change}))
-        with pytest.raises(RunError, match=f"no leaderboard .*{words}"):
+        with pytest.raises(RunError, match=f"not a leaderboard .*{words}"):
             read_leaderboard(tmp_path / "board.json")
 
 
@@ -189,4 +189,4 @@ def test_errors_are_nearer_to_recorded_motion_the_smaller_they_are() -> None:
 def test_a_clip_without_jerk_to_compare_is_told_without_it() -> None:
     """Not as 0 m/s³, which nobody measured."""
     (clip,) = worst_clips({"a": [("one", {"numbers": {}, "findings": ["pops"]})]})
-    assert clip["jerk"] is None and written(clip["jerk"]) == "n/a"
+    assert clip["jerk"] is None and format_value(clip["jerk"]) == "n/a"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.findings.measure_rows import FGD, MEASURES, SPEED
+from app.findings.measure_rows import FGD, METRICS, SPEED
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.batch.table import LEAST_CLIPS, cells_of, draw_spread, interval
 from app.run.pipeline import run
@@ -18,7 +18,7 @@ from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
 from conventions.names import REFERENCE_NAME
 from conventions.rates import SAMPLE_RATE
-from model.evaluation.frechet import Features, distance, motion_features
+from model.evaluation.frechet import Features, frechet_with_interval, motion_features
 from model.formats.read import read_any_motion
 from model.motion.motion import save_motion
 from model.networks.autoencoder import load_encoder
@@ -113,7 +113,7 @@ def test_the_distance_of_sets_is_that_of_all_their_codes(folders: Path, measured
         found = [motion_features(encoder, read_any_motion(path).motion) for path in paths]
         return [features for features in found if features is not None]
 
-    wanted = distance(codes("gt"), codes("lively"))
+    wanted = frechet_with_interval(codes("gt"), codes("lively"))
     (lively, same), (apart,) = (
         [row for row in rows if bool(row["difference_to"]) == is_pair] for is_pair in (False, True)
     )
@@ -167,7 +167,7 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
         found = {finding.kind for finding in alone.findings[clip]}
         assert found == set(filter(None, rows[clip, "lively"]["findings"].split("; ")))
     assert rows["c", "lively"]["beat_align"] == ""
-    with pytest.raises(RunError, match="no folder"):
+    with pytest.raises(RunError, match="not a folder"):
         diagnose_folders(replace_fields(request, speech=tmp_path / "sound" / "a.wav"))
     with pytest.raises(RunError, match="--speech"):
         diagnose_folders(replace_fields(request, speech=None, mean_speeds=tmp_path / "speeds.npy"))
@@ -187,7 +187,7 @@ def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refuse
         diagnose_folders(
             diagnose_request(motions=(folders / "gt", tmp_path / "other"), out=tmp_path / "x")
         )
-    with pytest.raises(RunError, match="is no folder"):
+    with pytest.raises(RunError, match="is not a folder"):
         diagnose_folders(
             diagnose_request(motions=(folders / "gt", tmp_path / "none"), out=tmp_path / "x")
         )
@@ -226,7 +226,7 @@ def test_an_interval_holds_the_mean():
 
 
 def numbers(clips: int, systems: list[str]) -> list[dict]:
-    told = [row.key for row in MEASURES if not row.group.startswith("Beat")]
+    told = [row.key for row in METRICS if not row.group.startswith("Beat")]
     return [
         {"systems": {name: {"numbers": dict.fromkeys(told, 1.0 + k)} for name in systems}}
         for k in range(clips)

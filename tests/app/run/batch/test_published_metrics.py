@@ -228,8 +228,8 @@ def test_sums_are_kept_and_measured_again_if_values_are_expected(results: AnyRun
 
 def test_unknown_expected_values_are_refused(tmp_path: Path, capsys):
     for text, told in (
-        ("fgd", "no expected value"),
-        ("fgd=x", "no expected"),
+        ("fgd", "not an expected value"),
+        ("fgd=x", "not an expected"),
         ("dy=1", "no metric"),
     ):
         with pytest.raises(RunError, match=told):

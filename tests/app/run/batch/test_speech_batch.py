@@ -277,7 +277,7 @@ def test_a_batch_takes_one_style_file_and_a_folder_of_plans(speeches, planned_we
     )  # fmt: skip
     with pytest.raises(RunError, match="plans lacks plans of 2 clips; the first is a"):
         run_batch(clip_requests(asked), HERE)
-    with pytest.raises(RunError, match="is no folder; many pieces of speech take a folder"):
+    with pytest.raises(RunError, match="is not a folder; many pieces of speech take a folder"):
         run_batch(clip_requests(replace_fields(asked, plan=style)), HERE)
     write_plan_file(GesturePlan(1.0, nods=(Nod(0.5, 4.0),)), plans / "a.json")
     busy = add_gesture(GesturePlan(4.0, nods=(Nod(1.5, 4.0),)), "offer", 2.0, "right").plan

@@ -50,7 +50,7 @@ def test_alone_a_branch_hears_what_the_buffer_holds():
     network, x_t = tiny_network(), made_pair()
     conditions = made_conditions()
     heard = network.speech_tokens(conditions.pop("speech"), conditions.pop("has_speech"))
-    asked = {"heard": heard, "seed": seed_of(x_t), **conditions}
+    asked = {"speech": heard, "seed": seed_of(x_t), **conditions}
     buffer: FeatureBuffer = {}
     both = network.evaluate(BRANCHES, x_t, T, buffer, **asked)
     for which in BRANCHES:

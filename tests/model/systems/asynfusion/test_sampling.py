@@ -16,12 +16,12 @@ from model.systems.asynfusion.network import (
     FeatureBuffer,
 )
 from model.systems.asynfusion.system import (
-    WAYS,
+    SAMPLER_NAMES,
+    branch_step_indices,
     flow_times,
-    noise_of,
+    noise_from_clean,
     sample,
     trailing_steps,
-    turns,
 )
 from tests.model.systems.asynfusion.made import (
     BODY,
@@ -65,7 +65,7 @@ def test_a_ddim_step_is_that_of_the_variance_preserving_process(step, earlier):
     t, t_earlier = times[step].expand(2), times[earlier].expand(2)
     x_t = interpolate(noise, x_0, t)
     torch.testing.assert_close(x_t * scale, x, rtol=1e-5, atol=1e-6)
-    found = interpolate(noise_of(x_t, told, t), told, t_earlier)
+    found = interpolate(noise_from_clean(x_t, told, t), told, t_earlier)
     torch.testing.assert_close(found * scale_earlier, wanted, rtol=1e-4, atol=1e-4)
 
 
@@ -98,7 +98,7 @@ def watched(network: DualBranchNetwork, monkeypatch: pytest.MonkeyPatch) -> list
     return calls
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", SAMPLER_NAMES)
 def test_equal_counts_are_the_usual_sampler(way):
     """Both branches together, step by step, without any buffer."""
     network = tiny_network()
@@ -110,7 +110,8 @@ def test_equal_counts_are_the_usual_sampler(way):
         found = network.evaluate(BRANCHES, x, t, {}, **conditions)
         later = torch.full((2,), times[k + 1])
         kept = [
-            noise_of(x[b], found[b], t[b]) if way == "ddim" else noise(b, k + 1) for b in BRANCHES
+            noise_from_clean(x[b], found[b], t[b]) if way == "ddim" else noise(b, k + 1)
+            for b in BRANCHES
         ]
         x = tuple(interpolate(kept[b], found[b], later) for b in BRANCHES)
     made = sample(network, AS_TRAINED, noise, (5, 5), way, **conditions)
@@ -178,7 +179,7 @@ def asked(network: DualBranchNetwork, guide: ClassifierFreeGuidance = AS_TRAINED
     heard = network.speech_tokens(
         guide.duplicate(conditions.pop("speech")), guide.is_conditional(2)
     )
-    return {"heard": heard, "seed": (seed[0][:, :8], seed[1][:, :8]), **conditions}
+    return {"speech": heard, "seed": (seed[0][:, :8], seed[1][:, :8]), **conditions}
 
 
 def test_steps_begin_at_pure_noise_and_lie_at_even_distances():
@@ -188,5 +189,5 @@ def test_steps_begin_at_pure_noise_and_lie_at_even_distances():
     for count in (0, 1001):
         with pytest.raises(ValueError, match=f"1000 diffusion steps; {count} cannot"):
             trailing_steps(count)
-    assert turns(4, 8) == [0, 2, 4, 6] and turns(8, 8) == list(range(8))
-    assert turns(3, 8) == [0, 2, 5] and turns(1, 8) == [0]
+    assert branch_step_indices(4, 8) == [0, 2, 4, 6] and branch_step_indices(8, 8) == list(range(8))
+    assert branch_step_indices(3, 8) == [0, 2, 5] and branch_step_indices(1, 8) == [0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from model.generation.windows import GenerateOptions, generate_motion
-from model.sampling.samplers import USUAL
+from model.sampling.samplers import DEFAULT_SAMPLING
 from model.systems.asynfusion import system as module
 from model.systems.asynfusion.network import Pair
 from model.systems.registry import list_systems, load_system
@@ -69,7 +69,7 @@ def test_what_it_cannot_do_is_said(folder, tmp_path):
     ddim = load_system("asynfusion/ddim", folder)
     with pytest.raises(ValueError, match="asynfusion/ddim has no sampler 'lcm'"):
         moved(ddim, sampler="lcm")
-    assert ddim.resolve_sampling(USUAL).guidance == ddim.guidance == 2.5
+    assert ddim.resolve_sampling(DEFAULT_SAMPLING).guidance == ddim.guidance == 2.5
     always_heard = load_system("asynfusion/ddim", make_asynfusion(tmp_path, speech_dropout=0.0))
     assert always_heard.guidance is None
     moved(always_heard, guidance=1.0, steps=1)

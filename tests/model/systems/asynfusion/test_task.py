@@ -12,10 +12,10 @@ from model.storage.cards import CheckpointError
 from model.systems.asynfusion.config import DDIM, LCM_SYNC, presets
 from model.systems.asynfusion.system import flow_times
 from model.systems.asynfusion.task import (
+    consistency_target,
     draw_steps,
     make_task,
     noise_terms,
-    one_solver_step,
     pseudo_huber,
 )
 from model.systems.registry import load_system
@@ -81,7 +81,7 @@ def test_a_student_agrees_with_itself_after_a_step_of_its_guided_teacher(strengt
     x_t, seed = made_pair(), made_pair(seed=2)
     conditions = made_conditions() | {"seed": (seed[0][:, :8], seed[1][:, :8])}
     steps = torch.tensor([500, 700]), torch.tensor([500, 300])
-    found = one_solver_step(config, student, teacher, normaliser, x_t, steps, conditions)
+    found = consistency_target(config, student, teacher, normaliser, x_t, steps, conditions)
     times = flow_times()
     t, earlier = ((times[face - k], times[body - k]) for k in (0, 20) for face, body in [steps])
     heard = teacher(x_t, t, **conditions)

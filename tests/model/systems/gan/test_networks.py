@@ -11,12 +11,12 @@ from model.systems.gan.network import (
     FINGERS,
     Discriminator,
     Generator,
-    diffused,
+    ddim_step,
+    diffuse,
+    diffusion_factors,
+    diffusion_times,
     flow_time,
     posterior,
-    signal_and_noise,
-    stepped,
-    times,
 )
 from model.systems.gan.task import (
     discriminator_loss,
@@ -63,13 +63,13 @@ def test_posterior_is_that_of_the_discrete_chain(steps):
 def test_two_ways_of_diffusing_agree():
     t = torch.tensor([0.2, 0.5, 1.0])
     one, zero = torch.ones(3, 1, 1), torch.zeros(3, 1, 1)
-    signal, noise = signal_and_noise(t)
+    signal, noise = diffusion_factors(t)
     torch.testing.assert_close(signal**2 + noise**2, torch.ones(3))
-    direct = diffused(one, zero, 0 * t, t)
+    direct = diffuse(one, zero, 0 * t, t)
     torch.testing.assert_close(direct[:, 0, 0], signal)
-    over = diffused(diffused(one, zero, 0 * t, t / 3), zero, t / 3, t)
+    over = diffuse(diffuse(one, zero, 0 * t, t / 3), zero, t / 3, t)
     torch.testing.assert_close(over, direct)
-    assert noise[2] > 0.9999 and 1 - signal_and_noise(torch.tensor(0.02))[0] < 0.01
+    assert noise[2] > 0.9999 and 1 - diffusion_factors(torch.tensor(0.02))[0] < 0.01
 
 
 def test_the_last_step_leaves_x_0():
@@ -77,16 +77,16 @@ def test_the_last_step_leaves_x_0():
     mean, deviation = posterior(x_now, x_0, torch.zeros(4), torch.full((4,), 0.05))
     torch.testing.assert_close(mean, x_0)
     assert not deviation.any()
-    assert times(5) == pytest.approx([1.0, 0.8, 0.6, 0.4, 0.2, 0.0])
+    assert diffusion_times(5) == pytest.approx([1.0, 0.8, 0.6, 0.4, 0.2, 0.0])
     with pytest.raises(ValueError, match="steps is 0; at least 1 is needed"):
-        times(0)
+        diffusion_times(0)
 
 
 def test_the_priors_posterior_holds_at_the_flow_time():
     """x_0 given x_t of a Gaussian process, by solving for it in float64."""
     prior = made_prior(3)
     t = torch.tensor([0.1, 0.4, 1.0])
-    signal, noise = (factor.double() for factor in signal_and_noise(t))
+    signal, noise = (factor.double() for factor in diffusion_factors(t))
     x_t = torch.randn(3, 60, 3)
     tau, scale = flow_time(t)
     nothing = torch.zeros(3, 8, 3), torch.zeros(3, dtype=torch.bool)
@@ -105,13 +105,13 @@ MEAN, DEVIATION = 0.7, 0.3
 @pytest.mark.parametrize(("steps", "left"), [(50, 0.2), (400, 0.03)])
 def test_steps_of_ddim_go_where_the_ode_of_gaussian_data_goes(steps, left):
     x = torch.randn(1, 5, 6, dtype=torch.float64)
-    way = times(steps)
-    signal, noise = signal_and_noise(torch.tensor(way, dtype=torch.float64))
+    way = diffusion_times(steps)
+    signal, noise = diffusion_factors(torch.tensor(way, dtype=torch.float64))
     wanted = MEAN + DEVIATION * (x - signal[0] * MEAN) / torch.hypot(signal * DEVIATION, noise)[0]
     for k in range(steps):
         gain = signal[k] * DEVIATION**2 / (signal[k] ** 2 * DEVIATION**2 + noise[k] ** 2)
         x_0 = MEAN + gain * (x - signal[k] * MEAN)  # E[x_0 | x]
-        x = stepped(x, x_0, way[k + 1], way[k])
+        x = ddim_step(x, x_0, way[k + 1], way[k])
     assert (x - wanted).abs().max() < left
     torch.testing.assert_close(x, x_0)
 
@@ -121,7 +121,7 @@ def sampled(generator: Generator, steps: int, size: int, **changes: torch.Tensor
     known = told(config, size, has_seed=torch.zeros(size, dtype=torch.bool)) | changes
     known["expression"] = torch.zeros(size, 60, config.expression_dim)
     x = torch.randn(size, 60, config.channels)
-    way = [torch.full((size,), t) for t in times(steps)]
+    way = [torch.full((size,), t) for t in diffusion_times(steps)]
     for k in range(steps):
         mean, deviation = generator(x, way[k], way[k + 1], **known)
         x_0 = generator.sample_x_0(mean, deviation, torch.randn_like(x), known["has_seed"])

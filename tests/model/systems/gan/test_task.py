@@ -14,7 +14,7 @@ from model.storage.cards import BUNDLED_WEIGHTS
 from model.storage.checkpoint import load_weights
 from model.systems.gan import task as module
 from model.systems.gan.config import (
-    STEP_COUNTS,
+    TRAINING_STEP_COUNTS,
     WEIGHTS,
 )
 from model.systems.gan.network import Discriminator, Generator
@@ -49,7 +49,7 @@ def task(data) -> GanTask:
 
 @pytest.fixture
 def batch(data, task) -> Batch:
-    rng, clips = np.random.default_rng(0), data.of_split("train")
+    rng, clips = np.random.default_rng(0), data.clips_of_split("train")
     return data.window_batch(clips, 60, 8, rng, context=task.context)
 
 
@@ -95,7 +95,7 @@ def test_real_steps_are_the_chains_and_every_number_of_steps_is_trained(task, ba
         assert (drawn.now <= 1).all() and (drawn.before >= -1e-6).all()
         ends = drawn.before.abs() < 1e-6
         torch.testing.assert_close(drawn.x_before[ends], drawn.x_0[ends], rtol=1e-3, atol=1e-3)
-    assert seen == set(STEP_COUNTS)
+    assert seen == set(TRAINING_STEP_COUNTS)
 
 
 def test_the_penalty_is_descended_by_the_discriminator_alone(task, batch, changed):

@@ -11,7 +11,7 @@ from model.motion.kinematics import (
 )
 from model.motion.rotations import matrix_from_axis_angle
 from model.systems.globaldiff import task as constraints
-from model.systems.globaldiff.system import led_home
+from model.systems.globaldiff.system import pull_towards_origin
 from model.training.losses import points_loss
 from tests.helpers import random_local_rotations
 
@@ -24,8 +24,8 @@ def rotations(seed: int = 0) -> Tensor:
     return global_from_local(random_local_rotations((2, 3), seed, torch.float32))
 
 
-def positions_of(global_rot: Tensor) -> Tensor:
-    return joint_positions_from_global(global_rot, open_body_skeleton())
+def positions_of(R_world_joint: Tensor) -> Tensor:
+    return joint_positions_from_global(R_world_joint, open_body_skeleton())
 
 
 def turned(rotmat: Tensor, axis_angle: list[float], *, joint: int) -> Tensor:
@@ -86,7 +86,7 @@ HOME_S = 40.0
 
 def test_a_body_is_led_back_by_its_share_of_the_way_and_only_sideways():
     vectors = torch.randn(2, 60, 168)
-    home = led_home(vectors, 8, HOME_S)
+    home = pull_towards_origin(vectors, 8, HOME_S)
     torch.testing.assert_close(home[:, :8], vectors[:, :8])
     torch.testing.assert_close(home[..., :-3], vectors[..., :-3])
     torch.testing.assert_close(home[..., -2], vectors[..., -2])  # its height

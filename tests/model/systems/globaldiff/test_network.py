@@ -78,7 +78,7 @@ def test_config_survives_json_and_refuses_unknown_fields():
         family_of("globaldiff/local").config("huge", "globaldiff/local")
     with pytest.raises(UnknownNameError, match="globaldiff/local, globaldiff/global"):
         family_of("emage")
-    with pytest.raises(ValueError, match="no multiple"):
+    with pytest.raises(ValueError, match="not a multiple"):
         replace(TINY_NETWORK, num_heads=3)
 
 
@@ -106,5 +106,5 @@ def test_an_untrained_network_predicts_the_mean_or_a_pose_that_it_starts_at(name
     network, pose = MotionNetwork(config), torch.randn(333)
     found = network(**inputs(config=config))
     assert (found == 0).all()
-    network.start_at(pose)
+    network.initialise_output(pose)
     torch.testing.assert_close(network(**inputs(config=config)), pose.expand_as(found))

@@ -14,7 +14,7 @@ from model.networks.config import MatchingConfig
 from model.storage.checkpoint import save_weights
 from model.systems.helpers.config import MATCHING_NETWORK, MatchingTrainConfig, presets
 from model.systems.helpers.task import make_task
-from model.training.task import DescentTask, TaskSetup
+from model.training.task import SingleNetworkTask, TaskSetup
 from tests.helpers import smooth_motion_example
 
 SHAPE = MatchingConfig(speech_width=16, motion_width=16, dilations=(1, 2), track_dim=4)
@@ -74,14 +74,14 @@ def made_data(folder: Path, num_frames: int = 1200, count: int = 6) -> PreparedD
     )
 
 
-def trained(folder: Path, steps: int = 40) -> tuple[DescentTask, PreparedData]:
+def trained(folder: Path, steps: int = 40) -> tuple[SingleNetworkTask, PreparedData]:
     """A task after some steps on such data."""
     config = tiny_config(steps=steps, learning_rate=1e-2, batch_size=8, ema_decay=0.9)
     data = made_data(folder)
     task = make_task(config, data, TaskSetup(folder))
     for step in range(steps):
         rng = np.random.default_rng(step)
-        batch = data.window_batch(data.of_split("train"), task.window_frames, 8, rng)
+        batch = data.window_batch(data.clips_of_split("train"), task.window_frames, 8, rng)
         task.step(step, batch, torch.Generator().manual_seed(step))
     return task, data
 

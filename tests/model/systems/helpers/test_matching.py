@@ -19,7 +19,7 @@ from model.systems.helpers.matching import (
     arm_speed,
     motion_tracks,
 )
-from model.systems.helpers.task import contrastive_loss, make_task, share_right
+from model.systems.helpers.task import contrastive_loss, make_task, matching_accuracy
 from model.training.task import TaskSetup
 from tests.model.made import shaken
 from tests.model.systems.helpers.made_matching import SHAPE, made_data, tiny_config
@@ -105,7 +105,7 @@ def test_agreement_is_the_correlation_of_tracks():
     found = agreement(heard, seen)
     assert found.shape == (2, 3) and found[1, 2] == pytest.approx(expected, abs=1e-5)
     torch.testing.assert_close(agreement(5 * heard, 0.1 * seen), found)
-    assert agreement(heard, 1e-7 * seen).abs().max() < 1e-2  # rounding is no movement
+    assert agreement(heard, 1e-7 * seen).abs().max() < 1e-2  # rounding is not movement
 
 
 def test_a_voice_a_microphone_and_a_lively_habit_do_not_count(judge):
@@ -117,8 +117,8 @@ def test_a_voice_a_microphone_and_a_lively_habit_do_not_count(judge):
         judge.agreements(poses, speech + colour, ALL), found, atol=1e-4, rtol=0
     )
     tracks = judge.normaliser.normalise(motion_tracks(poses))
-    livelier = judge.network.see(tracks + 3.0)
-    for part, track in judge.network.see(tracks).items():
+    livelier = judge.network.encode_motion(tracks + 3.0)
+    for part, track in judge.network.encode_motion(tracks).items():
         torch.testing.assert_close(livelier[part], track, atol=1e-3, rtol=0)
 
 
@@ -148,7 +148,7 @@ def test_speech_is_heard_through_other_microphones_in_training_only(tmp_path):
     config = replace(tiny_config(), augment_speech=True, learning_rate=0.0)
     task = make_task(config, data, TaskSetup(tmp_path))
     rng = np.random.default_rng(1)
-    batch = data.window_batch(data.of_split("train"), task.window_frames, 4, rng)
+    batch = data.window_batch(data.clips_of_split("train"), task.window_frames, 4, rng)
     generators = [torch.Generator().manual_seed(seed) for seed in (0, 1)]
     assert task.window_frames == 120 and task.normaliser.mean.shape == (len(TRACKS),)  # two pieces
     heard = [task.step(0, batch, generator)["arms"] for generator in generators]
@@ -166,8 +166,8 @@ def test_contrastive_loss_asks_both_ways():
     assert contrastive_loss(one_speech_for_all.T) == contrastive_loss(one_speech_for_all)
 
 
-def test_share_right_leaves_out_the_own_speech():
-    assert share_right(torch.eye(3)) == 1
-    assert share_right(-torch.eye(3)) == share_right(torch.zeros(3, 3)) == 0
+def test_matching_accuracy_leaves_out_the_own_speech():
+    assert matching_accuracy(torch.eye(3)) == 1
+    assert matching_accuracy(-torch.eye(3)) == matching_accuracy(torch.zeros(3, 3)) == 0
     agreements = torch.tensor([[0.5, 0.1, 0.9], [0.0, 1.0, 0.0], [2.0, 2.0, 1.0]])
-    assert share_right(agreements) == pytest.approx(0.5)
+    assert matching_accuracy(agreements) == pytest.approx(0.5)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.annotations import annotated_speech, prepare_plans
+from model.data.annotations import load_plan_annotations, load_speech_labels
 from model.data.prepared import prepare
 from model.data.recordings import DataError
-from model.networks.speech_codes import SpeechReading, load_codes
+from model.networks.speech_codes import SpeechPredictions, load_codes
 from model.speech.encoder import PHONES, SPEECH_ENCODER, SPEECH_LABELS
 from model.speech.features import MelEncoder
-from model.systems.helpers.task import reading_terms
+from model.systems.helpers.task import prediction_losses
 from tests.model.systems.helpers.made_spoken import SPOKEN, make_spoken_folder
 from tests.model.training.made import quick, run
 
@@ -29,9 +29,9 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
     data = prepare(root / "data", root / "copies", MelEncoder(), augmented_copies=1)
-    plans = prepare_plans(data, 4)
+    plans = load_plan_annotations(data, 4)
     table = replace(plans.table, struck={"whole": 0.75})
-    spoken = annotated_speech(data, replace(plans, table=table))
+    spoken = load_speech_labels(data, replace(plans, table=table))
     plain, copy = (next(c for c in data.clips if c.copy == n) for n in (0, 1))
     phone = spoken.phone[plain.start : plain.stop]
     named = [PHONES[number - 1] if number else "" for number in phone[:60]]
@@ -73,10 +73,10 @@ def test_losses_are_those_of_what_is_right():
     told = torch.tensor([[[1, 0.7, 0, 1, 0, 0.2], [0, 0.0, 1, 0, 1, 0.4]]])
     said = torch.where(told > 0.5, 30.0, -30.0)
     said[..., 1], said[..., 5] = told[..., 1], told[..., 5]
-    losses = reading_terms(SpeechReading(sure, said), phone, told)
+    losses = prediction_losses(SpeechPredictions(sure, said), phone, told)
     assert max(losses.values()) < 1e-6
     said[0, 1, 1], said[0, 0, 1] = 5.0, 0.5  # the strength counts where there is an accent
-    losses = reading_terms(SpeechReading(sure, said), phone, told)
+    losses = prediction_losses(SpeechPredictions(sure, said), phone, told)
     assert losses["strength"].item() == pytest.approx(0.04)
 
 

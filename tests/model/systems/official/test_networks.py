@@ -14,11 +14,11 @@ import torch
 from torch import Tensor, nn
 
 from model.generation.base import SpeechWindow, Windowing, WindowSpec
-from model.storage.cards import Card
+from model.storage.cards import WeightsCard
 from model.systems.official.checkpoints import PARTS
 from model.systems.official.config import FAMILY, FILTERED
 from model.systems.official.networks import make_network
-from model.systems.official.speech import OfficialEncoder, by_frame
+from model.systems.official.speech import OfficialEncoder, windows_to_frames
 from model.systems.official.system import OfficialSystem, seed_of, smoothed
 from tests.helpers import smooth_motion_example
 from tests.model.systems.official.filled import fill, made, sha256_of
@@ -77,7 +77,7 @@ def test_two_windows(carried, networks, kind, monkeypatch):
     )
     system = OfficialSystem(
         name="official",
-        card=Card({}, "given"),
+        card=WeightsCard({}, "given"),
         sha256s={},
         speakers={},
         encoder=OfficialEncoder(lambda windows: torch.zeros(len(windows), 60, 1024)),
@@ -90,7 +90,7 @@ def test_two_windows(carried, networks, kind, monkeypatch):
         seed=seed_of(start),
         filters=kind == "filtered",
     )
-    frames = by_frame(torch.stack([heard(3000), heard(3001)]))
+    frames = windows_to_frames(torch.stack([heard(3000), heard(3001)]))
     draw = WindowSpec(2, 0, samples=1, index=0, sampler="reinterpolate", steps=5, guidance=1.0)
     first = system.window(SpeechWindow(frames[:60]), None, draw)
     second = system.window(SpeechWindow(frames[52:]), first, replace(draw, index=1))

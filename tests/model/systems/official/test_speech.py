@@ -14,10 +14,10 @@ from model.systems.official.checkpoints import SPEECH_DIM
 from model.systems.official.speech import (
     STEP_SAMPLES,
     OfficialEncoder,
-    by_frame,
-    of_window,
+    frames_to_window,
     official_encoder,
     read_features,
+    windows_to_frames,
 )
 from tests.helpers import official_folder
 from tests.model.made import made_waveform
@@ -51,10 +51,10 @@ def encoder_of(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], OfficialEnco
 
 def test_windows_survive_the_way_through_frames():
     windows = made("windows", (3, 60, 5))
-    frames = by_frame(windows)
+    frames = windows_to_frames(windows)
     assert frames.shape == (60 + 2 * 52, 10)
     for index, window in enumerate(windows):
-        assert torch.equal(of_window(frames[52 * index : 52 * index + 60]), window)
+        assert torch.equal(frames_to_window(frames[52 * index : 52 * index + 60]), window)
 
 
 def test_windows_begin_where_the_authors_script_has_them():
@@ -82,7 +82,9 @@ def test_a_model_hears_each_window_on_its_own(tmp_path, kind, encoder_of):
     features = torch.from_numpy(encoder.encode(waveform, 112))
     second = waveform[STEP_SAMPLES:]
     alone = torch.from_numpy(encoder.encode(second, 60))
-    torch.testing.assert_close(of_window(features[52:]), of_window(alone), atol=1e-5, rtol=0)
+    torch.testing.assert_close(
+        frames_to_window(features[52:]), frames_to_window(alone), atol=1e-5, rtol=0
+    )
     louder = torch.from_numpy(encoder.encode(4 * second, 60))
     torch.testing.assert_close(alone, louder, atol=1e-3, rtol=0)  # each at the same level
     (tmp_path / "preprocessor_config.json").write_text('{"do_normalize": false}')
@@ -112,7 +114,7 @@ def test_prepared_features_are_those_of_one_speech(tmp_path, encoder_of):
     np.savez(tmp_path / "clip.npz", features=windows)
     encoder = encoder_of(tmp_path / "clip.npz")
     features = torch.from_numpy(encoder.encode(made_waveform(80_000), 150))
-    np.testing.assert_array_equal(of_window(features[52:112]), windows[1])
+    np.testing.assert_array_equal(frames_to_window(features[52:112]), windows[1])
     with pytest.raises(EncoderError, match=r"features of 3 windows, and this speech needs 6"):
         encoder.encode(made_waveform(160_000), 300)
     with pytest.raises(EncoderError, match="and this speech needs 1"):

@@ -14,7 +14,7 @@ from model.motion.rotations import matrix_from_rot6d
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import CheckpointError
 from model.systems.official.config import FAMILY, FILTERED, UNFILTERED
-from model.systems.official.system import OfficialSystem, first_seed, seed_of, standing
+from model.systems.official.system import OfficialSystem, first_seed, seed_of, standing_seed
 from model.systems.registry import list_speakers, list_systems, load_system
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_speech
@@ -80,13 +80,13 @@ def test_a_motion_to_start_from_can_be_named(tmp_path, monkeypatch):
     monkeypatch.setenv("OFFICIAL_SEED", str(tmp_path / "start.npz"))
     assert torch.equal(first_seed(), seed_of(motion))
     monkeypatch.delenv("OFFICIAL_SEED")
-    assert torch.equal(first_seed(), standing())
+    assert torch.equal(first_seed(), standing_seed())
     with pytest.raises(ValueError, match="has 4 frames; 8 are needed"):
         seed_of(motion.part(slice(4)))
 
 
 def test_who_stands_at_the_beginning_lets_the_arms_hang():
-    vectors = standing()
+    vectors = standing_seed()
     rotmat = matrix_from_rot6d(vectors[..., :330].unflatten(-1, (55, 6)))
     joints = joint_positions_from_global(rotmat, open_body_skeleton(), vectors[..., 330:])[0]
     place = {name: joints[index] for index, name in enumerate(JOINT_NAMES)}

@@ -13,13 +13,13 @@ from model.motion.kinematics import joint_positions_from_local, open_body_skelet
 from model.motion.motion import Motion, concatenate
 from model.motion.tracks import track_points, wrist_positions_in_chest
 from model.plan.editing import add_gesture
-from model.plan.plan import SIDES, FootContact, GesturePlan, Side, without_gaps
+from model.plan.plan import SIDES, FootContact, GesturePlan, Side, fill_gaps
 from model.plan.plan_features import goal_path
 from model.systems.planned.limb_constraints import (
     ANKLE_M,
-    LED,
+    HAND_GUIDE_WEIGHT,
     LIFT_M,
-    LONGEST,
+    MAX_REACH_SHARE,
     FootLock,
     FootPlacement,
     HandGuide,
@@ -162,7 +162,7 @@ def led(swayed) -> Motion:
 
 def off(motion: Motion, side: Side) -> np.ndarray:
     """Metres from the planned path."""
-    path = goal_path(without_gaps(PLAN.hand(side), PLAN.duration_s), (np.arange(LONG) + 0.5) / 30)
+    path = goal_path(fill_gaps(PLAN.hand(side), PLAN.duration_s), (np.arange(LONG) + 0.5) / 30)
     return np.linalg.norm(wrist_positions_in_chest(track_points(motion, BODY))[side] - path, axis=1)
 
 
@@ -170,8 +170,8 @@ def test_wrists_are_led_their_share_of_the_way_and_no_frame_jumps(swayed, led):
     for side in SIDES:
         was, now = off(swayed, side), off(led, side)
         assert was.mean() > 0.1
-        np.testing.assert_allclose(now, (1 - LED) * was, atol=0.02)
-        np.testing.assert_allclose(now.mean(), (1 - LED) * was.mean(), rtol=0.05)
+        np.testing.assert_allclose(now, (1 - HAND_GUIDE_WEIGHT) * was, atol=0.02)
+        np.testing.assert_allclose(now.mean(), (1 - HAND_GUIDE_WEIGHT) * was.mean(), rtol=0.05)
     steps = np.abs(np.diff(poses_of(led, ARMS), axis=0))
     assert steps.max() < 0.25  # a stroke of .3 s turns joints by about as much
 
@@ -198,7 +198,7 @@ def test_places_out_of_reach_leave_the_elbow_a_little_bent(swayed):
     span = np.linalg.norm(joints(led)[:, wrist] - joints(led)[:, shoulder], axis=1)
     rest = BODY.rest_joints
     straight = float((rest[elbow] - rest[shoulder]).norm() + (rest[wrist] - rest[elbow]).norm())
-    assert 0.95 * straight < span.min() and span.max() <= LONGEST * straight + 1e-4
+    assert 0.95 * straight < span.min() and span.max() <= MAX_REACH_SHARE * straight + 1e-4
 
 
 def test_hands_that_no_plan_tells_of_are_left_alone(swayed):

@@ -11,22 +11,22 @@ from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, first_window_spec
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points, wrist_positions_in_chest
-from model.plan.editing import within_reach
+from model.plan.editing import clamp_to_reach
 from model.plan.kinds import REST_PLACE
 from model.plan.plan import SIDES, STILL, HandPhase, PlanError
 from model.plan.plan_features import (
     TIERS,
-    chains_of,
-    frames_of,
+    chain_states,
+    coupled_states,
     hand_tracks,
-    seen_together,
-    tracks_of,
+    plan_to_chains,
+    plan_tracks,
 )
 from model.plan.style import LiveStyle
 from model.systems.planned.config import PLANNED
 from model.systems.planned.network import MarkMixture
 from model.systems.planned.planner import EventChainSampler, Planner, _Events, load_planner
-from model.systems.planned.streaming_planner import CausalPlanner
+from model.systems.planned.streaming_planner import StreamingPlanner
 from model.systems.registry import load_system
 from tests.model.plan.made import made_plan
 
@@ -70,10 +70,10 @@ def test_shares_are_those_of_slow_counting(planner):
     with torch.no_grad():
         around = told[torch.arange(-31, 33).clamp(0, 1)][None]
         heard = planner.network.speech_states(around, torch.tensor([1]), torch.tensor([True]))
-        begun = planner.drawers(told, draw(0, guidance=1.0))
+        begun = planner.make_samplers(told, draw(0, guidance=1.0))
         chains = {name: drawer.chain for name, drawer in begun.items()}
-        frames = {t.name: frames_of(t, chains[t.name], np.arange(2)) for t in TIERS}
-        seen = torch.from_numpy(seen_together(frames)["right"])
+        frames = {t.name: chain_states(t, chains[t.name], np.arange(2)) for t in TIERS}
+        seen = torch.from_numpy(coupled_states(frames)["right"])
         head = planner.network.heads["right"]
         expected = head.events(head.state(heard[0], seen))[1].exp().numpy()
         told_head = head.heard(heard).numpy()
@@ -107,9 +107,9 @@ def test_marks_have_the_density_of_a_mixture():
 
 
 def test_losses_are_means_over_frames(planner):
-    chains = chains_of(made_plan())
-    frames = {t.name: frames_of(t, chains[t.name], np.arange(180)) for t in TIERS}
-    seen = {n: torch.from_numpy(s)[None] for n, s in seen_together(frames).items()}
+    chains = plan_to_chains(made_plan())
+    frames = {t.name: chain_states(t, chains[t.name], np.arange(180)) for t in TIERS}
+    seen = {n: torch.from_numpy(s)[None] for n, s in coupled_states(frames).items()}
     event = {n: torch.from_numpy(f.event)[None] for n, f in frames.items()}
     mark = {n: torch.from_numpy(f.mark)[None] for n, f in frames.items()}
     speech = features(180 + 2 * planner.config.context)[None]
@@ -155,7 +155,7 @@ def known(speech: torch.Tensor):
 
 def told(planner: Planner, speech, manner: LiveStyle = USUAL, long: int = LONG):
     """What is planned with each hop of some speech, or, of a function, of what is supposed then."""
-    stream = CausalPlanner(planner, DRAW)
+    stream = StreamingPlanner(planner, DRAW)
     stream.style = manner
     for first in range(0, long, HOP):
         now = speech(first) if callable(speech) else speech
@@ -205,7 +205,7 @@ def test_paths_of_hands_stay_where_they_have_been(planner):
     path = {side: np.full((LONG + HOP, 3), np.nan) for side in SIDES}
     for first, ahead in told(planner, SPEECH):
         at = first - ahead.origin
-        tracks = tracks_of(ahead.condition, at + HOP).astype(float)
+        tracks = plan_tracks(ahead.condition, at + HOP).astype(float)
         for side in SIDES:
             now = tracks[:, hand_tracks(side)][:, :3]
             if first:
@@ -216,7 +216,7 @@ def test_paths_of_hands_stay_where_they_have_been(planner):
 
 
 def test_what_was_expected_so_far_is_carried_from_hop_to_hop(planner):
-    stream, whole = CausalPlanner(planner, DRAW), planner.drawers(SPEECH, DRAW)
+    stream, whole = StreamingPlanner(planner, DRAW), planner.make_samplers(SPEECH, DRAW)
     for first in range(0, 60, HOP):
         stream.advance(known(SPEECH), first, first + HOP, first + HOP + AHEAD)
     for frame in range(1, 60):
@@ -228,7 +228,7 @@ def test_what_was_expected_so_far_is_carried_from_hop_to_hop(planner):
 
 
 def test_memory_does_not_grow(planner):
-    stream, sizes = CausalPlanner(planner, draw(4, guidance=1.0)), []
+    stream, sizes = StreamingPlanner(planner, draw(4, guidance=1.0)), []
     for first in range(0, 360, 60):
         stream.advance(lambda a, b: features(b - a), first, first + 60, first + 61)
         sizes.append(sum(len(drawer.chain) for drawer in stream._drawers.values()))
@@ -247,7 +247,7 @@ def test_sliders_act_on_what_has_not_begun(planner):
     changed = LiveStyle(large=1.5, high_m=0.1, smile=0.0)
     plans = []
     for manner in (changed, USUAL):
-        stream = CausalPlanner(planner, DRAW)
+        stream = StreamingPlanner(planner, DRAW)
         stream.advance(known(SPEECH), 0, 60, 120)
         stream.style = manner
         plans.append(stream.advance(known(SPEECH), 60, 120, 200))
@@ -263,7 +263,7 @@ def test_sliders_act_on_what_has_not_begun(planner):
             elif old.phase in ("preparation", "stroke", "beat"):
                 wished = [r + 1.5 * (g - r) for g, r in zip(old.goal, REST_PLACE, strict=True)]
                 goal = (wished[0], wished[1] + 0.1, wished[2])
-                ((reached,), _) = within_reach([HandPhase(0.0, 1.0, "stroke", goal)])
+                ((reached,), _) = clamp_to_reach([HandPhase(0.0, 1.0, "stroke", goal)])
                 assert new.goal == pytest.approx(reached.goal, abs=1e-4)
                 compared += 1
     assert compared > 0
@@ -307,7 +307,7 @@ def test_live_hands_are_led_to_their_plan(planned_weights):
     pieces, aheads = streamed(planned_weights, features(120), 9, Pace(hop=36))
     wished = {side: [] for side in SIDES}
     for first, stop, ahead in aheads:
-        tracks = tracks_of(ahead.condition, stop - ahead.origin).astype(float)
+        tracks = plan_tracks(ahead.condition, stop - ahead.origin).astype(float)
         for side in SIDES:
             wished[side].append(tracks[first - ahead.origin :, hand_tracks(side)][:, :3])
     joined = {
@@ -327,7 +327,7 @@ def test_live_hands_are_led_to_their_plan(planned_weights):
 
 def test_what_performs_no_plans_is_led_by_nobody(weights):
     system = load_system("globaldiff/local", weights)
-    live = LiveMotion(system, GenerateOptions("ann", steps=1), Pace(hop=10, heard_ahead=12))
+    live = LiveMotion(system, GenerateOptions("ann", steps=1), Pace(hop=10, look_ahead=12))
     assert live.ahead is None
     with pytest.raises(ValueError, match="follows speech alone"):
         live.set_style(LiveStyle())

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
-from model.data.annotations import prepare_plans
+from model.data.annotations import load_plan_annotations
 from model.data.prepared import prepare
 from model.data.recordings import DataError
 from model.generation.windows import (
@@ -87,7 +87,7 @@ def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_wha
     for joint in ("head", "left_wrist"):
         assert share(joint).max() <= 0.45 + 1e-4 and share(joint).min() >= 0.1 - 1e-4
     hears = torch.tensor([True, True, False])
-    assert system.known_speaker(draw, hears).tolist() == [draw.speaker, draw.speaker, 0]
+    assert system.speaker_inputs(draw, hears).tolist() == [draw.speaker, draw.speaker, 0]
     assert draw.speaker > 0
 
 
@@ -148,15 +148,15 @@ def test_windows_of_plans_are_those_of_their_clips_and_keep_time_with_faster_cop
     root, annotated_folder
 ):
     data = prepare(annotated_folder, root / "copies", MelEncoder(), augmented_copies=1)
-    plans = prepare_plans(data, 4)
-    clips = data.of_split("train")
+    plans = load_plan_annotations(data, 4)
+    clips = data.clips_of_split("train")
     batch = data.window_batch(clips, 60, 8, np.random.default_rng(0), context=5)
-    tracks, kinds = plans.for_batch(batch, 5)
+    tracks, kinds = plans.tracks_and_kinds(batch, 5)
     assert tracks.shape == (8, 70, 29) and kinds.shape == (8, 70, 2)
     np.testing.assert_array_equal(tracks[:, 5:-5], plans.tracks[batch.frames])
     at_start = batch.frames.copy()
     at_start[0] = clips[-1].start + np.arange(60)
-    held, _ = plans.for_batch(replace(batch, frames=at_start), 5)
+    held, _ = plans.tracks_and_kinds(replace(batch, frames=at_start), 5)
     np.testing.assert_array_equal(held[0, :6], np.repeat(plans.tracks[[clips[-1].start]], 6, 0))
     assert set(np.unique(plans.kinds[: data.clips[0].stop])) == {0, plans.table.index_of("offer")}
     events = plans.events(batch)
