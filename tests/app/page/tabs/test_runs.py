@@ -513,7 +513,8 @@ def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp
     address = updates[parts.player]["audio"]
     assert address.split("?")[0].endswith("b/speech.wav")
     assert "sheet.md" in updates[parts.downloads]["value"]
-    assert "local 12" in updates[parts.verdict]["value"] and "2 of 2" in updates[parts.status]
+    assert not updates[parts.verdict]["visible"], "one verdict, over all clips"
+    assert ">12<" in updates[parts.numbers]["value"] and "2 of 2" in updates[parts.status]
     packed = zip_run(second.folder, tmp_path / "all.zip")
     with zipfile.ZipFile(packed) as archive:
         assert {"a/run.json", "b/run.json", "b/speech.wav", "sheet.md"} <= set(archive.namelist())
