@@ -248,6 +248,12 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert len({one.end for one in there}) > 1, "it comes window by window"
     assert own.there is not None and {one.place for one in there} == {own.there.place}
     assert made.color != own.color
+    curves = json.loads((folder / "timeline.json").read_text())["curves"]
+    assert {PLANNED, made.name} <= curves.keys(), "the jerk of both stands in the time line"
+    jerk = [
+        float(np.mean(curves[each]["raw"]["jerk_m_s3"]["values"])) for each in (made.name, PLANNED)
+    ]
+    assert take.notes[0].endswith(f": {jerk[0]:.0f} m/s³, before the edit {jerk[1]:.0f} m/s³.")
     plan = read_plan_file(folder / made.files["performed"]).plan
     assert [one.lands_s for one in gestures(plan, "right")] == [9.5]
     (gesture,) = json.loads((folder / made.files["told"]).read_text())["gestures"]

@@ -20,14 +20,14 @@ const LEAD_S = 1; // played before what has changed
 const AFTER_S = 2; // and after it
 const MAX_FILE = 2_000_000;
 const LOOKS = { "Look left": 20, "Look right": -20 };
-/** @type {Record<string, [string, number, number, number]>} */
+/** @type {Record<string, [string, number, number, number, string, number]>} */
 const SLIDERS = {
-  gestures_per_min: ["How often", 0, 60, 1],
-  size_m: ["How large", 0.05, 0.6, 0.01],
-  height_m: ["How high", -0.4, 0.4, 0.01],
-  stroke_s: ["How fast", 0.2, 1, 0.02], // from right to left: short strokes are fast
-  both: ["With both hands", 0, 1, 0.05],
-  smile: ["Smile", 0, 1, 0.05],
+  gestures_per_min: ["How often", 0, 60, 1, "a minute", 1],
+  size_m: ["How large", 0.05, 0.6, 0.01, "cm", 100],
+  height_m: ["How high", -0.4, 0.4, 0.01, "cm", 100],
+  stroke_s: ["How fast", 0.2, 1, 0.02, "ms a stroke", 1000], // from right to left: short strokes are fast
+  both: ["With both hands", 0, 1, 0.05, "%", 100],
+  smile: ["Smile", 0, 1, 0.05, "%", 100],
 };
 const HINT = "Select a gesture. You can drag a stroke, or the end of any hand phase.";
 const NOTHING = { rows: [], editable: {}, message: "", refused: false, state: "", offers: [] };
@@ -132,14 +132,16 @@ export class Editing {
 
   #buildStyle() {
     this.sliders = new Map();
-    const sliders = Object.entries(SLIDERS).map(([name, [label, min, max, step]]) => {
-      const input = make("input", { type: "range", min, max, step, "aria-label": label, onchange: () => this.#ask({ do: "style", [name]: Number(input.value) }) });
+    const sliders = Object.entries(SLIDERS).map(([name, [label, min, max, step, unit, scale]]) => {
+      const output = make("output", {});
+      const tell = () => input.setAttribute("aria-valuetext", (output.textContent = `${Math.round(scale * Number(input.value))} ${unit}`));
+      const input = make("input", { type: "range", min, max, step, "aria-label": label, oninput: tell, onchange: () => this.#ask({ do: "style", [name]: Number(input.value) }) });
       if (name === "stroke_s") input.dir = "rtl";
-      this.sliders.set(name, input);
-      return make("label", {}, make("span", {}, label), input);
+      this.sliders.set(name, (value) => (document.activeElement !== input || !this.#isBusy) && (input.value = String(value)) && tell());
+      return make("label", {}, make("span", {}, label), input, output);
     });
     const excite = make("input", { type: "range", min: -1, max: 1, step: 0.25, value: 0, "aria-label": "Calm to excited", onchange: () => (this.#ask({ do: "style", excite: Number(excite.value) }), (excite.value = "0")) });
-    return [...sliders, make("label", {}, make("span", {}, "Calm to excited"), excite)];
+    return [...sliders, make("label", {}, make("span", {}, "Calm to excited"), excite, make("output", {}))];
   }
 
   /** What the server is asked for, as app/page/tabs.stage.py reads it. */
@@ -556,10 +558,7 @@ export class Editing {
     if (!this.#told) return;
     options(this.kinds, Object.keys(this.#told.kinds).map((kind) => [kind, kindName(kind)]), this.kinds.value || "you");
     options(this.places, [["", "at the present moment"], ...this.#told.words.map(([start, , words], i) => [String(i), `on “${words}” (${start.toFixed(1)} s)`])], this.places.value);
-    for (const [name, input] of this.sliders) {
-      if (!this.#isBusy || document.activeElement !== input) input.value = String(this.#told.style[name]);
-      if (name === "stroke_s") input.setAttribute("aria-valuetext", `strokes of ${this.#told.style[name]} s`);
-    }
+    for (const [name, set] of this.sliders) set(this.#told.style[name]);
   }
 
   #showChosen() {
