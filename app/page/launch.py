@@ -275,11 +275,11 @@ def own_folders(config: AppConfig) -> AppConfig:
     atexit.register(_remove, temp)
     for number in _ENDING:
         if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
-            signal.signal(number, _end)
+            signal.signal(number, _exit_on_signal)
     return replace(config, temp=temp)
 
 
-def _end(number: int, frame: object) -> None:
+def _exit_on_signal(number: int, frame: object) -> None:
     """End the program, ignoring further signals, which would only interrupt the clean-up."""
     _is_ending.set()
     for each in _ENDING:

@@ -292,26 +292,28 @@ def format_elan(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") 
                 what = "ALIGNABLE"
                 where = {f"TIME_SLOT_REF{k + 1}": f"ts{len(slots) + k}" for k in (0, 1)}
                 slots += start, end
-            one = _added(_added(told, "ANNOTATION"), f"{what}_ANNOTATION", **where)
+            one = _add_element(_add_element(told, "ANNOTATION"), f"{what}_ANNOTATION", **where)
             one.set("ANNOTATION_ID", f"a{count}")
-            _added(one, "ANNOTATION_VALUE", _label(row.text))
+            _add_element(one, "ANNOTATION_VALUE", _label(row.text))
     if sound:
         url = f"./{quote(sound)}"
         media = {"MEDIA_URL": url, "RELATIVE_MEDIA_URL": url, "MIME_TYPE": "audio/x-wav"}
-        _added(header, "MEDIA_DESCRIPTOR", **media)
-    _added(header, "PROPERTY", f"{duration_s:.4f}", NAME=_DURATION)
-    _added(header, "PROPERTY", str(count), NAME="lastUsedAnnotationId")
+        _add_element(header, "MEDIA_DESCRIPTOR", **media)
+    _add_element(header, "PROPERTY", f"{duration_s:.4f}", NAME=_DURATION)
+    _add_element(header, "PROPERTY", str(count), NAME="lastUsedAnnotationId")
     for k in sorted(range(len(slots)), key=slots.__getitem__):
-        _added(order, "TIME_SLOT", TIME_SLOT_ID=f"ts{k}", TIME_VALUE=str(slots[k]))
+        _add_element(order, "TIME_SLOT", TIME_SLOT_ID=f"ts{k}", TIME_VALUE=str(slots[k]))
     for k, phase in enumerate(PHASES):
-        entry = _added(vocabulary, "CV_ENTRY_ML", CVE_ID=f"cve{k}")
-        _added(entry, "CVE_VALUE", phase, LANG_REF="eng", DESCRIPTION="")
+        entry = _add_element(vocabulary, "CV_ENTRY_ML", CVE_ID=f"cve{k}")
+        _add_element(entry, "CVE_VALUE", phase, LANG_REF="eng", DESCRIPTION="")
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, "unicode")}\n'
 
 
-def _added(parent: ET.Element, tag: str, text: str | None = None, **told: str) -> ET.Element:
-    element = ET.SubElement(parent, tag, told)
+def _add_element(
+    parent: ET.Element, tag: str, text: str | None = None, **attributes: str
+) -> ET.Element:
+    element = ET.SubElement(parent, tag, attributes)
     element.text = text
     return element
 

@@ -256,7 +256,7 @@ def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
     k = _ending_at(filled.hand(side), end_s)
     own = None if k is None else _gesture_with(filled, side, filled.hand(side)[k])
     partner = other_hand_gesture(plan, own) if own else None
-    theirs = _found(filled, partner) if partner else None
+    theirs = _find_stroke(filled, partner) if partner else None
     if partner is None or theirs is None or k is None:
         return None
     near = [
@@ -352,7 +352,7 @@ def _sides(hands: Hands) -> tuple[Side, ...]:
     return SIDES if hands == "both" else (hands,)
 
 
-def _found(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
+def _find_stroke(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
     """Return the plan's stroke of a gesture, within a hundredth of a second."""
     own = (stroke for stroke in gesture_strokes(plan) if stroke.side == gesture.side)
     off = {abs(stroke.last_stroke.end_s - gesture.lands_s): stroke for stroke in own}
@@ -378,7 +378,7 @@ def other_hand_gesture(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
 def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], list[HandPhase]]:
     """Return the hand's phases without a gesture, and the gesture's phases."""
     phases = _phases(plan, gesture.side)
-    stroke = _found(plan.with_hand(gesture.side, tuple(phases)), gesture)
+    stroke = _find_stroke(plan.with_hand(gesture.side, tuple(phases)), gesture)
     if stroke is None:
         raise PlanError(
             f"The {gesture.side} hand makes no gesture that lands at {gesture.lands_s:.2f} s."

@@ -296,7 +296,7 @@ class KindTable:
         for word in words:
             obeys, which, hand = rng.random(3)
             text = word.text.lower()
-            if obeys >= self.struck.get(text, 0.0) or _is_struck(plan, word):
+            if obeys >= self.struck.get(text, 0.0) or _has_stroke(plan, word):
                 continue
             shares = self.calls[text]
             kind = list(shares)[sample_index(np.array(list(shares.values())), which)]
@@ -421,7 +421,7 @@ def _is_on(word: Interval, time_s: float) -> bool:
     return word.start_s - BEFORE_WORD_S <= time_s <= word.end_s + AFTER_WORD_S
 
 
-def _is_struck(plan: GesturePlan, word: Interval) -> bool:
+def _has_stroke(plan: GesturePlan, word: Interval) -> bool:
     return any(
         phase.phase == "stroke" and _is_on(word, phase.end_s)
         for side in SIDES

@@ -312,14 +312,14 @@ def chain_states(
     before = np.maximum(np.searchsorted(first, frames, side="left") - 1, 0)
     begins = (now != before) & (frames > 0)
     return ChainStates(
-        state_before=_seen(tier, states[before], frames - first[before], marks[before]),
-        state_after=_seen(tier, states[now], frames - first[now], marks[now]),
+        state_before=_state_features(tier, states[before], frames - first[before], marks[before]),
+        state_after=_state_features(tier, states[now], frames - first[now], marks[now]),
         event=np.where(begins, 1 + states[now], 0),
         mark=np.where(begins[:, None], marks[now], 0.0).astype(np.float32),
     )
 
 
-def _seen(
+def _state_features(
     tier: EventChain,
     states: Int[np.ndarray, " T"],
     lasted: Int[np.ndarray, " T"],
@@ -349,7 +349,7 @@ def coupled_states(
 
 
 def chain_state_at(tier: EventChain, begun: EventOnset, frame: int) -> Float[np.ndarray, " seen"]:
-    """Describe a chain at one frame, as `_seen` does for many; sampling calls it every frame."""
+    """Describe a chain at one frame, as `_state_features` does for many; called at every frame."""
     seconds = min((frame - begun.frame) / FPS, MAX_STATE_S)
     count = len(tier.states)
     seen = np.zeros(tier.state_dim, np.float32)

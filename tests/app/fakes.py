@@ -254,7 +254,7 @@ def diagnose(request: AnyRun, callbacks: RunCallbacks) -> None:
         assumed = {name: [dict(ASSUMED)] for name in request.motions.names}
         for row, path in zip(run.record.rows, request.motions.motions, strict=True):
             row.ending = path.suffix
-        run.write_metrics(replace(found, assumed=assumed))
+        run.write_metrics(replace(found, assumptions=assumed))
         for name in ("diagnostics.json", "jitter.png"):
             path = run.folder.path(name)
             path.write_bytes(b"0")

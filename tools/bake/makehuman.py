@@ -112,7 +112,7 @@ class MakeHuman:
         return offsets
 
 
-def _between(position: float, names: Iterable[str]) -> dict[str, float]:
+def _interpolation_weights(position: float, names: Iterable[str]) -> dict[str, float]:
     """Return linear interpolation shares of ``names`` spread evenly over 0 to 1."""
     names = list(names)
     centres = np.linspace(0, 1, len(names))
@@ -122,14 +122,18 @@ def _between(position: float, names: Iterable[str]) -> dict[str, float]:
 
 def _macro_targets(figure: BodyShape) -> Iterable[tuple[str, float]]:
     """Yield file name and share of each macro target, as MakeHuman's modifiers combine them."""
-    genders = _between(figure.gender, ("female", "male"))
-    ages = _between(figure.age, ("young", "old"))
-    muscles = _between(figure.muscle, ("minmuscle", "averagemuscle", "maxmuscle"))
-    weights = _between(figure.weight, ("minweight", "averageweight", "maxweight"))
-    heights = _between(figure.height, ("minheight", "maxheight"))
-    proportions = _between(figure.proportions, ("idealproportions", "uncommonproportions"))
-    cups = _between(figure.cup, ("mincup", "averagecup", "maxcup"))
-    firmness = _between(figure.firmness, ("minfirmness", "averagefirmness", "maxfirmness"))
+    genders = _interpolation_weights(figure.gender, ("female", "male"))
+    ages = _interpolation_weights(figure.age, ("young", "old"))
+    muscles = _interpolation_weights(figure.muscle, ("minmuscle", "averagemuscle", "maxmuscle"))
+    weights = _interpolation_weights(figure.weight, ("minweight", "averageweight", "maxweight"))
+    heights = _interpolation_weights(figure.height, ("minheight", "maxheight"))
+    proportions = _interpolation_weights(
+        figure.proportions, ("idealproportions", "uncommonproportions")
+    )
+    cups = _interpolation_weights(figure.cup, ("mincup", "averagecup", "maxcup"))
+    firmness = _interpolation_weights(
+        figure.firmness, ("minfirmness", "averagefirmness", "maxfirmness")
+    )
     for gender, age in itertools.product(genders, ages):
         share = genders[gender] * ages[age]
         for origin in ("african", "asian", "caucasian"):

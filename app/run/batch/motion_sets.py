@@ -186,7 +186,7 @@ def _diagnose_clips(
 ) -> SetResults:
     kept, here = request.output.out.absolute() / "clips", with_paths(request, Path.absolute)
     measured = {
-        clip: _Clip(
+        clip: _ClipJob(
             files={
                 name: {sample: path.absolute() for sample, path in found[clip].items()}
                 for name, found in files.items()
@@ -318,7 +318,7 @@ def _speech_folder(request: DiagnoseRequest) -> Path | None:
 
 
 @dataclass(frozen=True)
-class _Clip:
+class _ClipJob:
     """Files of one clip, measured by one process; all paths are absolute."""
 
     files: dict[str, Samples]

@@ -56,7 +56,7 @@ _COLUMNS = (
 
 
 @dataclass(frozen=True)
-class _Made:
+class _GeneratedGrid:
     """Motions of one system, by speech and seed."""
 
     grid: Grid
@@ -85,7 +85,8 @@ def measure_speech_effect(
     with open_run_writer(request.output.out, record, callbacks) as run:
         if request.is_of_motions:
             of_system = {
-                name: _Made(grid) for name, grid in _read_grids(request.speeches[0]).items()
+                name: _GeneratedGrid(grid)
+                for name, grid in _read_grids(request.speeches[0]).items()
             }
             run.progress_callback("numbers")(1.0)
         else:
@@ -95,7 +96,7 @@ def measure_speech_effect(
             }
             names = systems_of(request)
             check_file_stems(f"{name}__{speech}" for name in names for speech in speeches)
-            of_system = _generated(request, speeches, run)
+            of_system = _generate_grids(request, speeches, run)
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
                     path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
@@ -119,9 +120,9 @@ def measure_speech_effect(
         run.finish(f"Compared {pluralise(len(told), 'system')}.")
 
 
-def _generated(
+def _generate_grids(
     request: SpeechEffectRequest, speeches: Mapping[str, Speech], run: RunWriter
-) -> dict[str, _Made]:
+) -> dict[str, _GeneratedGrid]:
     """Generate all motions, in several processes where that is worth their start."""
     systems = [get_system(name, request.weights) for name in systems_of(request)]
     first, seeds, speakers = next(iter(speeches)), range(request.seeds), request.speakers or ()
@@ -165,7 +166,7 @@ def _generated(
         return {key: load_motion(path) for key, path in paths.items()}
 
     return {
-        name: _Made(grid(paths), guidance[name], grid(by_speaker))
+        name: _GeneratedGrid(grid(paths), guidance[name], grid(by_speaker))
         for name, (paths, by_speaker) in files.items()
     }
 
@@ -196,7 +197,7 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
 
 
 def _effect_numbers(
-    system: str, generated: _Made, speakers: tuple[str, str] | None
+    system: str, generated: _GeneratedGrid, speakers: tuple[str, str] | None
 ) -> dict[str, Any]:
     """Return the content of ``hearing.json`` for one system."""
 
@@ -260,7 +261,7 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
 
 def _draw_hearing(
     numbers: Mapping[str, Mapping[str, Any]],
-    of_system: Mapping[str, _Made],
+    of_system: Mapping[str, _GeneratedGrid],
     run: RunWriter,
     request: SpeechEffectRequest,
 ) -> None:

@@ -276,9 +276,13 @@ def protocol_of(metric: str, speeds: BeatSpeeds = "own") -> str:
 T = TypeVar("T")
 
 
-def without_parts(by_id: Mapping[str, T], lacks: Collection[str]) -> dict[str, T]:
+def without_parts(by_id: Mapping[str, T], missing_parts: Collection[str]) -> dict[str, T]:
     """Leave out protocols that need a part which a motion lacks."""
-    return {name: each for name, each in by_id.items() if not set(PROTOCOLS[name].parts) & {*lacks}}
+    return {
+        name: each
+        for name, each in by_id.items()
+        if not set(PROTOCOLS[name].parts) & {*missing_parts}
+    }
 
 
 HEADINGS = ("id", "rule", "input", "flags", "source")

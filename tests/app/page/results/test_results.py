@@ -299,11 +299,11 @@ def test_sets_and_clips_have_the_rule_of_each_metric_one_click_away(run):
     told = {"clips": ["1", "2"], "worst": [], "measures": rows}
     shown = sets_html(told, ["a"], "", "")
     for key, protocol in ((JERK, ""), ("", "gac/unicamp"), ("", "fgd/workbench")):
-        about = next((row.about for row in METRICS if row.key == key), None)
+        about = next((row.description for row in METRICS if row.key == key), None)
         assert escape(about or PROTOCOLS[protocol].rule) in shown
     clips = clips_html({"1": run().record, "2": run().record})
     assert "<code>workbench/1</code>" in clips.split('<details class="rules">')[1]
-    assert all(row.about.count(". ") <= 1 for row in METRICS)
+    assert all(row.description.count(". ") <= 1 for row in METRICS)
 
 
 def test_both_are_in_one_player_with_one_time_line(run):
