@@ -357,7 +357,7 @@ def compare(
 
 @dataclass(frozen=True, eq=False)
 class GenerationResult:
-    """Motions of several systems for one speech, generated with the same noise."""
+    """Motions of several systems for one speech, generated with the same noise seed."""
 
     speech: Speech
     motions: dict[str, Motion]
@@ -399,7 +399,7 @@ def generate(
     progress: bool = True,
     **options: Any,
 ) -> GenerationResult:
-    """Generate the motion of one or more systems, with the same noise.
+    """Generate the motion of one or more systems, with the same noise seed.
 
     Args:
         systems: one name or several of `systems`; "all" for all of them, None for the default one,

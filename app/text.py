@@ -5,7 +5,8 @@ from dataclasses import dataclass
 TITLE = "Co-speech motion workbench"
 TAGLINE = (
     "Generates SMPL-X motion from one speech recording with several models, with the same speaker "
-    "style and the same noise. Watch the results side by side and see where the jitter comes from."
+    "style and the same noise seed. Watch the results side by side and see where the jitter comes "
+    "from."
 )
 DEMO_WEIGHTS = (
     "<b>Demonstration weights</b>, trained by this project on {data}. The results here are not "
@@ -55,8 +56,9 @@ POINT_LABEL = "Tracked point (plots and metrics)"
 TRANSCRIPT_LABEL = "Transcript: .TextGrid, subtitles, or English text as .txt (optional)"
 WORDS_LABEL = "Recognise words"
 WORDS_HELP = (
-    "Recognises English words in the speech if no transcript is given. Runs in parallel with the "
-    "rest of the run."
+    "Recognises English words in the speech if no transcript is given. Systems with gesture plans "
+    "(workbench/planned) choose and time gestures by them, so it then runs before the generation, "
+    "otherwise after it."
 )
 GENERATE = "Generate motion"
 CANCEL = "Cancel"

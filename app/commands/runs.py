@@ -83,10 +83,10 @@ class Pool:
 def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool) -> None:
     """Generate motion from speech, with videos, metrics and figures.
 
-    Several systems generate motion for the same speech with the same noise, and are compared. The
-    output folder contains the motions (.npz), their videos (.mp4), comparison.mp4, the figures, the
-    metrics (diagnostics.json and .csv) and the origin of the results (provenance.json). For many
-    speeches, each gets its own folder; run the same command again to continue after an
+    Several systems generate motion for the same speech with the same noise seed, and are compared.
+    The output folder contains the motions (.npz), their videos (.mp4), comparison.mp4, the figures,
+    the metrics (diagnostics.json and .csv) and the origin of the results (provenance.json). For
+    many speeches, each gets its own folder; run the same command again to continue after an
     interruption.
     """
     from app.run.batch.speech_batch import is_batch_input

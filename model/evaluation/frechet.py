@@ -113,9 +113,10 @@ def frechet_with_interval(recorded: Sequence[Features], generated: Sequence[Feat
 
 @_ONE_THREAD
 def split_half_baseline(recorded: Sequence[Features]) -> Estimate:
-    """Compute the distance between random halves of the recorded clips: the score of equal motion.
+    """Compute the mean Fréchet distance between random halves of the recorded clips.
 
-    Halves hold half the clips, so the floor lies above that of two whole sets.
+    It estimates the expected value for two samples of one distribution. Halves hold half the
+    clips, so it lies above that of two whole sets.
     """
     rng = np.random.default_rng(0)
     distances = []

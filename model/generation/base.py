@@ -121,7 +121,7 @@ class WindowSpec:
         return ClassifierFreeGuidance(self.guidance, normaliser, space)
 
     def noise(self, shape: tuple[int, ...], *step: int) -> Float[Tensor, "samples ..."]:
-        """Draw standard normal noise, the same for all systems and batches of any size."""
+        """Draw standard normal noise that depends on seed, sample, window, step and shape alone."""
         samples = range(self.first_sample, self.first_sample + self.samples)
         keys = [[self.seed, sample, self.index, *step] for sample in samples]
         return torch.stack([seeded_noise(key, shape) for key in keys])

@@ -2,12 +2,12 @@
 
 Motion beats are local minima of a joint's speed (in a neighbourhood of 7 frames on either side)
 above 0.3 of that joint's mean speed; onsets are detected by librosa at a hop of 512 samples.
-EMAGE's direction scores the distance from each onset to the next motion beat (sigma 0.3 s; mean
-over onsets, then over the 13 upper-body joints; a joint without beats scores 0). AsynFusion's
-direction scores the distance from each motion beat to the next onset (here sigma 0.1 s; the paper
-names none). Onsets in the first and last 2 s do not count. More beats, and jitter makes beats,
-raise the first score: compare with the recorded motion and with chance, never as "higher is
-better".
+EMAGE's direction scores the distance from each onset to the nearest motion beat, before or after
+it (sigma 0.3 s; mean over onsets, then over the 13 upper-body joints; a joint without beats scores
+0). AsynFusion's direction scores the distance from each motion beat to the nearest onset (here
+sigma 0.1 s; the paper names none). Onsets in the first and last 2 s do not count. More beats, and
+jitter makes beats, raise the first score: compare with the recorded motion and with chance, never
+as "higher is better".
 
 The choice of mean speeds changes every value. Papers on BEAT2 use those published by EMAGE
 (`read_mean_speeds`); without them, the reference's or the motion's own are used.

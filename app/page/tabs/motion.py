@@ -167,7 +167,7 @@ def build_form(services: Services) -> FormParts:
         choices=catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems to compare",
-        info="All systems start from the same noise. The tab “Systems” describes them.",
+        info="All systems have the same noise seed. The tab “Systems” describes them.",
         elem_id="systems",
     )
     about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)

@@ -216,7 +216,8 @@ class SpeechInput:
     """Audio channel to use, such as one side of a dialogue."""
     transcript: File = None
     """Transcript: a TextGrid or subtitles with times, or plain English text (.txt), which is then
-    aligned with the speech automatically. It is used for metrics and the timeline."""
+    aligned with the speech automatically. Its words are shown in the timeline, and
+    `workbench/planned` chooses and times gestures by them; no metric uses them."""
     words: Annotated[WordSource, Switch("recognise", "none")] = "none"
     """Recognise English words if there is no transcript. This takes about a fifth of the speech's
     duration on one core."""
@@ -252,7 +253,7 @@ class PlanSource(SpeechInput):
 
 @dataclass(frozen=True, kw_only=True)
 class SamplingOptions:
-    """Systems to run and their sampling options; all systems start from the same noise."""
+    """Systems to run and their sampling options; all systems have the same noise seed."""
 
     systems: Names = ()
     """Names of systems."""
@@ -272,7 +273,8 @@ class SamplingOptions:
     """Sampler for the systems that have it; the others use their default."""
     guidance: GuidanceScale = None
     """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10. 1 is as
-    trained and as in the papers' code. It applies to systems that support guidance."""
+    trained and as in the papers' code. It applies to systems that support guidance; for
+    `workbench/planned` it is the scale of the planner, and that of its motion is fixed."""
     post_filter: Annotated[PostFilter, Switch("savgol", "none")] = "none"
     """Smooth the motion of every system. Metrics are computed for both raw and smoothed motion."""
 

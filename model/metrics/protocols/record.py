@@ -23,8 +23,8 @@ class Protocol:
     """Length and hop of the pieces that are measured, and how clips are averaged."""
     source: str
     """Origin of the formula."""
-    compared: str = "never"
-    """Comparison with the authors' code or data."""
+    compared: str = "no"
+    """Whether it was checked against the authors' code, and the result; or "our own"."""
     values: Mapping[str, str] | None = None
     """Units by value of the result."""
     needs: tuple[Need, ...] = ()

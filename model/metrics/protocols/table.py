@@ -44,8 +44,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
         ),
         Protocol(
             "beats/workbench",
-            "Nearness of each speech onset to the next motion beat, a minimum of a joint's speed "
-            "above 0.3 of its mean in the reference. With other mean speeds it is called "
+            "Nearness of each speech onset to the nearest motion beat, a minimum of a joint's "
+            "speed above 0.3 of its mean in the reference. With other mean speeds it is called "
             "beats/workbench-own or beats/workbench-emage.",
             _UPPER, _INNER,
             "EMAGE's formula, with beats and onsets counted from the start of the clip", "our own",
@@ -66,16 +66,16 @@ PROTOCOLS: Mapping[str, Protocol] = {
         ),
         Protocol(
             "beats/emage",
-            "BeatAlign as the trainer of EMAGE prints it, and those of its successors (SemTalk). "
-            "It uses distances of joints from their means, because an earlier metric overwrites "
-            "the array.",
+            "BeatAlign as the trainers of EMAGE and of its successors (SemTalk) print it. Before "
+            "it, the trainer's L1 diversity replaces the joint positions in the same array by "
+            "their absolute differences from the mean, so that beats are minima of their speed.",
             _UPPER, "all but 60 frames at both ends; clips weighted by their length",
             f"{_PANTOMATRIX}, scripts/EMAGE_2024", values=_BEAT, needs=("waveform", "mean_speeds"),
         ),
         Protocol(
             "beats/evaltools",
-            "BeatAlign of EMAGE's later evaluation tools: a lower speed threshold (0.1), joints as "
-            "they are, and no rotation of the pelvis. It is higher than beats/emage.",
+            "BeatAlign of EMAGE's later evaluation tools: a lower speed threshold (0.1), joint "
+            "positions, and no rotation of the pelvis. It is higher than beats/emage.",
             _UPPER, "all but 60 frames at both ends; clips weighted by their length",
             f"{_PANTOMATRIX}, emage_evaltools/mertic.py", values=_BEAT,
             needs=("waveform", "mean_speeds"),
@@ -89,8 +89,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
         ),
         Protocol(
             "beats/asynfusion",
-            "Nearness of each motion beat to the next speech onset, with a standard deviation of "
-            "0.1 s. The paper names none, so its numbers cannot be compared.",
+            "Nearness of each motion beat to the nearest speech onset, with a standard deviation "
+            "of 0.1 s. The paper names none, so its numbers cannot be compared.",
             _UPPER, _INNER, "AsynFusion, eq. 18", values={"beat_align_motion_to_audio": "0 to 1"},
             needs=("waveform", "reference"),
         ),
@@ -150,8 +150,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
             Protocol(
                 f"fgd/genea-{length}",
                 f"FGD of GENEA's evaluation scripts, by their autoencoder of {length} frames. "
-                "SMPL-X has one joint between neck and head less than their skeleton; their "
-                "middle takes its place.",
+                "Their skeleton has a joint between neck and head that SMPL-X lacks; the midpoint "
+                "of the two takes its place.",
                 "14 upper-body joints (cm), pelvis-aligned, standardised by GENEA's means",
                 f"pieces of {length} frames, hop {length // 2}; one distance over all pieces",
                 f"{_GENEA}, FGD",
@@ -167,7 +167,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "the recorded motion, and penetration is nearly always 0.",
             "22 body joints of the open body (m), y up, float32", _WHOLE,
             "ZeyuLing/Motius, evaluation/metrics/physical.py",
-            "equal to 4e-7 relative on six clips",
+            "yes, equal to 4e-7 relative on six clips",
             {"slide_m": "m", "floating_share": "share", "jitter_m": "m", "dynamic_m": "m",
              "penetration_m": "m"},
             parts=("detail", "place", "legs"),
@@ -179,7 +179,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "places.",
             "20 bones of the 22 body joints (cm), pelvis-aligned, lowest point at 0", _WHOLE,
             "AI-Unicamp/gesture-area-coverage, GAC",
-            "equal cells on six clips, equal Dice on four pairs",
+            "yes, equal cells on six clips, equal Dice on four pairs",
             {"cells": "cells", "dice": "0 to 1"}, parts=("legs",),
         ),
         Protocol(
@@ -191,15 +191,16 @@ PROTOCOLS: Mapping[str, Protocol] = {
         ),
         Protocol(
             "srgr/raggesture",
-            "The same as srgr/beat, but a joint counts if its three coordinates together differ by "
-            "less than 30 cm. RAG-Gesture measures the first 10 s of each clip.",
+            "As srgr/beat, but a joint counts if the absolute differences of its three coordinates "
+            "add up to less than 30 cm. It differs from RAG-Gesture's own number, which is of the "
+            "first 10 s of each clip.",
             _ROOTED, _BY_LENGTH, f"{_RAG}, tools/evaluate.py", values={"srgr": ""},
             needs=("reference", "semantics"),
         ),
         Protocol(
             "hellinger/genea",
             "Hellinger distance between the histograms of joint speeds of generated and recorded "
-            "motion, in steps of 0.05 cm/s up to 49 cm/s. Faster movement does not count.",
+            "motion, in bins of 0.05 cm/s up to 49 cm/s. Faster movement does not count.",
             "51 joints of body and hands (cm), pelvis-aligned",
             "steps between frames of all clips together",
             f"{_GENEA}, calc_histogram.py and hellinger_distance.py",
@@ -297,5 +298,5 @@ def protocol_row(record: Protocol) -> tuple[str, str, str, str, str]:
     flags = " ".join(NEEDS[need] for need in record.needs)
     source = record.source
     if record.compared != "our own":
-        source += f"; compared with it: {record.compared}"
+        source += f"; checked against the authors' code: {record.compared}"
     return record.id, record.rule, "; ".join(parts), flags or "motion only", source
