@@ -76,7 +76,10 @@ class GanConfig(TrainConfig):
 
 
 def presets(system: str) -> dict[str, GanConfig]:
-    """Return the settings by name: ``demo`` of the bundled weights, ``smoke`` for a minute."""
+    """Return the settings by name: ``demo`` in the size of the bundled weights, or ``smoke``.
+
+    How the bundled weights were trained is in docs/experiments/training.md.
+    """
     config = GanConfig(
         system=system, steps=3000, batch_size=32, learning_rate=8e-4, clip_norm=10.0,
         ema_decay=0.998, save_every=250, validate_every=1000,

@@ -1,6 +1,8 @@
 """Networks and schedule of the GAN: generator, discriminator, a step's posterior, and DDIM's step.
 
-The generator predicts clean motion x_0 from x_t, speech, seed pose and speaker.
+The generator predicts clean motion x_0 from x_t, speech, seed pose and speaker. The notation is
+that of diffusion: x_0 is data and t = 1 noise; in `model.sampling.flow`, x_1 is data and t = 0
+noise.
 
 Xiao et al., "Tackling the Generative Learning Trilemma with Denoising Diffusion GANs" (2022),
 variance-preserving: ``x_t = signal(t) x_0 + noise(t) eps`` with t from 0 (data) to 1 (noise) and

@@ -33,7 +33,7 @@ class GanSystem(FaceFirstSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: WindowSpec,
     ) -> BodyWindow:
-        """Sample the body (`FacedSystem.body`) from posteriors as trained, or by DDIM."""
+        """Sample the body (`FaceFirstSystem.body`) from posteriors as trained, or by DDIM."""
         config, size = self.config, draw.samples
         known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         guide = draw.guide(self.normaliser, "axis-angle")

@@ -92,7 +92,11 @@ eq. 10 is in metres squared at 5 cm, hence its large factor."""
 
 
 def presets(system: str) -> dict[str, GlobalDiffConfig]:
-    """Return one system's settings: ``demo`` as bundled, ``paper`` in its size, or ``smoke``."""
+    """Return one system's settings: ``demo``, ``paper`` or ``smoke``.
+
+    ``demo`` has the size of the bundled weights and trains in one stage; how the bundled files were
+    trained is in docs/experiments/training.md. ``paper`` has the paper's size, ``smoke`` the least.
+    """
     config = _best() if system == PRIORFLOW else _ablation_step(system)
     large = replace(
         config.network, width=384, num_blocks=6, num_heads=8, conv_kernel=0, speech_dim=1024
@@ -173,7 +177,7 @@ _JOINT = (
     r" \|R_k^{\text{global}} v_k^n - R_k^{\text{gt}} v_k^n\|^2"
 )
 _SKELETON = (
-    r"\mathcal{L}_s = \frac{1}{|\mathcal{B}|} \sum_{b,b' \in \mathcal{B}}"
+    r"\mathcal{L}_s = \frac{1}{|\mathcal{P}|} \sum_{(b,b') \in \mathcal{P}}"
     r" (b^{\text{T}} b' - \tilde{b}^{\text{T}} \tilde{b}')^2"
 )
 _MOTION = r"\mathcal{L}_m = \|g(\hat{X}) - g(X)\|^2"
@@ -203,7 +207,8 @@ _STEPS = (
     ),
     AblationStep(
         "globaldiff/skeleton", "+ skeleton constraint",
-        "The angle between every two bones is compared, however far apart they are on the body.",
+        "The angle between every two bones (all pairs P) is compared, however far apart they are "
+        "on the body.",
         _SKELETON, "eqs. 11 to 13",
         "Posture: leaning, uneven limbs and unsteady feet should become rarer.",
     ),
