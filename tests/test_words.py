@@ -1,4 +1,4 @@
-"""Names of the code: words that are not the field's become fewer (CONTRIBUTING, how we write)."""
+"""Names of the code: fewer words that are not the field's, and docstrings that name what exists."""
 
 import ast
 import re
@@ -67,3 +67,38 @@ def test_no_new_name_has_a_word_that_is_to_go():
     found = count_words()
     grown = {word: count for word, count in found.items() if count > MOST.get(word, 0)}
     assert not grown, "take a term of the glossary in CONTRIBUTING for the new name"
+
+
+FOREIGN = frozenset("Examples elst js stsd stts tkhd toml udta".split())
+"""Names in docstrings that are not of the code: of Gradio, of boxes in mp4 files, of file types."""
+
+
+def test_docstrings_refer_to_names_that_exist():
+    trees = {
+        path: ast.parse(path.read_text("utf-8"))
+        for path in (path for room in ROOMS for path in (PROJECT / room).rglob("*.py"))
+    }
+    owners = {part for path in trees for part in path.relative_to(PROJECT).with_suffix("").parts}
+    names: set[str] = set()
+    for node in (node for tree in trees.values() for node in ast.walk(tree)):
+        match node:
+            case ast.ClassDef(name=name) | ast.alias(asname=str(name)) | ast.alias(name=name):
+                owners.update(name.split("."))
+            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+                names.add(name)
+            case ast.Name(id=name) | ast.arg(arg=name) | ast.Attribute(attr=name):
+                names.add(name)
+            case ast.ImportFrom(module=str(name)):
+                owners.update(name.split("."))
+    missing = [
+        f"{path.relative_to(PROJECT)}:{node.lineno}: {reference}"
+        for path, tree in trees.items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+        for reference in re.findall(r"(?<!`)`([A-Za-z_][\w.]*)`(?!`)", node.value.value)
+        for (*before, last) in [reference.split(".")]
+        if not (owners.issuperset(before) and last in names | owners) and last not in FOREIGN
+    ]
+    assert not missing

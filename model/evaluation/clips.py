@@ -142,7 +142,7 @@ class ClipRow:
     measures: dict[str, float]
     arrays: dict[str, np.ndarray]
     """``positions``: pelvis-aligned joints of the first frames for each noise seed, for the
-    pairwise distances; ``windows`` of the first seed (`differences.windows_of`); and codes by
+    pairwise distances; ``windows`` of the first seed (`reference_error.windows_of`); and codes by
     distance."""
 
 

@@ -1,1 +1,1 @@
-"""Flow matching and the linear-Gaussian prior; imports no other package of the model."""
+"""Flow matching and the linear-Gaussian prior; may import `model.motion`."""

@@ -1,4 +1,4 @@
-"""Recognition or alignment of English words and their phones in a child process (`listener`)."""
+"""Recognition or alignment of English words and phones in a child process (`word_alignment`)."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Body model: file, skinning, look and joints; imports no other room of `renderer`."""
+"""Body model: file, skinning, look and joints; imports no other package of `renderer`."""

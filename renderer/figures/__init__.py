@@ -1,1 +1,1 @@
-"""Figures for papers, drawn with matplotlib; imports no other room of `renderer`."""
+"""Figures for papers, drawn with matplotlib; imports no other package of `renderer`."""

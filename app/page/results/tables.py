@@ -327,7 +327,7 @@ MOST_SHOWN = 5
 
 
 def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, links: str) -> str:
-    """Format the results of sets (`app.run.tasks.Sets.told`) with figure and links.
+    """Format the results of sets (`app.run.tasks.SetResults.summary`) with figure and links.
 
     Args:
         systems: names of the systems, the reference last.

@@ -143,7 +143,7 @@ class DualBranchNetwork(ConditionedNetwork):
 
         Args:
             buffer: latest features of the branches, used for inactive ones and updated.
-            speech: tokens of the speech (`hear`), the same for both branches and for every step.
+            speech: tokens of the speech (`speech_tokens`), shared by branches and steps.
         """
         known, entered = {}, {}
         for which in active:

@@ -178,7 +178,7 @@ class FaceFirstSystem(System):
     face: Face
 
     def face_plan(self, speech: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"] | None:
-        """Return the face's tracks of a plan from the features of `hear`; None without a plan."""
+        """Return the plan's face tracks from those of `conditioning`; None without a plan."""
         return None
 
     @abstractmethod
@@ -193,7 +193,7 @@ class FaceFirstSystem(System):
 
         Args:
             speech: features of the window and ``config.speech_context`` frames on either side, as
-                the system's `hear` returns them: the encoder's first.
+                `conditioning` returns them: the encoder's first.
             expression: blendshapes that condition the body.
             seed: normalised motion of the first frames; None at the start of a clip.
         """

@@ -110,7 +110,7 @@ class GlobalDiffSystem(FaceFirstSystem):
         seed: Float[Tensor, "B S C"] | None,
         draw: WindowSpec,
     ) -> BodyWindow:
-        """Sample the body (`FacedSystem.body`), with in-painting of the seed early in the flow.
+        """Sample the body (`FaceFirstSystem.body`), with in-painting of the seed early in the flow.
 
         Later the network may reconcile seed and following frames, which halves the pop that holding
         to the end leaves after the seed. A network with a prior has the seed as a condition
