@@ -2,7 +2,7 @@
 
 The phases of a hand follow one another without a gap, from start to end: when one becomes longer
 its neighbours become shorter, but no phase falls below its shortest duration. A gesture is its
-preparation, its strokes, and the holds and beats after them.
+preparation, the hold before its stroke, the stroke, and the holds and beats after it.
 """
 
 from __future__ import annotations
@@ -194,14 +194,14 @@ def raise_gesture(plan: GesturePlan, gesture: Gesture, by_m: float) -> PlanResul
 
 
 def speed_up_gesture(plan: GesturePlan, gesture: Gesture, speed: float) -> PlanResult:
-    """Change the speed of preparation and strokes by a factor; the strokes' end stays."""
+    """Change the speed of preparation and strokes by a factor; holds and strokes' end stay."""
     if not 0.2 <= speed <= 5:
         raise PlanError(f"A speed is .2 to 5 times as fast; got {speed:g}.")
     phases, block = _taken_out(plan, gesture)
     notes: list[str] = []
     at_s, slower = gesture.lands_s, []
     for one in reversed([p for p in block if p.end_s <= gesture.lands_s + 1e-9]):
-        wanted = (one.end_s - one.start_s) / speed
+        wanted = (one.end_s - one.start_s) / (1 if one.phase == "hold" else speed)
         lasts = max(wanted, _least(one))
         if lasts > wanted + 1e-9:
             notes.append(f"Its {one.phase} lasts {lasts:.2f} s; hands need as long.")
@@ -434,12 +434,13 @@ def _laid(
     """Insert a gesture into a hand's phases, in place of rests, holds and retractions only."""
     notes: list[str] = []
     body = [one for one in block if one.phase != "preparation"]
-    strikes_s = body[0].start_s
     least_s = MIN_PHASE_S["stroke"]
-    if body[0].end_s - strikes_s < least_s - _TINY_S:
+    k = next(k for k, one in enumerate(body) if one.phase == "stroke")
+    if body[k].end_s - body[k].start_s < least_s - _TINY_S:
         notes.append(f"Its stroke was shorter than {least_s:g} s and begins earlier.")
-        strikes_s = body[0].end_s - least_s
-        body[0] = replace(body[0], start_s=strikes_s)
+        stroke = replace(body[k], start_s=body[k].end_s - least_s)
+        body = [*_until(body[:k], stroke.start_s), stroke, *body[k + 1 :]]
+    strikes_s = body[0].start_s
     busy_s = max(one.end_s for one in body if one.phase != "hold")
     ready = _preparation(phases, block, body[0])
     least_s = 0.0 if ready is None else MIN_PHASE_S["preparation"]

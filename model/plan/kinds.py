@@ -19,7 +19,7 @@ from jaxtyping import Float, Shaped, UInt8
 
 from conventions.rates import FPS
 from model.plan.annotation_files import Interval
-from model.plan.plan import SIDES, STILL, GesturePlan, HandPhase, Side, fill_gaps
+from model.plan.plan import GAP_S, SIDES, STILL, GesturePlan, HandPhase, Side, fill_gaps
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -114,7 +114,7 @@ _PRIOR_STROKES = 20
 
 @dataclass(frozen=True)
 class Stroke:
-    """A gesture of one hand, up to and after its last stroke."""
+    """A gesture of one hand: preparation, pre-stroke hold, strokes, holds and beats after them."""
 
     side: Side
     first: int
@@ -351,7 +351,12 @@ def sample_index(shares: Float[np.ndarray, " K"], chance: float) -> int:
 
 
 def gesture_strokes(plan: GesturePlan) -> list[Stroke]:
-    """Return the gestures of both hands: preparation, strokes, and the holds and beats after."""
+    """Return the gestures of both hands, after Kita et al. (1998).
+
+    A gesture is its preparation, the hold before its stroke, the stroke, and the holds and beats
+    after it. Strokes in direct succession are one gesture, unless their kinds differ; a gap between
+    them is a hold (`fill_gaps`), after which another gesture begins.
+    """
     strokes: list[Stroke] = []
     for side in SIDES:
         phases = plan.hand(side)
@@ -363,8 +368,12 @@ def gesture_strokes(plan: GesturePlan) -> list[Stroke]:
             first = k
             while k < len(phases) and phases[k].phase == "preparation":
                 k += 1
+            while k < len(phases) and phases[k].phase == "hold":
+                k += 1
             lands = k
             while k < len(phases) and phases[k].phase == "stroke":
+                if k > lands and _are_apart(phases[lands], phases[k]):
+                    break
                 lands, k = k, k + 1
             while k < len(phases) and phases[k].phase in ("hold", "beat"):
                 k += 1
@@ -381,6 +390,12 @@ def gesture_strokes(plan: GesturePlan) -> list[Stroke]:
         )
 
     return [replace(stroke, is_bimanual=meets(stroke)) for stroke in strokes]
+
+
+def _are_apart(stroke: HandPhase, then: HandPhase) -> bool:
+    """Check whether two strokes without another phase between them are two gestures."""
+    differ = bool(stroke.kind and then.kind) and stroke.kind != then.kind
+    return differ or then.start_s - stroke.end_s > GAP_S
 
 
 def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:

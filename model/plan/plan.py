@@ -31,7 +31,8 @@ MAX_NUMBER = 1e6
 """Largest absolute value of all numbers but times, to avoid overflow."""
 HANGING_PLACE = (0.2, -0.42, 0.12)
 """Position of a hand without a plan (m)."""
-_GAP_S = 0.01
+GAP_S = 0.01
+"""Longest time between two phases of a hand that is no gap (s)."""
 REACH_M = 1.0
 """Largest distance of a wrist from the chest (m)."""
 
@@ -241,13 +242,13 @@ def fill_gaps(phases: Sequence[HandPhase], end_s: float) -> tuple[HandPhase, ...
     at_s, goal, kind = 0.0, phases[0].goal if phases else HANGING_PLACE, ""
     still: Phase = "rest"
     for phase in phases:
-        if phase.start_s - at_s > _GAP_S:
+        if phase.start_s - at_s > GAP_S:
             filled.append(HandPhase(at_s, phase.start_s, still, goal, kind))
         filled.append(phase)
         at_s, goal = phase.end_s, phase.goal
         rests = phase.phase in ("rest", "retraction")
         still, kind = ("rest", "") if rests else ("hold", phase.kind)
-    if end_s - at_s > _GAP_S:
+    if end_s - at_s > GAP_S:
         filled.append(HandPhase(at_s, end_s, still, goal, kind))
     return tuple(filled)
 

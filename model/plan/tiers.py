@@ -91,7 +91,7 @@ def plan_to_tiers(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedT
             if after.start_s < before.end_s:
                 raise PlanError(
                     f"The plan's rows of {name} overlap at {after.start_s:.2f} s, which a tier "
-                    "cannot hold; part them, or write the plan as JSON."
+                    "cannot hold; change their times, or write the plan as JSON."
                 )
         tiers.append(NamedTier(name, tuple(rows), name in ("nods", "brows", "blinks")))
     return tuple(tiers)
@@ -135,6 +135,14 @@ _EXTRA_TIERS: Mapping[str, str] = {
     "goal": GOAL_TIER, "word": WORD_TIER, "lexical": WORD_TIER, "affiliate": WORD_TIER,
     "kind": KIND_TIER, "type": KIND_TIER, "shape": KIND_TIER,
 }  # fmt: skip
+_TYPES = (
+    "iconic", "metaphor", "deictic", "point", "emblem", "symbol", "represent", "pragmatic",
+    "interact", "cohesive",
+)  # fmt: skip
+"""Stems of gesture types: next to them a beat is a gesture (McNeill), not this format's phase."""
+_NO_GESTURE = ("adapt", "unclear", "uncertain", "unknown", "none", "fidget", "touch")
+"""Stems of labels for what is no gesture."""
+_OURS = frozenset(f"{PHASE_TIER}_{side}" for side in SIDES)
 _T = TypeVar("_T", bound=str)
 
 
@@ -178,7 +186,7 @@ def tiers_to_plan(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
     if not of_phases and not phrases:
         found = ", ".join(tier.name[:40] for tier in tiers[:_MAX_LISTED]) or "no tier"
         raise PlanError(
-            f"No tier tells what a hand does: name one gesture_right or gesture_left; found "
+            "No tier has the gestures of a hand: name one gesture_right or gesture_left; found "
             f"{found}."
         )
     for tier, meaning in phrases if of_phases else ():
@@ -186,7 +194,7 @@ def tiers_to_plan(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
             rows[KIND_TIER, side] += tier.rows
     notes = _add_phases(of_phases or phrases, rows)
     if unknown := [tier.name for tier, meaning in meanings if tier.rows and not meaning.content]:
-        notes.append(f"Left out, for they tell of no plan: {_listed(unknown)}.")
+        notes.append(f"Ignored, because their names mean nothing here: {_listed(unknown)}.")
     left, right = (_hand(rows, side, notes) for side in SIDES)
     return PlanResult(_plan(duration_s, left, right, rows), tuple(notes))
 
@@ -236,39 +244,67 @@ def _hands_of(meaning: _Meaning) -> tuple[Side, ...]:
 def _add_phases(tiers: Sequence[tuple[NamedTier, _Meaning]], rows: _Rows) -> list[str]:
     """Add the rows of hands as phases with kinds, "stroke offer"; return notes."""
     notes: list[str] = []
-    strokes: set[str] = set()
+    kinds: set[str] = set()
+    rests: set[str] = set()
+    only_beats = {meaning.phase for _, meaning in tiers} == {"beat"}
     for tier, meaning in tiers:
         if not meaning.sides:
-            notes.append(f"Tier {tier.name[:40]} names no hand; it was taken for the right.")
-        read = _rows_of_one_phase if meaning.phase else _rows_with_labels
-        phases, unknown = read(tier, meaning.phase)
-        strokes |= unknown
+            notes.append(f"Tier {tier.name[:40]} names no hand; it is used for the right hand.")
+        has_types = only_beats or (not meaning.phase and _has_types(tier))
+        phases: list[Interval] = []
+        for row in tier.rows:
+            label = f"{meaning.phase} {row.text}" if meaning.phase else row.text
+            phase, kind = _phase_of(label)
+            if phase == "beat" and has_types:
+                phase, kind = "stroke", "beat"
+            elif phase is None and _is_no_gesture(label, meaning):
+                phase, kind = "rest", ""
+                rests.add(label)
+            elif phase is None:
+                phase, kind = "stroke", label.lower()
+                kinds.add(label)
+            phases.append(replace(row, text=f"{phase} {kind}"))
+        if tier.rows and (has_types or meaning.content == _PHRASES):
+            notes.append(
+                f"Tier {tier.name[:40]} has whole gestures without their phases: each is performed "
+                "as one long stroke."
+            )
+        if has_types and any(row.text == "stroke beat" for row in phases):
+            notes.append(
+                f"Beats of tier {tier.name[:40]} are read as gestures of that type, as it has no "
+                "phases; the phase of that name is a small movement after a stroke."
+            )
         for side in _hands_of(meaning):
             rows[PHASE_TIER, side] += phases
-    if strokes:
+    if kinds:
         notes.append(
-            f"Taken as kinds of strokes: {_listed(sorted(strokes))}; phases are "
+            f"Read as strokes of these kinds: {_listed(sorted(kinds))}; phases are "
             f"{', '.join(PHASES)}."
         )
+    if rests:
+        notes.append(f"Read as rest, because they name no gesture: {_listed(sorted(rests))}.")
     return notes
 
 
-def _rows_of_one_phase(tier: NamedTier, phase: Phase | None) -> tuple[list[Interval], set[str]]:
-    """Read a tier for one phase, whose labels are kinds."""
-    return [replace(row, text=f"{phase} {row.text}") for row in tier.rows], set()
+def _is_no_gesture(label: str, meaning: _Meaning) -> bool:
+    """Check whether a label marks an adaptor, or no gesture, or an open question ("?", "-")."""
+    if not label.strip():
+        return meaning.content == PHASE_TIER
+    return bool(_stems(label, _NO_GESTURE)) or not any(sign.isalnum() for sign in label)
 
 
-def _rows_with_labels(tier: NamedTier, _: Phase | None) -> tuple[list[Interval], set[str]]:
-    """Read a tier with phases as labels; other labels are kinds of strokes, and returned too."""
-    phases: list[Interval] = []
-    unknown: set[str] = set()
-    for row in tier.rows:
-        phase, kind = _phase_of(row.text)
-        if phase is None:
-            unknown.add(row.text)
-            phase, kind = "stroke", row.text.lower()
-        phases.append(replace(row, text=f"{phase} {kind}"))
-    return phases, unknown
+def _stems(label: str, stems: Iterable[str]) -> list[str]:
+    """Return the stems with which words of a label begin."""
+    words = re.findall(r"[a-z]+", label.lower())
+    return [stem for stem in stems for word in words if word.startswith(stem)]
+
+
+def _has_types(tier: NamedTier) -> bool:
+    """Check whether labels are gesture types, among which a beat is a gesture, not a phase."""
+    named = [(_phase_of(row.text)[0], row.text) for row in tier.rows]
+    phases = {phase for phase, _ in named} - {"rest", None}
+    has_names = any(phase is None and _stems(label, _TYPES) for phase, label in named)
+    return phases <= {"beat"} and (has_names or (bool(phases) and tier.name not in _OURS))
 
 
 def _plan(
@@ -301,7 +337,7 @@ def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
     places = sorted(rows[GOAL_TIER, side], key=lambda row: row.end_s)
     if phases and not places:
         notes.append(
-            f"No places are told for the {side} hand; it goes where such gestures usually do."
+            f"The {side} hand has no goals; its strokes end where those of their kind usually do."
         )
     goals = _goals(phases, places) if places else _usual_goals(names, kinds)
     words_at = {round(row.end_s, 4): row.text for row in rows[WORD_TIER, side]}
@@ -362,6 +398,8 @@ def _words(name: str) -> Set[str]:
 
 def _has_phases(tier: NamedTier) -> bool:
     """Check whether most labels of a tier name phases."""
+    if _has_types(tier):
+        return False
     return 2 * sum(_phase_of(row.text)[0] is not None for row in tier.rows) > len(tier.rows)
 
 
@@ -406,7 +444,7 @@ def _place(row: Interval) -> Place:
     numbers = _numbers(row)
     if len(numbers) != 3:
         raise PlanError(
-            f"The goal {row.text[:40]!r} at {row.end_s:g} s is not three numbers: metres out, up "
+            f"The goal {row.text[:40]!r} at {row.end_s:g} s must be three numbers: metres out, up "
             "and forward of the chest."
         )
     return numbers[0], numbers[1], numbers[2]
@@ -436,7 +474,9 @@ def _stand(row: Interval) -> Stance:
     for leg in (*SIDES, "both"):
         if leg in words:
             return Stance(row.start_s, row.end_s, leg)
-    raise PlanError(f"The weight {row.text[:40]!r} at {row.start_s:g} s is not left, right, both.")
+    raise PlanError(
+        f"The weight {row.text[:40]!r} at {row.start_s:g} s must be left, right or both."
+    )
 
 
 def _listed(names: Sequence[str]) -> str:

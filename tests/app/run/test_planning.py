@@ -82,7 +82,7 @@ def test_an_annotators_plan_is_performed_and_what_was_made_of_it_is_told(
     grid_ = tmp_path / "plan.TextGrid"
     grid_.write_text(grid(tier("RH phase", (0, 1, "prep"), (1, 1.5, "stroke"))))
     given = run(replace_fields(asked, plan=grid_))
-    assert any(note.startswith("No places are told for the right hand") for note in given.notes)
+    assert any(note.startswith("The right hand has no goals") for note in given.notes)
     performed = read_plan_file(given.out / f"{STEM}.plan.json").plan
     assert [p.phase for p in performed.right] == ["preparation", "stroke"]
 

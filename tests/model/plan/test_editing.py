@@ -112,6 +112,26 @@ def test_holds_stretch_until_the_next_gesture_and_say_so():
     assert ("retraction", 4.5, 5.3) in told(set_hold(BUSY, MIDDLE, 0.0).plan)
 
 
+HELD = GesturePlan(
+    6.0,
+    right=(
+        phase(0.0, 1.0, "rest"), phase(1.0, 2.0, "preparation"), phase(2.0, 2.6, "hold", LOW),
+        phase(2.6, 2.7, "stroke", LOW), phase(2.7, 3.0, "hold", LOW), phase(3.0, 3.8, "retraction"),
+        phase(3.8, 6.0, "rest"),
+    ),
+)  # fmt: skip
+"""A gesture with a hold before its stroke, which lasts .1 s."""
+
+
+def test_a_hold_before_a_stroke_belongs_to_its_gesture():
+    (gesture,) = gestures(HELD, "right")
+    assert told(delete_gesture(HELD, gesture).plan) == [("rest", 0, 6)]
+    moved = told(move_gesture(HELD, gesture, 3.7).plan)
+    assert moved[1:4] == [("preparation", 2, 3), ("hold", 3, 3.5), ("stroke", 3.5, 3.7)]
+    slower = told(speed_up_gesture(HELD, gesture, 0.5).plan)
+    assert slower[:3] == [("preparation", 0, 1.9), ("hold", 1.9, 2.5), ("stroke", 2.5, 2.7)]
+
+
 def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
     def goal(edited: PlanResult) -> tuple[float, float, float]:
         return next(p.goal for p in edited.plan.right if p.end_s == 4.5)

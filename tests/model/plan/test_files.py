@@ -216,7 +216,7 @@ SHORT_LABELS = [
 PHRASE = tier("Gesture", (1.0, 2.0, "Deictic"))
 HABITS = [
     *(
-        ([tier(name, *ROWS), tier("RH-Kind", (1.0, 2.2, "you"))], SHORT_LABELS, "No places are")
+        ([tier(name, *ROWS), tier("RH-Kind", (1.0, 2.2, "you"))], SHORT_LABELS, "The right hand")
         for name in ("RH-Phase", "Right hand phases", "gesture_right", "RHPhase", "phase R")
     ),
     (
@@ -224,13 +224,35 @@ HABITS = [
          tier("RH Retraction", (1.8, 2.4, "")), tier("Notes", (0.0, 1.0, "windy"))],
         [("preparation", 1.0, ""), ("stroke", 1.4, "no"), ("retraction", 1.8, ""),
          ("stroke", 3.0, "")],
-        "Left out, for they tell of no plan: 'Notes'.",
+        "Ignored, because their names mean nothing here: 'Notes'.",
     ),
-    ([PHRASE], [("stroke", 1.0, "deictic")], "Taken as kinds of strokes: 'Deictic'"),
+    ([PHRASE], [("stroke", 1.0, "deictic")], "Read as strokes of these kinds: 'Deictic'"),
+    *(  # a beat among gesture types is McNeill's: a gesture with a stroke
+        ([tier(name, (0, 1, "beat"), (1, 2, "iconic"), (2, 3, "Beat"), (3, 4, "beat"))],
+         [("stroke", 0, "beat"), ("stroke", 1, "iconic"), ("stroke", 2, "beat"),
+          ("stroke", 3, "beat")], f"Beats of tier {name} are read as gestures")
+        for name in ("gesture_right", "RH phase", "Gesture")
+    ),
+    ([tier("RH gestures", (0, 1, "beat"), (1, 2, "rest"))],
+     [("stroke", 0, "beat"), ("rest", 1, "")],
+     "Tier RH gestures has whole gestures without their phases: each is performed as one long"),
+    ([tier("RH beats", (0, 1, ""))], [("stroke", 0, "beat")], "Beats of tier RH beats are read"),
+    ([tier("gesture_right", (0, 1, "rest"), (1, 2, "beat"), (2, 3, "rest"))],
+     [("rest", 0, ""), ("beat", 1, ""), ("rest", 2, "")], "The right hand has no goals"),
+    ([tier("RH phase", (0, 1, "S"), (1, 2, "beat"), (2, 3, "point_up"))],
+     [("stroke", 0, ""), ("beat", 1, ""), ("stroke", 2, "point_up")], "Read as strokes of these"),
+    *(
+        ([tier("phase R", (0, 1, label), (1, 2, "stroke"), (2, 3, "P"))],
+         [("rest", 0, ""), ("stroke", 1, ""), ("preparation", 2, "")],
+         f"Read as rest, because they name no gesture: {label!r}.")
+        for label in ("adaptor", "Self-touch", "?", "unclear", "none", "-", "")
+    ),
+    ([tier("Gesture", (0, 1, "adaptor"), (1, 2, ""), (2, 3, "self"))],
+     [("rest", 0, ""), ("stroke", 1, ""), ("stroke", 2, "self")], "Read as rest"),
     (
         [PHRASE, tier("Phase", (1.0, 1.5, "prep"), (1.5, 2.0, "stroke"))],
         [("preparation", 1.0, "Deictic"), ("stroke", 1.5, "Deictic")],
-        "Tier Phase names no hand; it was taken for the right.",
+        "Tier Phase names no hand; it is used for the right hand.",
     ),
 ]  # fmt: skip
 
@@ -277,11 +299,14 @@ def test_a_name_that_means_several_things_means_the_first() -> None:
 @pytest.mark.parametrize(
     ("tiers", "says"),
     [
-        ([tier("words", (0.0, 1.0, "so"))], "No tier tells what a hand does.*found words"),
+        ([tier("words", (0.0, 1.0, "so"))], "No tier has the gestures of a hand.*found words"),
         ([], "found no tier"),
         ([tier("phase R", (0, 2, "stroke"), (1, 3, "hold"))], "a hand does one thing at a time"),
-        ([tier("phase R", (0, 2, "rest")), tier("goal R", (0, 2, "near"))], "not three numbers"),
-        ([tier("phase R"), tier("weight", (0, 2, "chair"))], "not left, right, both"),
+        (
+            [tier("phase R", (0, 2, "rest")), tier("goal R", (0, 2, "near"))],
+            "be three numbers",
+        ),
+        ([tier("phase R"), tier("weight", (0, 2, "chair"))], "must be left, right or both"),
         ([tier("phase R"), tier("nods", (0, 2, "nan"))], "is not finite"),
         ([tier("phase R"), tier("smile", (2, 1, ".5"))], "must end after it begins"),
     ],
@@ -457,7 +482,7 @@ HOSTILE = [
     (eaf("").replace("milliseconds", "PAL-frames"), "PAL-frames"),
     (eaf("").replace('"/>', '"><MEDIA_DESCRIPTOR TIME_ORIGIN="1e9"/></HEADER>', 1), "TIME_ORIGIN"),
     (eaf(slots("0", "1") + '<TIER TIER_ID="x"><ANNOTATION><REF_ANNOTATION ANNOTATION_ID="a" '
-     'ANNOTATION_REF="a"/></ANNOTATION></TIER>'), "No tier tells what a hand does"),
+     'ANNOTATION_REF="a"/></ANNOTATION></TIER>'), "No tier has the gestures of a hand"),
 ]  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, gesture_strokes
-from model.plan.plan import SIDES, GesturePlan, Side
+from model.plan.plan import SIDES, GesturePlan, Side, fill_gaps
 from model.plan.plan_features import plan_tracks
 from tests.model.plan.made import REST, made_plan, phase, resting, said
 
@@ -85,6 +85,37 @@ def test_strokes_hold_what_follows_them():
     assert stroke.last_stroke.word == "whole"
     plan = replace(made_plan(), left=made_plan().right)
     assert [s.is_bimanual for s in gesture_strokes(plan)] == [True, True]
+
+
+P, S, H, B, R = "preparation", "stroke", "hold", "beat", "retraction"
+
+
+@pytest.mark.parametrize(
+    ("rows", "gestures"),
+    [
+        # pre-stroke hold, stroke, post-stroke hold (Kita et al. 1998)
+        ([(0, 1, P), (1, 2, H), (2, 3, S), (3, 4, H), (4, 5, R)], [(0, 4)]),
+        ([(0, 1, P), (1, 2, H), (2, 3, P), (3, 4, S)], [(2, 4)]),
+        ([(0, 1, S), (1, 2, H), (2, 3, S), (3, 4, H)], [(0, 2), (2, 4)]),
+        ([(0, 1, P), (1, 2, H), (2, 3, R)], []),
+        ([(0, 1, H), (1, 2, S), (2, 3, B)], [(1, 3)]),
+        # strokes in succession: a gap or another kind separates them
+        ([(0, 1, S), (1, 2, S)], [(0, 2)]),
+        ([(0, 1, S), (1.005, 2, S)], [(0, 2)]),
+        ([(0, 1, S), (1.04, 2, S), (3, 4, S), (5, 6, S)], [(0, 1), (1.04, 2), (3, 4), (5, 6)]),
+        ([(0, 1, S, "you"), (1, 2, S, "you"), (2, 3, S, "one")], [(0, 2), (2, 3)]),
+        ([(0, 1, S, "you"), (1, 2, S)], [(0, 2)]),
+    ],
+)
+def test_a_gesture_begins_and_ends_where_annotators_say(rows, gestures):
+    plan = GesturePlan(
+        8.0, right=tuple(phase(float(a), float(b), name, HERE, *kind) for a, b, name, *kind in rows)
+    )
+    found = gesture_strokes(plan)
+    spans = [(plan.right[s.first].start_s, plan.right[s.last].end_s) for s in found]
+    assert spans == gestures
+    filled = plan.with_hand("right", fill_gaps(plan.right, plan.duration_s))
+    assert [s.last_stroke for s in gesture_strokes(filled)] == [s.last_stroke for s in found]
 
 
 STILL = resting(8.0)
