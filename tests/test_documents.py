@@ -7,6 +7,7 @@ from pathlib import Path
 
 from app.commands.cli import parse
 from model.metrics.protocols.table import HEADINGS, PROTOCOLS, protocol_row
+from model.plan.kinds import PLACES
 from tests.helpers import ROOT
 
 DOCUMENTS = sorted(
@@ -81,6 +82,14 @@ def test_the_table_of_protocols_is_that_of_the_records():
     tables = tables_of(ROOT / "docs" / "evaluation.md")
     (rows,) = ([[cell.strip("`") for cell in row] for row in t] for t in tables if t[0][0] == "id")
     assert rows == [list(HEADINGS), *(list(protocol_row(each)) for each in PROTOCOLS.values())]
+
+
+def test_the_plans_page_lists_every_gesture_form():
+    text = (ROOT / "docs" / "plans.md").read_text("utf-8")
+    count, forms = re.search(
+        r"corpus's (\d+) gesture forms.*?The forms:([^.]*)\.", text, re.S
+    ).groups()
+    assert re.findall(r"`(\w+)`", forms) == list(PLACES) and int(count) == len(PLACES)
 
 
 def test_the_readme_lists_every_room():

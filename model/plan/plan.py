@@ -1,8 +1,9 @@
 """Gesture plan of a motion: a typed object that can be written, read, edited and used as input.
 
 Times are seconds from the start of the speech. A hand's phases are Kendon's (1980), as in
-annotation tiers; goals are the wrist's position at a phase's end, in metres from the chest joint in
-the chest's frame: out to the hand's side, up, forward.
+annotation tiers, and `beat`: a small up-and-down movement after the stroke (McNeill's superimposed
+beat), not a gesture type. Goals are the wrist's position at a phase's end, in metres from the chest
+joint in the chest's frame: out to the hand's side, up, forward.
 """
 
 from __future__ import annotations
@@ -83,9 +84,9 @@ class HandPhase(Span):
     goal: tuple[float, float, float]
     """Position of the wrist at the end (out, up, forward) in metres; a hold may drift a little."""
     kind: ShortText = ""
-    """Name of the gesture type; empty at rest."""
+    """Name of the gesture form, one of `model.plan.kinds.PLACES`; empty at rest."""
     word: ShortText = ""
-    """Word on which a stroke ends."""
+    """Word during which a stroke ends; no lexical affiliate."""
 
 
 @dataclass(frozen=True)
