@@ -55,8 +55,8 @@ def body_at(body: Body, height_px: float) -> Body:
 def clustered_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
     """Return the faces of coarser meshes of a character, within a second.
 
-    Vertices of one joint that are near in space and in the texture become one of them: rougher than
-    `decimate`, for browsers that draw slowly. Hands and head have smaller cells.
+    Vertices of one joint that are near in space, colour and texture become one of them: rougher
+    than `decimate`, for browsers that draw slowly. Hands and head have smaller cells.
     """
     size = np.ones(NUM_JOINTS)
     size[[j for j, name in enumerate(JOINT_NAMES) if "head" in name or "eye" in name]] = 0.3
@@ -64,6 +64,7 @@ def clustered_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
     assert body.texture is not None
     joints = body.main_joints[body.texture.welds]  # the same on both sides of a seam
     places = (body.template - body.template.min(axis=0)) / size[joints, None]
+    looks = np.c_[16 * body.texture.uv, 5 * np.sqrt(body.texture.colors)].astype(np.int64)
 
     def clustered(cell_m: float) -> np.ndarray:
         cells = np.c_[joints, places / cell_m].astype(np.int64)
@@ -71,7 +72,7 @@ def clustered_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
         count = np.bincount(cell)[:, None]
         middle = np.stack([np.bincount(cell, axis) for axis in body.template.T], axis=1) / count
         away = np.linalg.norm(body.template - middle[cell], axis=1)
-        group = _numbered(np.c_[cell, (16 * body.texture.uv).astype(np.int64)])
+        group = _numbered(np.c_[cell, looks])
         # The nearest to the middle of the cell: at a seam, that is one place on both sides.
         nearest = np.lexsort((away, group))
         chosen = nearest[np.searchsorted(group[nearest], np.arange(group.max() + 1))]
