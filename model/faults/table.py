@@ -103,7 +103,8 @@ def body_part(finding: Finding) -> BodyPart:
     joint = finding.numbers.get("joint", "")
     if joint.endswith(("_ankle", "_foot")):
         return "feet"
-    if joint.endswith("_wrist") or JOINT_INDEX.get(joint) in HANDS:
+    is_of_fingertips = finding.kind == "jerk"
+    if is_of_fingertips or joint.endswith("_wrist") or JOINT_INDEX.get(joint) in HANDS:
         return "hands"
     if JOINT_INDEX.get(joint) in FACE:
         return "face"

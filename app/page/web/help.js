@@ -18,6 +18,9 @@ export function mountHelp() {
   };
   for (const name of ["click", "keydown"]) document.addEventListener(name, tell);
   // Gradio's lists open at each key that they hear, even at the Tab that leaves them.
-  const isLeavingList = ({ key, target }) => key === "Tab" && target instanceof Element && target.matches("[role=combobox]");
-  document.addEventListener("keydown", (event) => isLeavingList(event) && event.stopPropagation(), true);
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "Tab" || !(event.target instanceof Element && event.target.matches("[role=combobox]"))) return;
+    event.stopPropagation();
+    for (const list of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("ul.options"))) list.tabIndex = -1; // it goes, and the focus with it
+  }, true);
 }

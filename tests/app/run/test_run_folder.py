@@ -246,7 +246,8 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
         ("snap", {"joint": "left_index2"}, "hands"),
         ("pops", {"joint": "right_ankle"}, "feet"),
         ("pops", {"joint": "head"}, ""),
-        ("jerk", {}, ""),
+        ("jerk", {}, "hands"),
+        ("amplitude", {}, ""),
     ],
 )
 def test_a_finding_says_which_body_part_shows_it(kind, numbers, part):

@@ -40,7 +40,8 @@ const UNDER_SMALL_PX = 60; // the controls on a phone
 const UNDER_LIVE_PX = 116; // displays and the button that keeps it
 const SWIPE_PX = 40;
 const TAG_PX = 34; // of a body's name, above its picture
-const FEET_ZOOM = 3.5;
+/** @type {[number, number, number]} */
+const FEET_VIEW = [0, 0.25, 3]; // as Orbit has it
 const CLOSE_UP_SIDE = 0.02; // of its width, free at either side: no arm goes over into another's
 const NAME_PX = 15; // of the same, under close-ups
 const LIST_PX = 400; // less from the left, and a list of files would not be seen whole
@@ -473,26 +474,26 @@ export class Stage {
   /** What of a body a finding is about, in its close-ups, or by the camera: feet have none. */
   lookAt(name, part) {
     const entry = this.#rows.get(name);
-    if (!entry?.shown || !part) return;
+    if (!entry?.shown) return;
     this.#at = this.names.indexOf(name); // on a narrow screen
+    this.orbit.reset();
     if (part === "feet") this.#lookAtFeet(entry);
-    else {
-      this.orbit.reset();
-      if (![part, "both"].includes(this.closeUp)) return this.setCloseUp(part);
-    }
+    else if (part && ![part, "both"].includes(this.closeUp)) this.setCloseUp(part);
     this.fit();
   }
 
+  /** From near and a little above, so that the floor is seen. */
   #lookAtFeet(entry) {
     this.#look.set("isWhole", true);
-    const [body] = panels(this.#inside(this.#cells[0].cell), this.closeUp, this.#facts.close_ups);
-    this.orbit.reset();
-    const { axes, eye } = this.#cameraOf(body, entry, this.#moment, body.rect[2] / body.rect[3]);
+    const [{ rect, view }] = panels(this.#inside(this.#cells[0].cell), this.closeUp, this.#facts.close_ups);
+    this.orbit.place(FEET_VIEW);
+    const { axes, eye } = this.#cameraOf({ view }, entry, this.#moment, rect[2] / rect[3]);
     const world = entry.shown.world(this.#moment, this.#motionLook);
     const feet = ["left_foot", "right_foot"].map((name) => 12 * this.#mesh.names.indexOf(name));
-    const away = eye.map((part, k) => (world[feet[0] + 4 * k + 3] + world[feet[1] + 4 * k + 3]) / 2 - part);
-    const [right, up] = axes.map((axis) => axis.reduce((sum, part, k) => sum + part * away[k], 0));
-    this.orbit.place([0, 0, FEET_ZOOM, right, up]);
+    const middle = [3, 7, 11].map((at) => (world[feet[0] + at] + world[feet[1] + at]) / 2);
+    middle[1] = Math.max(middle[1], this.#framing.floor);
+    const [right, up] = axes.slice(0, 2).map((axis) => axis.reduce((sum, part, k) => sum + part * (middle[k] - eye[k]), 0));
+    this.orbit.place([...FEET_VIEW, right, up]);
   }
 
   // -------------------------------------------------------------- room
