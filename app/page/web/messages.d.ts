@@ -188,9 +188,9 @@ export interface HandPhase {
   phase: "rest" | "preparation" | "stroke" | "hold" | "beat" | "retraction";
   /** Position of the wrist at the end (out, up, forward) in metres; a hold may drift a little. */
   goal: [number, number, number];
-  /** Name of the gesture type; empty at rest. */
+  /** Name of the gesture form, one of `model.plan.kinds.PLACES`; empty at rest. */
   kind: string;
-  /** Word on which a stroke ends. */
+  /** Word during which a stroke ends; no lexical affiliate. */
   word: string;
 }
 
