@@ -111,7 +111,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(page.locator("#player .controls")).to_be_in_viewport(ratio=0.99)
     few = errors_of(headline)
     slider.fill("0.06")
-    expect(headline).to_contain_text("noise of 3.4°")
+    expect(headline).to_contain_text("3.4° about each axis")
     for more, less in zip(errors_of(headline), few, strict=True):
         assert 2.7 < more / less < 3.3, "three times the noise"
     page.evaluate(f"{LOCKSTEP}.pause()")
