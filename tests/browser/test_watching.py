@@ -326,9 +326,9 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(page.locator(".ladder .katex-error")).to_have_count(0)
     page.wait_for_function(ARGUE)
     told = page.locator("#mechanism-player .argument-head")
-    expect(told).to_contain_text("noise of 1.1°")
+    expect(told).to_contain_text("1.1° about each axis")
     page.locator("#mechanism-noise input[type=number]").fill("0.05")
-    expect(told).to_contain_text("noise of 2.9°")  # before anything is asked of the server
+    expect(told).to_contain_text("2.9° about each axis")  # before anything is asked of the server
     run = page.evaluate("document.querySelector('#mechanism-player audio').src")
     page.locator("#mechanism-start").click()
     expect(page.locator("#mechanism-status")).to_contain_text("0.05 rad")
