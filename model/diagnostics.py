@@ -401,8 +401,8 @@ def parse_diagnostics(content: Mapping[str, Any]) -> dict[str, Any]:
     if number != 1:
         raise ValueError(f"It has format {number}; this version reads up to {DIAGNOSTICS_FORMAT}.")
 
-    def metrics(versions: Mapping[str, Any] | None) -> dict[str, Any] | None:
-        return versions and {
+    def metrics(versions: Mapping[str, Any]) -> dict[str, Any]:
+        return {
             version: {
                 key: _renamed(value, _FORMER_METRIC_KEYS) if isinstance(value, dict) else value
                 for key, value in _renamed(values, _FORMER_METRIC_KEYS).items()
@@ -410,7 +410,7 @@ def parse_diagnostics(content: Mapping[str, Any]) -> dict[str, Any]:
             for version, values in versions.items()
         }
 
-    found = {"format": DIAGNOSTICS_FORMAT} | _renamed(content, _FORMER_KEYS)
+    found: dict[str, Any] = {"format": DIAGNOSTICS_FORMAT} | _renamed(content, _FORMER_KEYS)
     for key, convert in (
         ("findings", lambda each: _renamed(each, _FORMER_FINDING_KEYS)),
         ("assumptions", current_assumption),
@@ -418,7 +418,7 @@ def parse_diagnostics(content: Mapping[str, Any]) -> dict[str, Any]:
         of_all = found.get(key, {}).items()
         found[key] = {name: [convert(each) for each in rows] for name, rows in of_all}
     found["protocol_of"] = _renamed(found.get("protocol_of", {}), _FORMER_METRIC_KEYS)
-    found["reference"] = metrics(found.get("reference"))
+    found["reference"] = found.get("reference") and metrics(found["reference"])
     return found | {"systems": {name: metrics(of) for name, of in found["systems"].items()}}
 
 

@@ -109,7 +109,8 @@ def body_part(finding: Finding) -> BodyPart:
     if JOINT_INDEX.get(joint) in FACE:
         return "face"
     needed = next((fault.required_parts for fault in FAULTS if fault.kind == finding.kind), ())
-    return next((_PARTS[part] for part in needed if part in _PARTS), "")
+    shown: list[BodyPart] = [_PARTS[part] for part in needed if part in _PARTS]
+    return shown[0] if shown else ""
 
 
 def _found(fault: FaultCheck, evidence: Evidence) -> list[Finding]:

@@ -145,10 +145,11 @@ def shades(color: str) -> list[str]:
 
     rgb = np.array(to_rgb(color))
     luma = float(rgb @ [0.299, 0.587, 0.114])
-    return [
-        to_hex(rgb * target / luma if luma > target else 1 - (1 - rgb) * (1 - target) / (1 - luma))
+    scaled = [
+        rgb * target / luma if luma > target else 1 - (1 - rgb) * (1 - target) / (1 - luma)
         for target in (0.12, 0.42, 0.68)
     ]
+    return [to_hex(tuple(each)) for each in scaled]
 
 
 def new_figure(width_mm: float, height_mm: float) -> "Figure":

@@ -57,7 +57,8 @@ def draw_figure6(contents: Figure6) -> "Figure":
         "d": f"Position above {CUT_OFF_HZ:g} Hz",
     }
     draw: dict[str, Any] = {"a": draw_coordinates, "c": draw_path, "d": draw_tremor}
-    draw["b"] = partial(draw_snapshots, strips=strips)
+    if strips:
+        draw["b"] = partial(draw_snapshots, strips=strips)
     legend_panel = next((p for p in "ac" if is_shared and p in contents.panels), "")
     shown = dict.fromkeys(panel for row in rows for panel in row.panels)
     letters = dict(zip(shown, PANELS, strict=False))  # in the order of the page
