@@ -109,7 +109,7 @@ def palette(page: Page) -> Locator:
 
 def add(page: Page, place: int, hands: str = "", kind: str = "you") -> None:
     editor(page).locator("summary", has_text="Add").click()
-    editor(page).get_by_label("Gesture to add").select_option(kind)
+    editor(page).locator(f".kinds input[value={kind}]").check(force=True)
     editor(page).get_by_label("Where").select_option(str(place))
     editor(page).get_by_label("With", exact=True).select_option(hands)
     expected = page.locator("#player .event.expected")

@@ -1,5 +1,6 @@
 """Edits as they come from outside, what they do to a plan, and the motion made again."""
 
+import base64
 import json
 import shutil
 from pathlib import Path
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, RunError
+from app.page.routes.media import WEB_FOLDER
 from app.run.batch.saved_run import copy_run
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, RunEvent
 from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
@@ -20,6 +22,7 @@ from model.motion.motion import load_motion
 from model.plan import editing
 from model.plan.editing import Gesture, add_gesture, gestures
 from model.plan.files import read_plan_file, write_plan_file
+from model.plan.kinds import PLACES
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import write_wav
@@ -285,3 +288,13 @@ def test_what_cannot_be_leaves_nothing(run: AnyRun, tmp_path: Path) -> None:
         regenerate_edited(asked, NO_CALLBACKS)
     drop_unfinished(folder)
     assert [row.name for row in read_run(folder).rows] == [PLANNED]
+
+
+def test_each_gesture_of_the_palette_has_a_moving_picture() -> None:
+    content = json.loads((WEB_FOLDER / "player" / "gestures.json").read_text())
+    assert content["points"].keys() == PLACES.keys()
+    num_points = 1 + max(max(chain) for chain in content["chains"])
+    for kind, points in content["points"].items():
+        frames = np.frombuffer(base64.b64decode(points), np.uint8).reshape(-1, num_points, 2)
+        assert len(frames) == content["frames"] > content["still"]
+        assert np.ptp(frames.astype(int), axis=0).max() > 10, f"{kind} moves"

@@ -6,6 +6,7 @@
 
 import { allow, drag, make, popUp, wantsStillness } from "../dom.js";
 import { PhaseEnd } from "./ends.js";
+import { GesturePalette } from "./gestures.js";
 import { capital, foundAgain, kindName, SIDES } from "./plan.js";
 
 const NUDGE_S = 0.1;
@@ -117,13 +118,13 @@ export class Editing {
 
   #buildAdding(button) {
     const changed = { onchange: () => this.#foresee() };
-    this.kinds = make("select", { "aria-label": "Gesture to add", ...changed });
+    this.kinds = new GesturePalette(() => this.#foresee());
     this.places = make("select", { "aria-label": "Where", ...changed });
     this.hands = make("select", { "aria-label": "With", ...changed }, ...[["", "usual hand"], ["left", "left hand"], ["right", "right hand"], ["both", "both hands"]].map(([value, label]) => make("option", { value }, label)));
     const now = (does, values = {}) => () => this.#ask({ do: does, at: this.#player.time, ...values });
     const looks = Object.entries(LOOKS).map(([label, yaw]) => button(label, now("look", { yaw, pitch: 0 })));
     const head = make("span", { class: "row", role: "group", "aria-label": "At the current time" }, button("Nod", now("nod")), button("Blink", now("blink")), ...looks);
-    this.adding = popUp("menu", make("summary", {}, "Add"), make("div", {}, make("span", { class: "row" }, this.kinds, this.places, this.hands, button("Add", () => this.#add(), "Add it")), head));
+    this.adding = popUp("menu", make("summary", {}, "Add"), make("div", {}, this.kinds.element, make("span", { class: "row" }, this.places, this.hands, button("Add", () => this.#add(), "Add it")), head));
     this.adding.addEventListener("toggle", () => this.#foresee());
     this.#player.addEventListener("time", () => this.adding.open && this.#foresee());
     this.expected = SIDES.map(() => make("i", { class: "event expected" }));
@@ -556,7 +557,7 @@ export class Editing {
     this.element.setAttribute("aria-busy", String(this.#isBusy));
     this.#showChosen();
     if (!this.#told) return;
-    options(this.kinds, Object.keys(this.#told.kinds).map((kind) => [kind, kindName(kind)]), this.kinds.value || "you");
+    this.kinds.offer(Object.keys(this.#told.kinds));
     options(this.places, [["", "at the present moment"], ...this.#told.words.map(([start, , words], i) => [String(i), `on “${words}” (${start.toFixed(1)} s)`])], this.places.value);
     for (const [name, set] of this.sliders) set(this.#told.style[name]);
   }
