@@ -308,7 +308,7 @@ class PriorNetwork(ConditionedNetwork):
         tokens = self.speech_tokens(speech, has_speech)
         if extra_tokens is not None:
             tokens = tokens + extra_tokens
-        known = self.prior.posterior(x_t, t, seed, has_seed)
+        known = self.prior.posterior_mean(x_t, t, seed, has_seed)
         body = known
         if expression is not None:
             body = torch.cat([known, mask_expression(expression, has_speech)], dim=-1)

@@ -1,17 +1,24 @@
 """Linear-Gaussian denoiser: the posterior of x_1 given x_t and the seed pose, without a network.
 
 Motion is split into components (`Normaliser.mix`) that are modelled as independent Gaussian
-processes, each with the covariance of its training windows. The posterior of x_1 given x_t (and the
-seed, whose frames are fixed) is then Gaussian too, with a mean linear in x_t and a known deviation.
-A network adds to that mean, in units of that deviation: the preconditioning of Karras et al.
-(2022), with a matrix in place of a number. So motion has the right amplitude, smoothness and
-variance before the network has learned anything, continues its seed, and the network's errors at
-high frequencies are as small there as the data's motion.
+processes over the frames of a window, each with the covariance of its training windows. The
+posterior of x_1 given x_t, and the seed if there is one, is then Gaussian too, with a mean linear
+in x_t and a known standard deviation. A network adds to that mean, in units of that deviation: the
+preconditioning of Karras et al. (2022), with a matrix instead of a number. So motion has the right
+amplitude, smoothness and variance before the network has learned anything, continues its seed, and
+the network's errors at high frequencies are as small as the data's motion there.
 
-Along an eigenvector of a process with variance v, the flow of the Gaussian alone leaves ``z = (x_t
-- t mean) / sqrt(t^2 v + (1 - t)^2)`` constant, and the network's output f moves it: ``dz = f
-d(angle)`` with ``angle = atan(t sqrt(v) / (1 - t))``, from 0 to a right angle. `sample` steps along
-these angles, so that the only discretisation error is the network's.
+Along an eigenvector of a covariance, let x_1 ~ N(m, v); m is 0 without a seed. Then
+
+    s_t^2          = t^2 v + (1 - t)^2                        variance of x_t
+    z_t            = (x_t - t m) / s_t                        standardised x_t
+    E[x_1 | x_t]   = m + (t v / s_t) z_t                      posterior mean
+    std[x_1 | x_t] = (1 - t) sqrt(v) / s_t                    posterior deviation
+    f(x_t, t)      = (x_1 - E[x_1 | x_t]) / std[x_1 | x_t]    correction; x_1 is the network's
+    theta(t)       = atan(t sqrt(v) / (1 - t))                angle, 0 (noise) to pi / 2 (data)
+
+and the flow is ``dz / dtheta = f``: without a network z is constant. `sample` integrates f over
+theta, so the only discretisation error is that of f.
 """
 
 import math
@@ -30,8 +37,8 @@ VARIANCE_FLOOR = 1e-7
 CHANNEL_FLOOR = 1e-6
 """Variance, as a share of the largest, below which a direction of channels counts as still."""
 GRID_VARIANCE = 10.0
-"""Variance of the direction with steps of equal angle: many are early, where the slow and
-large part of the motion is determined."""
+"""Variance v of an eigenvector, in units of the noise's, for which steps are equal in theta. Larger
+values put more steps near t = 0, where slow and large movement is determined."""
 
 
 class GaussianPrior(nn.Module):
@@ -65,35 +72,38 @@ class GaussianPrior(nn.Module):
             self.register_buffer(name, value.float().contiguous(), persistent=False)
 
     def to_eigenbasis(
-        self, x: Float[Tensor, "B T C"], which: int | Bool[Tensor, " B"]
+        self, x: Float[Tensor, "B T C"], has_seed: int | Bool[Tensor, " B"]
     ) -> Float[Tensor, "C T B"]:
-        """Transform motion into eigenvector coordinates, without (0) or with (1) a seed."""
-        return self._by_seed(which, lambda k: self.vectors[k].mT @ x.permute(2, 1, 0))
+        """Transform motion into eigenvector coordinates of the prior without or with a seed.
 
-    def back(
-        self, along: Float[Tensor, "C T B"], which: int | Bool[Tensor, " B"]
+        Args:
+            has_seed: 0 or 1 for all samples, or a mask.
+        """
+        return self._by_seed(has_seed, lambda case: self.vectors[case].mT @ x.permute(2, 1, 0))
+
+    def from_eigenbasis(
+        self, coordinates: Float[Tensor, "C T B"], has_seed: int | Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
         """Transform eigenvector coordinates back to motion; the inverse of `to_eigenbasis`."""
-        return self._by_seed(which, lambda k: self.vectors[k] @ along).permute(2, 1, 0)
+        motion = self._by_seed(has_seed, lambda case: self.vectors[case] @ coordinates)
+        return motion.permute(2, 1, 0)
 
     def _by_seed(
         self,
-        which: int | Bool[Tensor, " B"],
-        has_seed: Callable[[int], Float[Tensor, "C T B"]],
+        has_seed: int | Bool[Tensor, " B"],
+        compute: Callable[[int], Float[Tensor, "C T B"]],
     ) -> Float[Tensor, "C T B"]:
         """Select, per sample, the result without (0) or with (1) a seed."""
-        one = which if isinstance(which, int) else self.common_seed_case(which)
-        return (
-            torch.where(torch.as_tensor(which), has_seed(1), has_seed(0))
-            if one is None
-            else has_seed(one)
-        )
+        case = has_seed if isinstance(has_seed, int) else self.common_seed_case(has_seed)
+        if case is not None:
+            return compute(case)
+        return torch.where(torch.as_tensor(has_seed), compute(1), compute(0))
 
-    def expected(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
-        """Compute the mean of x_1 conditioned on its seed alone."""
+    def mean_given_seed(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
+        """Compute the mean m of x_1 given its seed alone."""
         return (self.gain @ seed.permute(2, 1, 0)).permute(2, 1, 0)
 
-    def posterior(
+    def posterior_mean(
         self,
         x_t: Float[Tensor, "B T C"],
         t: Float[Tensor, " B"],
@@ -101,7 +111,7 @@ class GaussianPrior(nn.Module):
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
         """Compute the mean of x_1 given x_t = (1 - t) x_0 + t x_1, and a seed if there is one."""
-        return self._linear(x_t, t, seed, has_seed, t * self.variance[..., None])
+        return self._linear_estimate(x_t, t, seed, has_seed, t * self.variance[..., None])
 
     def consistency(
         self,
@@ -111,46 +121,50 @@ class GaussianPrior(nn.Module):
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
         """Carry ``x_t`` to t = 1 by the Gaussian's flow alone: its consistency function."""
-        spread = self._spread(t)
-        return self._linear(x_t, t, seed, has_seed, self.variance[..., None].sqrt() * spread)
+        std = self._std(t)
+        return self._linear_estimate(x_t, t, seed, has_seed, self.variance[..., None].sqrt() * std)
 
-    def _linear(
+    def _linear_estimate(
         self,
         x_t: Float[Tensor, "B T C"],
         t: Float[Tensor, " B"],
         seed: Float[Tensor, "B S C"],
         has_seed: Bool[Tensor, " B"],
-        gains: Float[Tensor, "2 C T B"],
+        covariance: Float[Tensor, "2 C T B"],
     ) -> Float[Tensor, "B T C"]:
-        """Return the mean, plus ``gains`` over the variance of x_t times x_t's deviation."""
-        shares = gains / self._spread(t).square()  # (2, C, T, B)
+        """Compute ``m + covariance / s_t^2 (x_t - t m)`` along each eigenvector.
 
-        def told(k: int) -> Float[Tensor, "C T B"]:
-            expected = self.gain @ seed.permute(2, 1, 0) if k else t.new_zeros(())
-            moved = self.vectors[k].mT @ (x_t.permute(2, 1, 0) - t * expected)
-            return expected + self.vectors[k] @ (shares[k] * moved)
+        Args:
+            covariance: that of estimate and x_t, without and with a seed.
+        """
+        slopes = covariance / self._std(t).square()  # (2, C, T, B)
 
-        return self._by_seed(has_seed, told).permute(2, 1, 0)
+        def estimate(case: int) -> Float[Tensor, "C T B"]:
+            mean = self.gain @ seed.permute(2, 1, 0) if case else t.new_zeros(())
+            centred = self.vectors[case].mT @ (x_t.permute(2, 1, 0) - t * mean)
+            return mean + self.vectors[case] @ (slopes[case] * centred)
+
+        return self._by_seed(has_seed, estimate).permute(2, 1, 0)
 
     def scale_by_posterior(
         self, unit: Float[Tensor, "B T C"], t: Float[Tensor, " B"], has_seed: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T C"]:
-        """Scale values of unit size to deviations from the posterior mean."""
-        deviation = (1 - t) * self.variance[..., None].sqrt() / self._spread(t)  # (2, C, T, B)
+        """Scale a correction in units of the posterior's standard deviation to motion."""
+        std = (1 - t) * self.variance[..., None].sqrt() / self._std(t)  # (2, C, T, B)
 
-        def told(k: int) -> Float[Tensor, "C T B"]:
-            return self.vectors[k] @ (deviation[k] * self.to_eigenbasis(unit, k))
+        def scaled(case: int) -> Float[Tensor, "C T B"]:
+            return self.vectors[case] @ (std[case] * self.to_eigenbasis(unit, case))
 
-        return self._by_seed(has_seed, told).permute(2, 1, 0)
+        return self._by_seed(has_seed, scaled).permute(2, 1, 0)
 
     def common_seed_case(self, has_seed: Bool[Tensor, " B"]) -> int | None:
-        """Return the eigenvectors' index if all samples share it; always None in training."""
+        """Return 0 or 1 if no or every sample has a seed, else None; always None in training."""
         if self.training or not bool((has_seed == has_seed[0]).all()):
             return None
         return int(has_seed[0])
 
-    def _spread(self, t: Float[Tensor, " B"] | float) -> Float[Tensor, "2 C T B"]:
-        """Return the standard deviation of x_t along each eigenvector."""
+    def _std(self, t: Float[Tensor, " B"] | float) -> Float[Tensor, "2 C T B"]:
+        """Compute s_t, the standard deviation of x_t along each eigenvector."""
         return (t**2 * self.variance[..., None] + (1 - t) ** 2).sqrt()
 
     def sample(
@@ -162,10 +176,10 @@ class GaussianPrior(nn.Module):
         steps: int,
         heun: bool = False,
     ) -> Float[Tensor, "B T C"]:
-        """Integrate along the angles; one evaluation a step, two with ``heun`` (last step: one).
+        """Integrate over the angle theta; one evaluation a step, two with ``heun`` (last: one).
 
         Args:
-            predict: x_1 of a network with this prior.
+            predict: prediction of x_1 by a network with this prior.
             seed: first frames (B, S, C); None without a seed pose.
 
         Raises:
@@ -173,35 +187,35 @@ class GaussianPrior(nn.Module):
         """
         if steps < 1:
             raise ValueError(f"steps is {steps}; at least 1 is needed.")
-        which = 0 if seed is None else 1
-        variance = self.variance[which][..., None]
-        expected = torch.zeros_like(x_0) if seed is None else self.expected(seed)
+        case = 0 if seed is None else 1
+        variance = self.variance[case][..., None]
+        mean = torch.zeros_like(x_0) if seed is None else self.mean_given_seed(seed)
 
-        def angle(t: float) -> Float[Tensor, "C T 1"]:
+        def theta(t: float) -> Float[Tensor, "C T 1"]:
             return torch.atan2(t * variance.sqrt(), torch.full_like(variance, 1 - t))
 
-        def at(z: Float[Tensor, "C T B"], t: float) -> Float[Tensor, "B T C"]:
-            return t * expected + self.back(self._spread(t)[which] * z, which)
+        def x_at(z: Float[Tensor, "C T B"], t: float) -> Float[Tensor, "B T C"]:
+            return t * mean + self.from_eigenbasis(self._std(t)[case] * z, case)
 
-        def network_says(z: Float[Tensor, "C T B"], t: float) -> Float[Tensor, "C T B"]:
-            moved = self.to_eigenbasis(predict(at(z, t), t) - expected, which)
-            spread = self._spread(t)[which]
-            mean = t * variance / spread * z
-            return (moved - mean) * spread / (variance.sqrt() * (1 - t))
+        def predicted_slope(z: Float[Tensor, "C T B"], t: float) -> Float[Tensor, "C T B"]:
+            centred = self.to_eigenbasis(predict(x_at(z, t), t) - mean, case)
+            std = self._std(t)[case]
+            posterior_mean = t * variance / std * z
+            return (centred - posterior_mean) * std / (variance.sqrt() * (1 - t))
 
-        z = self.to_eigenbasis(x_0, which)
+        z = self.to_eigenbasis(x_0, case)
         times = time_grid(steps)
         for k in range(steps):
-            turn = angle(times[k + 1]) - angle(times[k])
-            slope = network_says(z, times[k])
+            step = theta(times[k + 1]) - theta(times[k])
+            slope = predicted_slope(z, times[k])
             if heun and k < steps - 1:
-                slope = (slope + network_says(z + turn * slope, times[k + 1])) / 2
-            z = z + turn * slope
-        return at(z, 1.0)
+                slope = (slope + predicted_slope(z + step * slope, times[k + 1])) / 2
+            z = z + step * slope
+        return x_at(z, 1.0)
 
 
 def time_grid(steps: int) -> list[float]:
-    """Return the flow times 0 to 1 of the steps, equally spaced in the angle at `GRID_VARIANCE`."""
+    """Return the flow times 0 to 1 of the steps, equally spaced in theta at `GRID_VARIANCE`."""
     tangents = [math.tan(math.pi / 2 * k / steps) for k in range(steps)]
     return [tan / (tan + math.sqrt(GRID_VARIANCE)) for tan in tangents] + [1.0]
 

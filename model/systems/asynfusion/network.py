@@ -149,7 +149,9 @@ class DualBranchNetwork(ConditionedNetwork):
         for which in active:
             seen = x_t[which], t[which], seed[which], has_seed
             prior = self.branches[which].prior
-            known[which] = prior.consistency(*seen) if self.consistent else prior.posterior(*seen)
+            known[which] = (
+                prior.consistency(*seen) if self.consistent else prior.posterior_mean(*seen)
+            )
             condition = self.condition(t[which], speaker)
             entered[which] = self.branches[which].embed(
                 x_t[which], known[which], speech, seed[which], has_seed, condition

@@ -191,7 +191,7 @@ class Generator(ConditionedNetwork):
         """Predict as `forward` does, from speech tokens that all steps share."""
         tau, scale = flow_time(now)
         with torch.autocast(x_t.device.type, enabled=False):  # bf16 adds jitter
-            known = self.posterior(x_t / scale[:, None, None], tau, seed, has_seed)
+            known = self.posterior_mean(x_t / scale[:, None, None], tau, seed, has_seed)
         condition = self.condition(now, speaker) + self.reach(before)
         body = torch.cat([known, face], dim=-1)
         in_channels = x_t @ self.unmix
@@ -202,7 +202,9 @@ class Generator(ConditionedNetwork):
         unit = torch.lerp(rest, fingers, self.balance.sigmoid())
         with torch.autocast(x_t.device.type, enabled=False):
             own = self.prior_deviation(tau, has_seed)
-            mean = known + self.prior.back(own * self.prior.to_eigenbasis(unit, has_seed), has_seed)
+            mean = known + self.prior.from_eigenbasis(
+                own * self.prior.to_eigenbasis(unit, has_seed), has_seed
+            )
             open_ = self.spread(torch.cat([condition.float(), has_seed[:, None].float()], dim=-1))
             by_component, by_vector = open_.T.split([x_t.shape[2], x_t.shape[1]])
             return mean, own * (by_component[:, None] + by_vector).clamp(*LOG_SPREAD).exp()
@@ -215,21 +217,21 @@ class Generator(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
         """Sample x_0 from mean and deviation of `forward` and standard normal numbers."""
-        return mean + self.prior.back(deviation * latent.permute(2, 1, 0), has_seed)
+        return mean + self.prior.from_eigenbasis(deviation * latent.permute(2, 1, 0), has_seed)
 
-    def posterior(
+    def posterior_mean(
         self,
         x: Float[Tensor, "B T C"],
         tau: Float[Tensor, " B"],
         seed: Float[Tensor, "B S C"],
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
-        """Compute the mean of x_0 for x at flow time ``tau`` as `GaussianPrior.posterior` does."""
-        expected = self.prior.expected(seed) * has_seed[:, None, None]
+        """Compute the mean of x_0 at flow time ``tau`` as `GaussianPrior.posterior_mean` does."""
+        expected = self.prior.mean_given_seed(seed) * has_seed[:, None, None]
         variance = self._variance(has_seed)
         share = tau * variance / (tau**2 * variance + (1 - tau) ** 2)
         moved = self.prior.to_eigenbasis(x - tau[:, None, None] * expected, has_seed)
-        return expected + self.prior.back(share * moved, has_seed)
+        return expected + self.prior.from_eigenbasis(share * moved, has_seed)
 
     def _variance(self, has_seed: Bool[Tensor, " B"]) -> Float[Tensor, "C T B"]:
         free, held = self.prior.variance[..., None]

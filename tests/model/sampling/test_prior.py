@@ -49,7 +49,7 @@ def test_the_posterior_is_that_of_one_large_gaussian(prior, t, with_seed):
     seed = torch.randn(1, SEED, CHANNELS, generator=generator) * 0.3
     has_seed, time = torch.tensor([with_seed]), torch.tensor([t])
     expected, covariance = dense_posterior(prior, x_t[0], t, seed[0] if with_seed else None)
-    found = prior.posterior(x_t, time, seed, has_seed)[0]
+    found = prior.posterior_mean(x_t, time, seed, has_seed)[0]
     torch.testing.assert_close(found.double(), expected, atol=2e-3, rtol=2e-3)
     # A unit vector comes back as a deviation: shaping twice is a product with the covariance.
     unit = torch.randn(1, FRAMES, CHANNELS, generator=generator)
@@ -67,7 +67,7 @@ def test_without_a_network_any_number_of_steps_gives_the_same_motion(prior, with
     seed = 0.3 * torch.randn(3, SEED, CHANNELS, generator=torch.Generator().manual_seed(1))
 
     def predict(x_t, t):
-        return prior.posterior(x_t, torch.full((3,), t), seed, torch.full((3,), with_seed))
+        return prior.posterior_mean(x_t, torch.full((3,), t), seed, torch.full((3,), with_seed))
 
     given = seed if with_seed else None
     one, many = (prior.sample(predict, x_0, given, steps=n, heun=heun) for n in (1, 17))
@@ -86,7 +86,7 @@ def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_se
     walked, length = x, (1 - start) / steps
 
     def velocity(x_t, t):
-        return (prior.posterior(x_t, torch.tensor([t]), seed, has_seed) - x_t) / (1 - t)
+        return (prior.posterior_mean(x_t, torch.tensor([t]), seed, has_seed) - x_t) / (1 - t)
 
     for t in (start + length * k for k in range(steps)):
         middle = walked + length / 2 * velocity(walked, t)
@@ -102,11 +102,11 @@ def test_the_flow_of_the_gaussian_ends_where_many_small_steps_end(prior, with_se
 def test_a_constant_pull_of_the_network_turns_by_the_whole_angle(prior):
     """dz = f d(angle) over a right angle: with f = 1 everywhere z grows by pi / 2."""
     x_0 = torch.zeros(1, FRAMES, CHANNELS)
-    ones = prior.back(torch.ones(CHANNELS, FRAMES, 1), 0)
+    ones = prior.from_eigenbasis(torch.ones(CHANNELS, FRAMES, 1), 0)
 
     def predict(x_t, t):
         time, none = torch.full((1,), t), torch.zeros(1, dtype=torch.bool)
-        known = prior.posterior(x_t, time, x_t[:, :SEED], none)
+        known = prior.posterior_mean(x_t, time, x_t[:, :SEED], none)
         return known + prior.scale_by_posterior(ones, time, none)
 
     for steps in (1, 10):
@@ -121,7 +121,7 @@ def test_fitting_recovers_the_process(prior):
     none = torch.zeros(3000, dtype=torch.bool)
 
     def predict(x_t, t):
-        return prior.posterior(x_t, torch.full((3000,), t), x_t[:, :SEED], none)
+        return prior.posterior_mean(x_t, torch.full((3000,), t), x_t[:, :SEED], none)
 
     drawn = prior.sample(predict, x_0, None, steps=1)
     found = fit_prior(list(drawn.split(1000)), SEED)
@@ -160,7 +160,7 @@ def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_see
     x_t, t, seed = torch.randn(4, 60, 3), torch.rand(4), torch.randn(4, 8, 3)
     flags = torch.full((4,), has_seed)
     for call in (
-        lambda: prior.posterior(x_t, t, seed, flags),
+        lambda: prior.posterior_mean(x_t, t, seed, flags),
         lambda: prior.consistency(x_t, t, seed, flags),
         lambda: prior.scale_by_posterior(x_t, t, flags),
     ):
@@ -172,7 +172,7 @@ def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_see
     mixed = torch.tensor([True, False, True, False])
     assert prior.common_seed_case(mixed) is None and prior.common_seed_case(flags) == int(has_seed)
     same = mixed == has_seed  # those of a batch that mixes both
-    both, one = (prior.posterior(x_t, t, seed, each)[same] for each in (mixed, flags))
+    both, one = (prior.posterior_mean(x_t, t, seed, each)[same] for each in (mixed, flags))
     torch.testing.assert_close(both, one, rtol=1e-4, atol=1e-5)
 
 

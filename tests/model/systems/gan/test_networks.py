@@ -90,7 +90,7 @@ def test_the_priors_posterior_holds_at_the_flow_time():
     x_t = torch.randn(3, 60, 3)
     tau, scale = flow_time(t)
     nothing = torch.zeros(3, 8, 3), torch.zeros(3, dtype=torch.bool)
-    found = prior.posterior(x_t / scale[:, None, None], tau, *nothing)
+    found = prior.posterior_mean(x_t / scale[:, None, None], tau, *nothing)
     full = prior.covariance.double()
     for b in range(3):
         for c in range(3):
@@ -210,8 +210,8 @@ def test_windows_with_and_without_a_seed_share_a_batch():
     trained, _ = generator.train()(x_t, now, now / 2, **known)
     torch.testing.assert_close(trained, mean, rtol=1e-4, atol=1e-4)
     tau = now / 2
-    mine = generator.posterior(x_t, tau, known["seed"], known["has_seed"])
-    wanted = generator.prior.posterior(x_t, tau, known["seed"], known["has_seed"])
+    mine = generator.posterior_mean(x_t, tau, known["seed"], known["has_seed"])
+    wanted = generator.prior.posterior_mean(x_t, tau, known["seed"], known["has_seed"])
     torch.testing.assert_close(mine, wanted, rtol=1e-4, atol=1e-4)
 
 
