@@ -82,7 +82,7 @@ def main(arguments: list[str] | None = None) -> int:
     motion.add_argument("--systems", default="all", help="names with commas between, or: all")
     motion.add_argument("--seeds", type=int, default=2, help="noise seeds for each clip")
     motion.add_argument(
-        "--guidance", type=float, help="strength of the speech (default: each system's usual one)"
+        "--guidance", type=float, help="guidance scale (default: that of each system)"
     )
     motion.add_argument(
         "--speakers",

@@ -69,12 +69,19 @@ def pack(
         transl: root position in metres, y up; with ``kind`` "place", relative to the body's home.
     """
     if kind == "place":
-        return torch.cat([rotations.flatten(-2), transl], dim=-1)
+        return join_channels(rotations, transl)
     velocity = torch.zeros_like(transl)
     if transl.shape[-2] > 1:
         velocity[..., 1:, :] = (transl[..., 1:, :] - transl[..., :-1, :]) * FPS
         velocity[..., 0, :] = velocity[..., 1, :]
     root = torch.stack([velocity[..., 0], transl[..., 1], velocity[..., 2]], dim=-1)
+    return join_channels(rotations, root)
+
+
+def join_channels(
+    rotations: Float[Tensor, "*batch T J d"], root: Float[Tensor, "*batch T 3"]
+) -> Float[Tensor, "*batch T C"]:
+    """Concatenate the values of all joints and the root channels to motion vectors."""
     return torch.cat([rotations.flatten(-2), root], dim=-1)
 
 

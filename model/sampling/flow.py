@@ -4,10 +4,14 @@ Noise ``x_0 ~ N(0, I)`` lies at t = 0, data ``x_1`` at t = 1, and ``x_t = (1 - t
 (GlobalDiff, "Flow Matching Objective"). A model that predicts x_1 gives the velocity ``(x_1 - x_t)
 / (1 - t)``.
 
-Of a network trained with dropped speech, classifier-free guidance multiplies the difference that
-speech makes by ``strength``. At 1 the network is as trained, at 0 speech has no effect. Relative to
-the head, jaw and eyes stay as trained at any strength: speech determines nearly all of the jaw
-already, which at a strength of 2.5 would open twice as far.
+Classifier-free guidance with scale s combines two predictions of a network that was trained with
+dropped speech, with (cond) and without (uncond) speech, in every step:
+
+    x_1 = x_uncond + s (x_cond - x_uncond)
+
+At 1 the network is as trained, at 0 speech has no effect. Jaw and eyes, relative to the head, are
+not guided: they are those of x_cond. Speech determines nearly all of the jaw already; with s = 2.5
+it would open twice as far.
 """
 
 import math
@@ -106,19 +110,19 @@ class ClassifierFreeGuidance:
     """Classifier-free guidance by speech, for predictions of clean motion.
 
     Args:
-        strength: guidance scale; 1 is the network as trained.
-        of_head: guidance scale of neck and head; None for that of the rest.
+        scale: guidance scale; 1 is the network as trained.
+        head_scale: guidance scale of neck and head; None for that of the rest.
     """
 
     def __init__(
         self,
-        strength: float,
+        scale: float,
         normaliser: Normaliser,
         space: RotationSpace,
-        of_head: float | None = None,
+        head_scale: float | None = None,
     ) -> None:
-        self.strength = strength
-        self._of_head = strength if of_head is None else of_head
+        self._scale = scale
+        self._head_scale = scale if head_scale is None else head_scale
         self._normaliser = normaliser
         self._space = space
         numbers = 3 if space == "axis-angle" else 6
@@ -128,13 +132,13 @@ class ClassifierFreeGuidance:
         )
 
     @property
-    def asks_twice(self) -> bool:
+    def needs_unconditional(self) -> bool:
         """True if predictions without speech are needed."""
-        return self.strength != 1 or self._of_head != 1
+        return self._scale != 1 or self._head_scale != 1
 
     def copies(self, size: int) -> int:
         """Return the batch size with duplicates: samples with speech first, then without."""
-        return 2 * size if self.asks_twice else size
+        return 2 * size if self.needs_unconditional else size
 
     def is_conditional(self, size: int) -> Bool[Tensor, " B"]:
         """Return a mask (B,) that is true for the half of the duplicated batch with speech."""
@@ -142,24 +146,24 @@ class ClassifierFreeGuidance:
 
     def duplicate(self, batch: Shaped[Tensor, "B ..."]) -> Shaped[Tensor, "_ ..."]:
         """Duplicate the batch if predictions without speech are needed."""
-        return torch.cat([batch, batch]) if self.asks_twice else batch
+        return torch.cat([batch, batch]) if self.needs_unconditional else batch
 
     def combine(self, clean: Float[Tensor, "_ T C"]) -> Float[Tensor, "B T C"]:
         """Combine the normalised predictions with and without speech into one."""
-        if not self.asks_twice:
+        if not self.needs_unconditional:
             return clean
-        heard, deaf = clean.chunk(2)
+        conditional, unconditional = clean.chunk(2)
         mix, unmix = self._normaliser.mix, self._normaliser.unmix
-        change = heard - deaf
+        change = conditional - unconditional
         if unmix is not None:
             change = change @ unmix
-        more = change.new_full(change.shape[-1:], self.strength - 1)
-        more[self._head] = self._of_head - 1
-        change = more * change
-        change[..., self._face] = self._carried(heard, change)
+        added_scale = change.new_full(change.shape[-1:], self._scale - 1)
+        added_scale[self._head] = self._head_scale - 1
+        change = added_scale * change
+        change[..., self._face] = self._carried(conditional, change)
         if mix is not None:
             change = change @ mix
-        return heard + change
+        return conditional + change
 
     def _carried(
         self, conditional: Float[Tensor, "B T C"], change: Float[Tensor, "B T C"]

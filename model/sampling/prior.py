@@ -99,7 +99,7 @@ class GaussianPrior(nn.Module):
             return compute(case)
         return torch.where(torch.as_tensor(has_seed), compute(1), compute(0))
 
-    def mean_given_seed(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
+    def mean_from_seed(self, seed: Float[Tensor, "B S C"]) -> Float[Tensor, "B T C"]:
         """Compute the mean m of x_1 given its seed alone."""
         return (self.gain @ seed.permute(2, 1, 0)).permute(2, 1, 0)
 
@@ -189,7 +189,7 @@ class GaussianPrior(nn.Module):
             raise ValueError(f"steps is {steps}; at least 1 is needed.")
         case = 0 if seed is None else 1
         variance = self.variance[case][..., None]
-        mean = torch.zeros_like(x_0) if seed is None else self.mean_given_seed(seed)
+        mean = torch.zeros_like(x_0) if seed is None else self.mean_from_seed(seed)
 
         def theta(t: float) -> Float[Tensor, "C T 1"]:
             return torch.atan2(t * variance.sqrt(), torch.full_like(variance, 1 - t))

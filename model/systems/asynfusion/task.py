@@ -174,10 +174,10 @@ def consistency_target(
     t = map_branches(lambda k: times[k], steps)
     clean = map_branches(lambda x: x.float(), teacher(x_t, t, **conditions))
     guide = ClassifierFreeGuidance(config.teacher_guidance, normaliser, "axis-angle")
-    if guide.asks_twice:
-        unheard = conditions | {"has_speech": torch.zeros_like(conditions["has_speech"])}
-        deaf = teacher(x_t, t, **unheard)[GESTURE].float()
-        clean = clean[0], guide.combine(torch.cat([clean[GESTURE], deaf]))
+    if guide.needs_unconditional:
+        no_speech = conditions | {"has_speech": torch.zeros_like(conditions["has_speech"])}
+        unconditional = teacher(x_t, t, **no_speech)[GESTURE].float()
+        clean = clean[0], guide.combine(torch.cat([clean[GESTURE], unconditional]))
     noise = map_branches(noise_from_clean, x_t, clean, t)
     earlier = map_branches(lambda k: times[k - NUM_STEPS // config.solver_steps], steps)
     return network(map_branches(interpolate, noise, clean, earlier), earlier, **conditions)

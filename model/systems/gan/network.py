@@ -227,7 +227,7 @@ class Generator(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T C"]:
         """Compute the mean of x_0 at flow time ``tau`` as `GaussianPrior.posterior_mean` does."""
-        expected = self.prior.mean_given_seed(seed) * has_seed[:, None, None]
+        expected = self.prior.mean_from_seed(seed) * has_seed[:, None, None]
         variance = self._variance(has_seed)
         share = tau * variance / (tau**2 * variance + (1 - tau) ** 2)
         moved = self.prior.to_eigenbasis(x - tau[:, None, None] * expected, has_seed)

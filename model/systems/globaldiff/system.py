@@ -9,7 +9,7 @@ from torch import Tensor
 
 from conventions.rates import FPS
 from model.generation.base import WindowSpec, fade_weights
-from model.motion.packing import HAND_CHANNELS, MOTION_DIM, TORSO_CHANNELS, pack, rotations
+from model.motion.packing import HAND_CHANNELS, MOTION_DIM, TORSO_CHANNELS, join_channels, rotations
 from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import ConditionedNetwork, MotionBranch, PriorNetwork, mask_expression
@@ -112,14 +112,14 @@ class GlobalDiffSystem(FaceFirstSystem):
     ) -> BodyWindow:
         """Sample the body (`FaceFirstSystem.body`), with in-painting of the seed early in the flow.
 
-        Later the network may reconcile seed and following frames, which halves the pop that holding
-        to the end leaves after the seed. A network with a prior has the seed as a condition
-        instead. The seam is blended afterwards.
+        Until `INPAINT_UNTIL`, the seed frames replace the prediction of the first frames; later the
+        network may change them, which halves the jump after the seed. A network with a
+        prior has the seed as a condition instead. `System.join` blends the windows afterwards.
         """
         config, prior, size = self.config, self.network.prior, draw.samples
         x_0 = self.noise(draw)
         known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
-        x_1 = x_0
+        last_prediction = x_0
         guide = self.guide(draw)
         copies, hears = guide.copies(size), guide.is_conditional(size)
         conditions = {
@@ -131,24 +131,26 @@ class GlobalDiffSystem(FaceFirstSystem):
         }
 
         def predict(x_t: Float[Tensor, "B T C"], t: float) -> Tensor:
-            nonlocal x_1
-            answers = self.network(guide.duplicate(x_t), torch.full((copies,), t), **conditions)
-            x_1 = guide.combine(answers)
+            nonlocal last_prediction
+            outputs = self.network(guide.duplicate(x_t), torch.full((copies,), t), **conditions)
+            last_prediction = guide.combine(outputs)
             if seed is None or prior is not None or t >= INPAINT_UNTIL:
-                return x_1
-            return torch.cat([seed, x_1[:, config.seed_frames :]], dim=1)
+                return last_prediction
+            return torch.cat([seed, last_prediction[:, config.seed_frames :]], dim=1)
 
         sampler = FLOW_SAMPLERS[FLOW_SAMPLERS.index(draw.sampler)]
         if prior is not None and sampler != "reinterpolate":
             x_1 = prior.sample(predict, x_0, seed, steps=draw.steps, heun=sampler == "heun")
-        else:  # every sampler ends on its last prediction
+        else:
             sample(predict, x_0, steps=draw.steps, sampler=sampler)
+            # All samplers end there up to rounding; in one step, their result has the seed frames.
+            x_1 = last_prediction
         vectors = self.normaliser.restore(x_1)
         if seed is not None and config.root == "place":
             vectors = pull_towards_origin(vectors, config.seed_frames, self.drift_correction_s)
         rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
         if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
-            vectors = pack(rot6d_from_matrix(rotmat), root, "place")
+            vectors = join_channels(rot6d_from_matrix(rotmat), root)
         return BodyWindow(
             rotmat=rotmat,
             root=root,
@@ -180,11 +182,10 @@ class GlobalDiffSystem(FaceFirstSystem):
 def pull_towards_origin(
     vectors: Float[Tensor, "B T C"], seed_frames: int, correction_s: float
 ) -> Float[Tensor, "B T C"]:
-    """Return the body towards home by its share of ``correction_s``, in x and z of the root alone.
+    """Pull the root towards home, x = z = 0 of the training data, by its share of ``correction_s``.
 
-    The distance from home (0, 0) is that of the seed's last frame. The network's own pull is too
-    weak for long speech: without this a body was .8 m from the mean of its places after ten
-    minutes.
+    The distance from home is that of the seed's last frame. The network's own pull is too weak for
+    long speech: without this a body was .8 m from the mean of its positions after ten minutes.
     """
     frames = vectors.shape[1]
     share = (frames - seed_frames) / FPS / correction_s

@@ -24,7 +24,7 @@ from model.systems.planned.network import PlannedNetwork
 from model.systems.planned.planner import Planner, load_planner
 from model.systems.planned.streaming_planner import StreamingPlanner
 
-PLAN_GUIDANCE = 1.4
+MOTION_GUIDANCE = 1.4
 """Guidance scale of plan, speech and speaker together in the motion."""
 HEAD_GUIDANCE = 2.4
 """Guidance scale of neck and head, which were .65 times as fast as people's at the common scale.
@@ -99,7 +99,9 @@ class PlannedSystem(GlobalDiffSystem):
     def guide(self, draw: WindowSpec) -> ClassifierFreeGuidance:
         """Return the motion's guidance, which is constant: the requested scale is the plan's."""
         space = self.config.rotation_space
-        return ClassifierFreeGuidance(PLAN_GUIDANCE, self.normaliser, space, of_head=HEAD_GUIDANCE)
+        return ClassifierFreeGuidance(
+            MOTION_GUIDANCE, self.normaliser, space, head_scale=HEAD_GUIDANCE
+        )
 
     def conditioning_inputs(
         self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]

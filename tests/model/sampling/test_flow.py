@@ -99,38 +99,36 @@ def normaliser(channels: int, mixed: bool) -> Normaliser:
         ("axis-angle", 168, [3 * joint + k for joint in FACE for k in range(3)]),
     ],
 )
-@pytest.mark.parametrize("strength", [0.0, 0.5, 2.5])
-def test_the_body_moves_along_what_speech_changes_and_the_jaw_stays(
-    space, channels, face, strength
-):
+@pytest.mark.parametrize("scale", [0.0, 0.5, 2.5])
+def test_the_body_moves_along_what_speech_changes_and_the_jaw_stays(space, channels, face, scale):
     numbers = normaliser(channels, mixed=space == "axis-angle")
-    heard, deaf = torch.randn(2, 3, 7, channels)
-    guide = ClassifierFreeGuidance(strength, numbers, space)
-    found = numbers.restore(guide.combine(torch.cat([heard, deaf])))
-    with_speech, without = numbers.restore(heard), numbers.restore(deaf)
-    wanted = without + strength * (with_speech - without)
+    conditional, unconditional = torch.randn(2, 3, 7, channels)
+    guide = ClassifierFreeGuidance(scale, numbers, space)
+    found = numbers.restore(guide.combine(torch.cat([conditional, unconditional])))
+    with_speech, without = numbers.restore(conditional), numbers.restore(unconditional)
+    wanted = without + scale * (with_speech - without)
     wanted[..., face] = with_speech[..., face]
     torch.testing.assert_close(found, wanted, atol=1e-4, rtol=1e-4)
 
 
-def test_neck_and_head_may_hear_at_a_strength_of_their_own():
+def test_neck_and_head_can_have_a_guidance_scale_of_their_own():
     numbers = normaliser(168, mixed=True)
-    heard, deaf = torch.randn(2, 3, 7, 168)
-    both = torch.cat([heard, deaf])
+    conditional, unconditional = torch.randn(2, 3, 7, 168)
+    both = torch.cat([conditional, unconditional])
     head = [3 * JOINT_INDEX[joint] + k for joint in ("neck", "head") for k in range(3)]
     body, stronger, mixed = (
         numbers.restore(
-            ClassifierFreeGuidance(strength, numbers, "axis-angle", of_head).combine(both)
+            ClassifierFreeGuidance(scale, numbers, "axis-angle", head_scale).combine(both)
         )
-        for strength, of_head in ((1.4, None), (2.4, None), (1.4, 2.4))
+        for scale, head_scale in ((1.4, None), (2.4, None), (1.4, 2.4))
     )
     body[..., head] = stronger[..., head]
     torch.testing.assert_close(mixed, body, atol=1e-4, rtol=1e-4)
-    assert ClassifierFreeGuidance(1.0, numbers, "axis-angle", 2.0).asks_twice
+    assert ClassifierFreeGuidance(1.0, numbers, "axis-angle", 2.0).needs_unconditional
 
 
 def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
-    """Heads that speech turns about one axis: at any strength the jaw is where it was in them."""
+    """Heads that speech turns about one axis: at any scale the jaw is where it was in them."""
     numbers = normaliser(333, mixed=False)
     head, jaw = JOINT_INDEX["head"], JOINT_INDEX["jaw"]
 
@@ -154,11 +152,9 @@ def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
     np.testing.assert_allclose(angles, [2.5 * 0.02, 2.5 * np.hypot(0.02, 0.01)], rtol=0.01)
 
 
-def test_what_is_asked_twice_hears_first_and_then_does_not_and_as_trained_nothing_is():
+def test_conditional_copies_come_first_and_at_scale_1_there_is_one():
     numbers, batch = normaliser(168, mixed=True), torch.randn(2, 4, 168)
-    once, twice = (
-        ClassifierFreeGuidance(strength, numbers, "axis-angle") for strength in (1.0, 2.0)
-    )
+    once, twice = (ClassifierFreeGuidance(scale, numbers, "axis-angle") for scale in (1.0, 2.0))
     assert once.copies(2) == 2 and once.is_conditional(2).tolist() == [True, True]
     assert once.duplicate(batch) is batch and once.combine(batch) is batch
     assert twice.is_conditional(2).tolist() == [True, True, False, False]
