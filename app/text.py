@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 TITLE = "Co-speech motion workbench"
 TAGLINE = (
-    "Generates SMPL-X motion from one speech recording with several models, with the same speaker "
-    "style and the same noise seed. Watch the results side by side and see where the jitter comes "
-    "from."
+    "Generates SMPL-X motion from one speech recording with several models, in the same gesture "
+    "style and from the same noise seed. Watch the results side by side and see where the jitter "
+    "comes from."
 )
 DEMO_WEIGHTS = (
     "<b>Demonstration weights</b>, trained by this project on {data}. The results here are not "

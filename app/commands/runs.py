@@ -240,12 +240,13 @@ def rotation_noise(request: Annotated[RotationNoiseRequest, Flat]) -> None:
 
 
 def plan(request: Annotated[PlanRequest, Flat]) -> None:
-    """Write a gesture plan for a speech, to be used with `generate --plan`.
+    """Write a gesture plan for a speech or of a motion, to be used with `generate --plan`.
 
     The plan is sampled from the speech, without generating motion: what each hand does, when, where
-    and on which word; gaze, nods, brows, blinks and steps. It can be edited by hand, in Praat or in
-    ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. For a motion (.npz, .npy, .bvh),
-    the plan is detected, as annotators do.
+    and on which word; gaze, nods, brows, smiles, blinks and shifts of weight. It can be edited by
+    hand, in Praat or in ELAN (docs/plans.md): --out ends in .json, .TextGrid or .eaf. From a motion
+    file (.npz, .npy, .bvh), the phases are detected automatically, without form or word; check them
+    in ELAN, as the accuracy on recorded people is unknown.
     """
     from app.run.generated_motions import is_motion, make_plan, write_plan_from_motion
 

@@ -28,7 +28,7 @@ def export(
     interruption; the key is reused.
 
     Args:
-        plan: Study plan (docs/user-study.md).
+        plan: Study plan, a TOML file (docs/user-study.md).
         out: Folder of the study.
         body: A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else
             the open body.
@@ -111,8 +111,8 @@ def analyse(
 ) -> None:
     """Analyse answers and write a report (HTML, CSV, LaTeX).
 
-    Participants that failed the attention checks are excluded. The report has preference shares,
-    tests, Bradley-Terry strengths and the power of the design.
+    Participants who failed more attention checks than the plan's max_failed are excluded. The
+    report has preference shares, tests, Bradley-Terry strengths and the power of the design.
 
     Args:
         answers: Answer files, or folders of them.
@@ -155,7 +155,7 @@ def simulate(
 
     Args:
         raters: Number of simulated raters.
-        strengths: Strength of each system.
+        strengths: Strength of every system of the plan, such as recorded=1,ours=0.
         out: Folder for the answers.
         seed: Seed of the answers.
     """

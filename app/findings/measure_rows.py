@@ -92,7 +92,7 @@ METRICS = (
             lambda m: mean(m.positions.joint_jerk_m_s3), is_primary=True, parts=("detail",),
             compared_with=("place",)),
     Metric("joint_rotation_noise_deg", _JOINTS, "Rotation noise", "°",
-            "Estimated white noise in the joint rotations. Recordings have less than 0.3.",
+            "Estimated white noise in the joint rotations. Recorded clips have less than 0.3.",
             lambda m: mean(m.rotations.joint_rotation_noise_deg), parts=("detail",)),
     Metric("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "times elsewhere",
             "Peak jerk at window seams relative to the rest of the clip. 1 means that seams do not "
@@ -148,8 +148,8 @@ METRICS = (
             "BeatAlign of the same motion with time-shifted onsets.",
             lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_primary=True,
             partner=_BEATS_KEY),
-    Metric("beats_per_joint_s", _BEATS, "Beats per joint", "1/s",
-            "Local minima of a joint's speed per second.",
+    Metric("beats_per_joint_s", _BEATS, "Motion beats per joint", "1/s",
+            "Minima of a joint's speed per second, which are not beat gestures.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
     Metric("lag_s", _STEP, "Lag", "s",
             "Lag of the face, or else the body, behind the speech. Empty if neither follows this "

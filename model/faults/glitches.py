@@ -65,7 +65,7 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     else:
         where = f"the {named}"
     little = ", hardly visible" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
-    said = f"Rotation noise{little}, in {where} (recordings: under {NOISE_DEG:g}°)."
+    said = f"Rotation noise{little}, in {where} (recorded clips: under 0.3°)."
     numbers: dict[str, Any] = {"noise_deg": noise}
     attribution = raw.point.tip_jerk_attribution
     shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))
@@ -325,9 +325,8 @@ def speech_lag(evidence: Evidence) -> Iterator[Finding]:
         most_s = lag.lag_s
         sentence = (
             f"The {lag.lag_source} moves {_format_lag(lag.lag_s)} relative to the speech (95 % "
-            "interval "
-            f"{lag.lag_low_s:.2f} to {lag.lag_high_s:.2f} s); --assume lag={lag.lag_s:.2f} "
-            "corrects it."
+            f"interval {lag.lag_low_s:.2f} to {lag.lag_high_s:.2f} s); the import setting "
+            f"lag={lag.lag_s:.2f} (on the command line: --assume) corrects it."
         )
     else:
         most_s = lag.lag_drift_s
@@ -336,9 +335,8 @@ def speech_lag(evidence: Evidence) -> Iterator[Finding]:
             f"The {lag.lag_source} drifts relative to the speech, {_format_lag(start)} at the "
             "start and "
             f"{_format_lag(end)} at the end, as if {lag.lag_corrected_fps:.4g} fps were read as "
-            f"{FPS}; "
-            "--assume "
-            f"rate={lag.lag_corrected_fps:.4g} corrects it."
+            f"{FPS}; the import setting rate={lag.lag_corrected_fps:.4g} (on the command line: "
+            "--assume) corrects it."
         )
     limit_ratio = abs(most_s) * FPS / MIN_SPEECH_LAG_FRAMES
     yield Finding(sentence, numbers, limit_ratio=limit_ratio)

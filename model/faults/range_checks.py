@@ -79,7 +79,7 @@ class RangeCheck:
             is_low, natural_ratio = ratio < 1.0, people.differ
             limit_ratio = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
             beside = f", {_times(ratio)} the reference's {self._told(recorded, False)}"
-            usual = f"recordings differ by a factor of at most {people.differ:g}"
+            usual = f"recorded clips differ by a factor of at most {people.differ:g}"
             numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
         else:
             return
@@ -151,8 +151,8 @@ JERK = RangeCheck(
     fingertip_jerk,
     long=NaturalRange(65.0, 135.0, 2.0, 55.0, 175.0, LONG),
     short=NaturalRange(43.0, 202.0, 2.4, 32.0, 235.0, SHORT),
-    low_means="Hands smoother than in recordings, as if low-pass filtered",
-    high_means="Hands tremble",
+    low_means="Hands smoother than in the recorded clips, as if low-pass filtered",
+    high_means="Jittery hands",
     brief=NaturalRange(49.0, 241.0, 5.0, 0.0, 310.0, BRIEF),
 )
 HIGH_FREQUENCY = RangeCheck(
@@ -162,7 +162,7 @@ HIGH_FREQUENCY = RangeCheck(
     high_frequency_share,
     long=NaturalRange(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),
     short=NaturalRange(0.0005, 0.025, 14.0, 0.00025, 0.035, SHORT),
-    low_means="Hands smoother than in recordings, as if low-pass filtered",
+    low_means="Hands smoother than in the recorded clips, as if low-pass filtered",
     high_means="High-frequency jitter on top of the movement",
     scale=100.0,
 )
@@ -173,8 +173,8 @@ AMPLITUDE = RangeCheck(
     amplitude_deg,
     long=NaturalRange(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
     short=NaturalRange(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
-    low_means="Small gestures",
-    high_means="Large gestures",
+    low_means="Little variation of posture",
+    high_means="Much variation of posture",
 )
 SPEED = RangeCheck(
     "speed",

@@ -246,8 +246,8 @@ def parse_elan(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[st
     if (origin_s := _media_origin_s(root, name)) != 0:
         slots = {slot: max(0.0, time_s + origin_s) for slot, time_s in slots.items()}
         notes = (
-            f"ELAN's time line of {name} begins {origin_s:g} s into the media (TIME_ORIGIN): so "
-            "much was added to all its times.",
+            f"{name}: its timeline in ELAN begins {origin_s:g} s after the start of the media "
+            f"(TIME_ORIGIN), so {origin_s:g} s were added to all times.",
         )
     told = (each.text for each in root.iterfind("HEADER/PROPERTY") if each.get("NAME") == _DURATION)
     try:
@@ -322,7 +322,7 @@ def _label(label: str) -> str:
     if any("\ud800" <= sign <= "\udfff" for sign in label):
         raise PlanError(f"The name {label[:40]!r} is not text.")
     if not all(sign in "\t\n" or (" " <= sign and sign not in "\ufffe\uffff") for sign in label):
-        raise PlanError(f"The name {label[:40]!r} holds a sign that no ELAN file can.")
+        raise PlanError(f"The name {label[:40]!r} has a character that an ELAN file cannot hold.")
     return label
 
 
@@ -346,9 +346,9 @@ def _around(rows: Sequence[Interval]) -> list[tuple[int, int]]:
 def _parsed(data: bytes, name: str) -> ET.Element:
     """Parse the elements of a file, without entities, definitions or anything outside of it."""
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data.replace(b"\0", b""), re.IGNORECASE):
-        raise PlanError(f"{name} defines a document type, which no ELAN file does.")
+        raise PlanError(f"{name} defines a document type, which ELAN files do not have.")
     if data.count(b"<") > 2 * MAX_ELEMENTS:  # before any of them takes time
-        raise PlanError(f"{name} holds more than any ELAN file ({MAX_ELEMENTS:,} elements).")
+        raise PlanError(f"{name} has more elements than any ELAN file (at most {MAX_ELEMENTS:,}).")
     if (
         max(map(len, data.split(b"<"))) > MAX_TAG_BYTES
     ):  # of attributes each costs more than all before
@@ -359,7 +359,7 @@ def _parsed(data: bytes, name: str) -> ET.Element:
         for event, _ in events:
             depth, count = (depth + 1, count + 1) if event == "start" else (depth - 1, count)
             if depth > MAX_DEPTH or count > MAX_ELEMENTS:
-                raise PlanError(f"{name} is nested deeper or holds more than any ELAN file.")
+                raise PlanError(f"{name} is nested deeper or has more elements than any ELAN file.")
         return events.root  # pyright: ignore[reportAttributeAccessIssue]
     except PlanError:
         raise
@@ -388,7 +388,7 @@ def _slots(root: ET.Element, file: str) -> dict[str, float]:
         if not value.isascii() or not value.isdigit() or len(value) > 9:
             raise PlanError(f"{file}: the time {value[:20]!r} is not a number of milliseconds.")
         if int(value) > MAX_HOURS * 3_600_000:
-            raise PlanError(f"{file}: it goes on for more than {MAX_HOURS} hours.")
+            raise PlanError(f"{file}: it is longer than {MAX_HOURS} hours.")
         known.append(k)
         times.append(int(value) / 1000)
     if not known:

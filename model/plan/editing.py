@@ -381,7 +381,7 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
     stroke = _find_stroke(plan.with_hand(gesture.side, tuple(phases)), gesture)
     if stroke is None:
         raise PlanError(
-            f"The {gesture.side} hand makes no gesture that lands at {gesture.lands_s:.2f} s."
+            f"The {gesture.side} hand has no gesture whose stroke ends at {gesture.lands_s:.2f} s."
         )
     block = phases[stroke.first : stroke.last + 1]
     before = phases[stroke.first - 1] if stroke.first > 0 else None
@@ -446,8 +446,8 @@ def _laid(
     least_s = 0.0 if ready is None else MIN_PHASE_S["preparation"]
     if strikes_s < least_s - _TINY_S or busy_s > plan.duration_s + _TINY_S:
         raise PlanError(
-            f"A gesture that lands at {lands_s:.2f} s strikes from {strikes_s:.2f} to {busy_s:.2f} "
-            f"s; that must lie between {least_s:g} s, so that the hand gets there, and the end at "
+            f"The stroke would last from {strikes_s:.2f} to {busy_s:.2f} s; it must start at "
+            f"{least_s:g} s or later (time for the preparation) and end before the speech does, at "
             f"{plan.duration_s:.2f} s."
         )
     moving = [one for one in phases if one.phase in ("preparation", "stroke", "beat")]

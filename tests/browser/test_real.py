@@ -365,7 +365,7 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
     # A study that is ready is filled in by the click itself.
     page.route("**/queue/join*", lambda route: None)  # a server too busy to answer
     page.get_by_role("button", name="Effect of the gesture size").click()
-    expect(page.get_by_label("Slider ratings of all systems: human-likeness")).to_be_checked()
+    expect(page.get_by_label("Slider ratings of all systems")).to_be_checked()
     for name, is_checked in (
         ("smaller", True),
         ("larger", True),

@@ -227,13 +227,16 @@ def _finding(found: FindingRecord, label: str) -> str:
     return f"<li>{who}{escape(found.sentence)}{go}</li>"
 
 
+NORM = "Limits of the checks come from two recorded clips of one speaker and 90 procedural clips."
+
+
 def _findings(run: RunRecord) -> str:
     """Format the findings that do not stand beside the viewer, folded; it shows the most severe."""
     others = [each for each in run.findings if each not in run.top_findings]
     if not run.top_findings or not others:
         return ""
     items = [_finding(each, run.label(each.name)) for each in others]
-    return _listed("", items, 0, f"More findings ({len(items)})")
+    return _listed(f'<p class="hint">{NORM}</p>', items, 0, f"More findings ({len(items)})")
 
 
 def jerk_bars(*runs: RunRecord) -> str:

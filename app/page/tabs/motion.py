@@ -178,7 +178,8 @@ def build_form(services: Services) -> FormParts:
             choices=list(catalogue.speakers),
             value=catalogue.speakers[0] if catalogue.speakers else None,
             label="Speaker style",
-            info="The training speaker whose gesture style is used.",
+            info="Gesture style of a training speaker (invented people in the bundled weights), "
+            "independent of who speaks in the audio.",
             min_width=120,
         )
         of["seed"] = gr.Number(

@@ -57,10 +57,10 @@ WINDOWS_HELP = (
 PLANTED_LABEL = "Try an example with injected faults"
 ASSUME_LABEL = "Import settings"
 ASSUME_HELP = (
-    "Overrides for what was detected in the files; corrections made on the chips are added here "
-    "and also apply to the next files: up=z, facing=x, units=cm, rate=25, hands=mean, "
-    "rotations=6d-columns, motion=2, frames=bridge, lag=.4; of some files alone *.bvh:up=z or "
-    "NAME:up=z."
+    "Corrections of what was detected in the files, separated by commas: up=z, facing=x, units=cm, "
+    "rate=25 (fps), hands=mean, rotations=6d-columns, motion=2 (of several), frames=bridge, lag=.4 "
+    "(s). For some files only: *.bvh:up=z or NAME:up=z. Corrections on the labels of the files are "
+    "added here and apply to the next files, too."
 )
 CLIP_LABEL = "Show a clip in the viewer"
 INTRODUCTION = (

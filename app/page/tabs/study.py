@@ -52,7 +52,7 @@ def build_study_tab(services: Services) -> Fields:
             fields |= _build_settings()
             with gr.Row(elem_classes="actions"):
                 start = gr.Button("Create the study", variant="primary", elem_id="study-make")
-                write = gr.Button("Create the plan only", elem_id="study-write", min_width=110)
+                write = gr.Button("Write the study plan only", elem_id="study-write", min_width=110)
                 cancel = gr.Button(
                     text.CANCEL, elem_id="study-cancel", min_width=110, visible=False
                 )
@@ -93,7 +93,7 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
     """Lay out buttons that fill in example studies on the gestures of the system with plans."""
     if default_planner() not in catalogue.systems:
         return []
-    gr.HTML('<p class="hint">Ready to be made, with the examples unless you upload speech:</p>')
+    gr.HTML('<p class="hint">Example studies, with the example speech unless you upload yours:</p>')
     with gr.Row(elem_id="study-ready"):
         return [gr.Button(name, size="sm", min_width=110) for name in QUESTIONS]
 
@@ -150,19 +150,18 @@ def _build_settings() -> dict[str, Any]:
     of["views"] = gr.CheckboxGroup(
         [(text.VIEW_NAMES[view], view) for view in VIEWS], value=["front"], label="Views"
     )
-    of["post_to"] = gr.Textbox("", label="URL to which answers are sent by POST (optional)")
+    of["post_to"] = gr.Textbox("", label="Web address that receives the answers (POST, optional)")
     of["return_to"] = gr.Textbox(
         "",
         label="Completion link (optional)",
-        info="Participants go there at the end, for example Prolific's or SONA's link with its "
-        "code.",
+        info="Shown at the end, such as the completion link of Prolific or SONA with its code.",
     )
     of["panel_ids"] = gr.Textbox(
         "",
-        label="Ids kept from the address (optional)",
+        label="Participant ids from the link (optional)",
         placeholder="PROLIFIC_PID, STUDY_ID, SESSION_ID",
-        info="Names of a panel's parameters, the participant's own first; they go into the "
-        "answers, and the consent page says so.",
+        info="Parameters that a recruitment service adds to the link, the participant's id first; "
+        "they are stored with the answers, and the consent page says so.",
     )
     with gr.Accordion(
         "Researchers, contact, ethics approval, consent text", open=False, elem_id="study-told"
@@ -227,7 +226,7 @@ PROTOCOLS = {
     "Pairwise comparison: human-likeness (without sound)": "pairwise",
     "Matched or mismatched speech: appropriateness (one system at a time)": "matched",
     "Ranking of all systems (three questions)": "ranking",
-    "Slider ratings of all systems: human-likeness": "rating",
+    "Slider ratings of all systems: overall impression, with sound": "rating",
 }
 CHANGES = {
     "strokes on other words": "{ wrong_words = true }",
@@ -256,7 +255,10 @@ def plan_text(told: Mapping[str, Any]) -> str:
     """
     clips, length_s = told["speeches"], told["length_s"]
     if not clips:
-        raise RunError("There is no speech yet: upload at least one file.")
+        raise RunError(
+            "There is no speech yet: upload at least one file. For a study of your own motion "
+            "without sound, use the command line (docs/user-study.md)."
+        )
     if len(clips) + len(told["motions"]) > MAX_UPLOADS:
         raise RunError(TOO_MANY_UPLOADS.format(limit=MAX_UPLOADS))
     if not length_s:

@@ -258,9 +258,9 @@ class HearingRunner(FigureRunner):
 
     tab, verb, title = "hearing", "Compare", "Does the motion follow the speech?"
     introduction = (
-        "Each system generates motion for two speeches with two noise seeds. If the motion "
-        "follows the speech, motions for the same speech rise and fall together; if it depends on "
-        "the noise, motions with the same seed do."
+        "Each system generates motion for two speech recordings with two noise seeds. If the "
+        "motion follows the speech, motions for the same speech rise and fall together; if it "
+        "depends on the noise, motions with the same seed do."
     )
     asks, measure = SpeechEffectRequest, MEASURE_SPEECH_EFFECT
 
@@ -293,7 +293,8 @@ class HearingRunner(FigureRunner):
         spare = [path for path in self.examples if path.stem not in {p.stem for p in given}]
         if len(spare) < missing:
             raise RunError(
-                "Upload two speeches to compare; this installation has fewer than two examples."
+                "Upload two speech recordings to compare; this installation has fewer than two "
+                "examples."
             )
         speakers = DEFAULT_SPEAKER_PAIR if asked["speakers"] else None
         return {**asked, "speeches": (*given, *spare[:missing]), "speakers": speakers}

@@ -30,7 +30,7 @@ MAX_SENTENCES = 200
 """Most excluded files that are listed; the rest are counted."""
 BALANCED_WITHIN = 0.05
 """Largest distance of a side's share from one half that is called balanced."""
-_COLUMNS_OF_PARTICIPANTS = ("started", "finished", "counts", "why", "answers", "skipped")
+_COLUMNS_OF_PARTICIPANTS = ("started", "finished", "included", "why", "answers", "skipped")
 _COUNTS = ("wins", "ties", "losses", "participants_for", "participants_against")
 
 
@@ -222,7 +222,7 @@ def participants_csv(key: Key, screened: Screened) -> str:
     ]
     states = [(one, "yes", "") for one in screened.kept]
     states += [(each.participant, "no", each.why) for each in screened.dropped]
-    states += [(each.participant, "set aside", each.why) for each in screened.set_aside]
+    states += [(each.participant, "implausible", each.why) for each in screened.set_aside]
     for one, counts, why in states:
         ids = (one.panel.get(name, "") for name in key.panel_ids)
         times = (one.started.isoformat(), one.finished.isoformat() if one.finished else "")

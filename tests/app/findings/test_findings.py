@@ -385,7 +385,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     )
     first, last = record.findings[0], record.findings[-1]
     assert first.name == "B"
-    assert first.sentence.startswith("Hands tremble, worst at 0:")
+    assert first.sentence.startswith("Jittery hands, worst at 0:")
     assert "mean jerk of all ten fingertips 655 m/s³ (recorded and pro" in first.sentence
     assert first.sentence.endswith(": 43 to 202).")
     assert (last.name, last.sentence) == ("", "No findings in A.")

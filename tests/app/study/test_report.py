@@ -126,7 +126,7 @@ def test_who_and_what_is_left_out_is_told(tmp_path):
         (answers / f"{name}.json").write_text('{"format": 1')
     analyse(AnalysisRequest([answers], key_path, tmp_path / "report"))
     page = (tmp_path / "report" / "report.html").read_text("utf-8")
-    assert "3 of 5 participants count; 4 were planned." in page
+    assert "3 of 5 participants are included; 4 were planned." in page
     for told in (
         "not finished (14 of 14 trials)",
         "attention checks: 2 failed, 1 allowed",
@@ -145,10 +145,10 @@ def test_few_participants_are_enough_for_a_report_and_too_few_for_a_test(tmp_pat
     page, _, _ = made_report(tmp_path / "two", made_key(), count=2)
     assert "2 participants cannot make the sign test significant" in page
     assert "difference is significant" not in page
-    assert "2 of 2 participants count;" in page
+    assert "2 of 2 participants are included;" in page
     page, _, _ = made_report(tmp_path / "one", made_key("ranking"), count=1)
     assert "(95 % interval unknown)" in plain(page)
-    assert "1 of 1 participant counts;" in page
+    assert "1 of 1 participant is included;" in page
     assert re.search(r"1 of \d+ lists? was used", page)
     words = re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
     assert not re.search(r"\b(inf|nan)\b", words)
@@ -180,15 +180,20 @@ def plain(sentence: str) -> str:
 def test_the_sentence_of_a_pair_follows_its_numbers():
     won = plain(say("pair", pair_of(24, 4), False))
     assert won.startswith(
-        "local received 86 % of 28 votes against global (95 % interval 67 to 96 %)"
+        "local was preferred to global in 86 % of 28 votes (24 for, 4 against; "
+        "95 % interval 67 to 96 %)"
     )
     assert won.endswith("the difference is significant (p < .001 after Holm).")
     lost = plain(say("pair", pair_of(4, 24), False))
     assert lost == won.replace("local", "?").replace("global", "local").replace("?", "global")
     close = plain(say("pair", pair_of(15, 13), False))
     assert close.endswith("the difference is not significant (p = .851 after Holm).")
-    assert "each received half" in say("pair", pair_of(5, 5), False)
-    assert "received 100 % of 1 vote against" in plain(say("pair", pair_of(1, 0), False))
+    assert "were preferred equally often in 10 votes." in plain(say("pair", pair_of(5, 5), False))
+    alone = plain(say("pair", pair_of(1, 0), False))
+    assert "preferred to global in 100 % of 1 vote (1 for, 0 against; " in alone
+    tied = plain(say("pair", replace(pair_of(9, 5), ties=2), True))
+    assert tied.startswith("local was ranked above global in ")
+    assert "(9 for, 5 against, 2 ties counted as half; " in tied
 
 
 def test_the_sentence_of_a_match_follows_its_numbers():

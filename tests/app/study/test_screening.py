@@ -294,8 +294,8 @@ def test_twenty_forged_files_change_nothing_and_the_report_shows_what_they_would
         pages[name] = (tmp_path / name / "report" / "report.html").read_text()
         tables[name] = (tmp_path / name / "report" / "results.csv").read_bytes()
     assert tables["with"] == tables["clean"]
-    assert "20 finished participants are not in the results" in pages["with"]
-    assert "Results without and with those set aside" in pages["with"]
+    assert "20 finished participants are excluded as implausible" in pages["with"]
+    assert "Results without and with the participants excluded as implausible" in pages["with"]
     assert "Implausible answers" not in pages["clean"]
 
 
@@ -317,7 +317,7 @@ def test_a_skipped_page_is_no_vote_and_no_reason_to_doubt_and_the_report_counts_
     assert result.num_answers == 6 * len(judged) - 5
     analyse(AnalysisRequest([folder], key_path, tmp_path / "report"))
     page = (tmp_path / "report" / "report.html").read_text("utf-8")
-    assert "4 pages of 1 participant who count were skipped" in page
+    assert "4 pages of 1 included participant were skipped" in page
     rows = csv_rows(tmp_path / "report" / "participants.csv")
     assert sorted(row["skipped"] for row in rows) == ["0"] * 5 + ["4"]
 
@@ -347,10 +347,10 @@ def test_ids_of_a_panel_are_those_the_plan_names_and_each_person_counts_once(
     report = tmp_path / "report"
     assert "abc0" not in (report / "report.html").read_text("utf-8")  # it may be passed on
     rows = csv_rows(report / "participants.csv")
-    assert [(row["PROLIFIC_PID"], row["counts"]) for row in rows] == [
+    assert [(row["PROLIFIC_PID"], row["included"]) for row in rows] == [
         ("abc1", "yes"),
         ("abc0", "yes"),
-        ("abc0", "set aside"),
+        ("abc0", "implausible"),
     ]
 
 

@@ -204,7 +204,7 @@ EVERY_52 = {"period_frames": 52, "phase_frame": 5}
 PLANTED = (
     planted("1 Hz low-pass", "jerk", low_passed(1.0), says="as if low-pass filtered"),
     planted("2 Hz low-pass", "high_frequency", low_passed(2.0), says="as if low-pass filtered"),
-    planted("amplitude x .4", "amplitude", smaller, says="Small gestures"),
+    planted("amplitude x .4", "amplitude", smaller, says="Little variation of posture"),
     planted("amplitude x .4", "speed", smaller, "copied_face amplitude jerk",
             beside="reference", numbers={"ratio": 0.4}, first="copied_face"),
     planted("freeze of 2 s", "frozen", frames(frozen), "snap", says="0:10.0",
@@ -228,7 +228,7 @@ PLANTED = (
     planted("noise everywhere", "rotation_noise", noisy(*JOINT_NAMES),
             "jerk foot_slide speed",
             says="in 55 of the 55 joints", first="jerk"),
-    planted("7 Hz in the arms", "jerk", shaking, "rotation_noise period", says="Hands tremble"),
+    planted("7 Hz in the arms", "jerk", shaking, "rotation_noise period", says="Jittery hands"),
     planted("jumps every 52 frames", "period", jumping, "jerk",
             says="every 52 frames (1.73 s)", numbers=EVERY_52),
     planted("jumps every 52 frames, windows of 60", "period", jumping, "jerk",

@@ -162,14 +162,17 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
     ("edit", "says"),
     [
         (lambda p: move_gesture(p, MIDDLE, 2.1), r"makes a preparation \(you\).*no time"),
-        (lambda p: move_gesture(p, MIDDLE, 0.1), "must lie between 0.2 s"),
+        (lambda p: move_gesture(p, MIDDLE, 0.1), "must start at 0.2 s or later"),
         (lambda p: move_gesture(p, MIDDLE, 10.2), "the end at 10.00 s"),
         (lambda p: add_gesture(p, "offer", 8.1), r"The right hand makes a preparation \(big\)"),
         (
             lambda p: add_gesture(p, "whistle", 6.0),
             "There is no gesture 'whistle'; choose one of all",
         ),
-        (lambda p: delete_gesture(p, Gesture("left", 4.5)), "left hand makes no gesture.*4.50 s"),
+        (
+            lambda p: delete_gesture(p, Gesture("left", 4.5)),
+            "no gesture whose stroke ends at 4.50",
+        ),
         (lambda p: set_hold(p, MIDDLE, -1.0), "0 s or longer; got -1 s"),
         (lambda p: scale_gesture(p, MIDDLE, 9.0), ".1 to 4 times as large; got 9"),
         (lambda p: raise_gesture(p, MIDDLE, 2.0), "at most 1 m"),

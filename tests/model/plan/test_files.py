@@ -195,7 +195,10 @@ def test_what_a_form_cannot_hold_is_refused_and_leaves_no_file(tmp_path: Path) -
         assert not (tmp_path / f"plan{ending}").exists()
     with pytest.raises(PlanError, match=r"a plan is written as .json, .TextGrid, .eaf"):
         write_plan_file(plan, tmp_path / "plan.txt")
-    for sign, says in (("\0", "holds a sign"), ("\ud800", "is not text")):  # which XML cannot hold
+    for sign, says in (
+        ("\0", "a character"),
+        ("\ud800", "is not text"),
+    ):  # which XML cannot hold
         bad = plan.with_hand("left", (replace(plan.left[0], kind=f"a{sign}"),))
         with pytest.raises(PlanError, match=says):
             write_plan_file(replace(bad, smiles=()), tmp_path / "a.eaf")
@@ -447,7 +450,7 @@ def test_times_are_those_of_the_media_that_elan_shows(tmp_path: Path) -> None:
     read = read_plan_file(tmp_path / "a.eaf")
     ((start_s, end_s),) = [(phase.start_s, phase.end_s) for phase in read.plan.right]
     assert (start_s, end_s, read.plan.duration_s) == (3.0, 3.5, 3.5)
-    assert read.notes[0].startswith("ELAN's time line of a.eaf begins 2 s into the media")
+    assert read.notes[0].startswith("a.eaf: its timeline in ELAN begins 2 s after")
     reported = read_plan_file(reported_folder() / "phases_time_origin_2000.eaf")
     strokes = [(p.start_s, p.end_s) for p in reported.plan.right if p.phase == "stroke"]
     assert strokes == [(3.5, 3.9), (7.5, 7.9)] and "TIME_ORIGIN" in reported.notes[0]
@@ -477,7 +480,7 @@ HOSTILE = [
     ("", "is not an ELAN file"),
     ('<?xml version="1.0" encoding="nonsense"?><a/>', "is not an ELAN file"),
     (eaf(slots("0", "-5")), "'-5' is not a number of milliseconds"),
-    (eaf(slots("0", "999999999")), "more than 24 hours"),
+    (eaf(slots("0", "999999999")), "longer than 24 hours"),
     (eaf(slots("0") + phase_tier((0, 4, "prep"))), "has no times"),
     (eaf("").replace("milliseconds", "PAL-frames"), "PAL-frames"),
     (eaf("").replace('"/>', '"><MEDIA_DESCRIPTOR TIME_ORIGIN="1e9"/></HEADER>', 1), "TIME_ORIGIN"),
@@ -540,7 +543,7 @@ def test_what_lies_beyond_a_time_is_left_out_of_a_plan() -> None:
 def test_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
     monkeypatch.setattr("model.plan.annotation_files.MAX_ELEMENTS", 3)
-    with pytest.raises(PlanError, match="holds more than any ELAN file"):
+    with pytest.raises(PlanError, match="has more elements than any ELAN file"):
         read_plan_file(tmp_path / "a.eaf")
     monkeypatch.setattr("model.plan.files.MAX_BYTES", 100)
     with pytest.raises(PlanError, match="is larger than"):

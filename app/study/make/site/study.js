@@ -723,7 +723,7 @@
 
   if (isPreview) document.body.prepend(make("p", { className: "preview", role: "note" }, words.preview.text));
   if (asked !== null && !(/^\d{1,6}$/.test(asked) && Number(asked) < study.lists.length)) {
-    show(null, problem(fill(words.problems.list, { list: asked, last: study.lists.length - 1 })));
+    show(null, problem(words.problems.list));
   } else {
     load();
     render();
