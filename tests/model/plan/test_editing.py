@@ -163,7 +163,7 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
     [
         (lambda p: move_gesture(p, MIDDLE, 2.1), r"makes a preparation \(you\).*no time"),
         (lambda p: move_gesture(p, MIDDLE, 0.1), "must start at 0.2 s or later"),
-        (lambda p: move_gesture(p, MIDDLE, 10.2), "the end at 10.00 s"),
+        (lambda p: move_gesture(p, MIDDLE, 10.2), "before the speech does, at 10.00 s"),
         (lambda p: add_gesture(p, "offer", 8.1), r"The right hand makes a preparation \(big\)"),
         (
             lambda p: add_gesture(p, "whistle", 6.0),
