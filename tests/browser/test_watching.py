@@ -200,12 +200,12 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
 
     # Worst second, close-up, ghost.
     bar = bar_of(page)
+    if width < 600:  # the rest is behind one sign
+        bar.locator(".more").click()
     press(bar, "Highest-jerk second")
     expect(page.locator("#player .worst-line")).to_contain_text(re.compile(r"1 of \d"))
     press(bar, "Highest-jerk second")
     page.evaluate(f"{LOCKSTEP}.pause()")
-    if width < 600:  # the rest is behind one sign
-        bar.locator(".more").click()
     bar.get_by_label("Close-up", exact=True).select_option("face")
     press(bar, "Ghost")
     expect(page.locator("#player .stage .ghost-legend")).to_contain_text("dark where they overlap")
