@@ -485,7 +485,7 @@ def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_q
     for answer in participant.answers:
         assert answer.value == {answer.shown[0]: 30, answer.shown[1]: 70}
     rating.goto(rating.url.replace("?p=3", "?p=99"))
-    expect(rating.get_by_role("alert")).to_contain_text("list 99")
+    expect(rating.get_by_role("alert")).to_contain_text("This link is not valid")
 
 
 def test_damaged_storage_strands_nobody_and_two_tabs_go_ahead_together(
