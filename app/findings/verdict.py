@@ -143,11 +143,15 @@ def _ablation_sentences(
     base, sentences = rungs[0], []
     if claim.more in jerk:
         ratio = ratio_of(jerk[base], jerk[claim.more])
-        shows = "is visible" if _is_calmer(ratio) else "is not visible"
+        as_claimed, has = (
+            ("as the paper claims", "has")
+            if _is_calmer(ratio)
+            else ("unlike the paper's claim", "does not have clearly")
+        )
         which = "" if base == claim.plain else f", which has {claim.what} too,"
         sentences.append(
-            f"{here} the paper's claim that {claim.what} have less jerk than {claim.than} {shows}: "
-            f"from {names[claim.more]} to {names[base]}{which} {_change(ratio)}."
+            f"{here}, {as_claimed}, the system with {claim.what} {has} less jerk than the one with "
+            f"{claim.than}: from {names[claim.more]} to {names[base]}{which} {_change(ratio)}."
         )
         if worse := _worse(table, base, claim.more):
             sentences.append(
@@ -193,18 +197,21 @@ def _lower_jerk_sentences(table: Table, names: Mapping[str, str]) -> list[str]:
     for name, label in names.items():
         jerk, speed = share(name, JERK), share(name, SPEED)
         # By the numbers as they are printed.
-        if jerk is None or jerk.includes_one or float(format_number(jerk.value)) >= LOW_JERK_RATIO:
+        if jerk is None or jerk.includes_one or round(jerk.value, 2) >= LOW_JERK_RATIO:
             continue
         if speed is None:
-            told.append(f"{label} ({format_number(jerk.value)} times its jerk)")
+            told.append(f"{label} ({_as_percent(jerk)} of its jerk)")
             continue
-        moves = float(format_number(speed.value))
-        how = "smooth, not over-smoothed" if moves >= AS_FAST else "slightly less movement"
-        how = "less movement, possibly over-smoothed" if moves < LOW_JERK_RATIO else how
-        ratios = format_number(jerk.value), format_number(speed.value)
-        shares = "{} times its jerk at {} times its speed".format(*ratios)
+        moves = round(speed.value, 2)
+        how = "smooth, not over-smoothed" if moves >= AS_FAST else "moves slightly less"
+        how = "moves less, possibly over-smoothed" if moves < LOW_JERK_RATIO else how
+        shares = f"{_as_percent(jerk)} of its jerk at {_as_percent(speed)} of its speed"
         told.append(f"{label} ({shares}: {how})")
     return [f"Less jerk than the reference: {join_names(told)}."] if told else []
+
+
+def _as_percent(share: Ratio) -> str:
+    return f"{100 * round(share.value, 2):.0f} %"
 
 
 def _change(ratio: Ratio | None) -> str:
@@ -240,9 +247,9 @@ def _evidence_note(count: int, clips: int, is_generated: bool) -> str:
     samples = "one sample" if count == 1 else f"{count} samples"
     seen = f"{count} clips" if clips > 1 else f"One clip, {samples}"
     if clips > 1 and count >= MIN_CLIPS_FOR_CLAIM:
-        return f"{seen} and one training of each: other trainings may give other numbers."
+        return f"{seen}, and each system trained once: other trainings may give other numbers."
     return (
-        f"{seen} and one training of each: an example, not evidence. A claim needs "
+        f"{seen}, and each system trained once: an example, not evidence. A claim needs "
         f"{MIN_CLIPS_FOR_CLAIM} "
         "clips or more, several samples of each, and systems trained from several seeds."
     )

@@ -62,8 +62,8 @@ class Claim:
     """A paper's claim about the jerk of its systems, which is checked in every run."""
 
     what: str
-    """Property of systems in ``less``: *what* in "the paper's claim, that *what* jerk less than
-    *than*"."""
+    """Property of systems in ``less``: *what* in "the system with *what* has less jerk than the
+    one with *than*"."""
     than: str
     """Property of the systems in ``more``, in the same sentence."""
     more: str

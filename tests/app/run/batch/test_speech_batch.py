@@ -63,7 +63,9 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
     told_of_all = json.loads((out / "many.json").read_text())
     assert told_of_all["clips"] == ["a", "b", "c"]
     (verdict,) = runs.notes
-    assert "Over 3 clips the paper's claim" in verdict and told_of_all["notes"] == [verdict]
+    assert (
+        "Over 3 clips, " in verdict and "the paper" in verdict and told_of_all["notes"] == [verdict]
+    )
     assert "Over 3 clips" in (out / "sheet.md").read_text()
     systems = {row["system"] for row in told_of_all["measures"]}
     assert systems == {"globaldiff/local", "globaldiff/global"}
