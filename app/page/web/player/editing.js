@@ -23,11 +23,11 @@ const MAX_FILE = 2_000_000;
 const LOOKS = { "Look left": 20, "Look right": -20 };
 /** @type {Record<string, [string, number, number, number, string, number]>} */
 const SLIDERS = {
-  gestures_per_min: ["How often", 0, 60, 1, "a minute", 1],
-  size_m: ["How large", 0.05, 0.6, 0.01, "cm", 100],
-  height_m: ["How high", -0.4, 0.4, 0.01, "cm", 100],
-  stroke_s: ["How fast", 0.2, 1, 0.02, "ms a stroke", 1000], // from right to left: short strokes are fast
-  both: ["With both hands", 0, 1, 0.05, "%", 100],
+  gestures_per_min: ["Gesture rate", 0, 60, 1, "a minute", 1],
+  size_m: ["Gesture size", 0.05, 0.6, 0.01, "cm", 100],
+  height_m: ["Gesture height", -0.4, 0.4, 0.01, "cm", 100],
+  stroke_s: ["Gesture speed", 0.2, 1, 0.02, "ms a stroke", 1000], // from right to left: short strokes are fast
+  both: ["Two-handed gestures", 0, 1, 0.05, "%", 100],
   smile: ["Smile", 0, 1, 0.05, "%", 100],
 };
 const HINT = "Select a gesture. You can drag a stroke, or the end of any hand phase.";
@@ -141,8 +141,8 @@ export class Editing {
       this.sliders.set(name, (value) => (document.activeElement !== input || !this.#isBusy) && (input.value = String(value)) && tell());
       return make("label", {}, make("span", {}, label), input, output);
     });
-    const excite = make("input", { type: "range", min: -1, max: 1, step: 0.25, value: 0, "aria-label": "Calm to excited", onchange: () => (this.#ask({ do: "style", excite: Number(excite.value) }), (excite.value = "0")) });
-    return [...sliders, make("label", {}, make("span", {}, "Calm to excited"), excite, make("output", {}))];
+    const excite = make("input", { type: "range", min: -1, max: 1, step: 0.25, value: 0, "aria-label": "Arousal (calm to excited)", onchange: () => (this.#ask({ do: "style", excite: Number(excite.value) }), (excite.value = "0")) });
+    return [...sliders, make("label", {}, make("span", {}, "Arousal (calm to excited)"), excite, make("output", {}))];
   }
 
   /** What the server is asked for, as app/page/tabs.stage.py reads it. */
