@@ -76,7 +76,12 @@ def choice_type(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
                 return choice
         raise RunError(f"{flag!r} is none of {', '.join(map(str, choices))}")
 
-    return text_type(read, "|".join(map(str, choices)))
+    return text_type(read, "|".join(map(str, choices)), show=_shortest)
+
+
+def _shortest(value: Any) -> str:
+    """Format a value as among the choices: 1.0 as 1."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def subset_type(
@@ -116,6 +121,8 @@ def parse_count(flag: str) -> int:
 
 
 File = Annotated[Path | None, text_type(Path, "FILE", "none")]
+FileOrDefault = Annotated[File, arg(help_behavior_hint="")]
+"""File whose help text says what is used by default."""
 Text = Annotated[str | None, text_type(str, "NAME", "the first speaker")]
 Names = Annotated[tuple[str, ...], text_type(parse_names, "A,B,...", "all", ",".join)]
 Count = Annotated[int | None, text_type(parse_count, "N", "none")]
@@ -130,9 +137,16 @@ MinutesFlag = Annotated[
 def family_files() -> Any:
     """Make the annotation of an argument with one flag for each file that a system family needs."""
     files = [file for family in families() for file in family.files]
-    kind = Annotated[Path | None, text_type(Path, "FILE", "none")]
     named = [
-        (_name_of(file.flag), Annotated[kind, arg(help=file.help)], field(default=None))
+        (
+            _name_of(file.flag),
+            Annotated[
+                Path | None,
+                text_type(Path, file.metavar),
+                arg(help=file.help, help_behavior_hint=""),  # it says the default
+            ],
+            field(default=None),
+        )
         for file in files
     ]
     return arg(constructor=make_dataclass("FamilyFiles", named, frozen=True))

@@ -34,7 +34,9 @@ FORMS = (".npz", ".bvh", ".glb", ".vrma")
 class ConvertRequest:
     """Input files, output and options of a conversion."""
 
-    files: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE")]
+    files: Annotated[
+        Positional[tuple[Path, ...]], arg(metavar="FILE", help_behavior_hint="(required)")
+    ]
     """Motion files of any supported format, or folders or zips of them."""
     out: Path
     """Output file (.npz, .bvh, .glb, .vrma), or a folder for all outputs."""

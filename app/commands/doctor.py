@@ -17,7 +17,7 @@ import numpy as np
 from app.commands.runs import Files
 from app.config import ASKED_BACKEND, BUNDLED_WEIGHTS, backend_fault, default_body
 from app.errors import RunError, message_for_user
-from app.flags import File, set_family_files
+from app.flags import FileOrDefault, set_family_files
 
 MIN_MEMORY_GB = 2.0
 MIN_DISK_GB = 1.0
@@ -40,7 +40,7 @@ class CheckResult:
         return self.is_needed and not self.works
 
 
-def doctor(files: Files, body: File = None, weights: Path = BUNDLED_WEIGHTS) -> None:
+def doctor(files: Files, body: FileOrDefault = None, weights: Path = BUNDLED_WEIGHTS) -> None:
     """Check the installation and say how to fix problems.
 
     OpenGL, body, weights, ffmpeg, memory and disk are tested. The exit status is 1 if something

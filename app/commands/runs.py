@@ -303,7 +303,9 @@ Board = Annotated[Positional[Path], arg(metavar="BOARD.json")]
 
 def leaderboard_add(
     board: Board,
-    results: Annotated[Positional[tuple[Path, ...]], arg(metavar="DIR")],
+    results: Annotated[
+        Positional[tuple[Path, ...]], arg(metavar="DIR", help_behavior_hint="(required)")
+    ],
     systems: Names = (),
     note: str = "",
 ) -> None:
@@ -315,7 +317,7 @@ def leaderboard_add(
     Args:
         board: Leaderboard file; it is created if it does not exist.
         results: Output folders of `diagnose`.
-        systems: Systems to add; by default all.
+        systems: Systems to add.
         note: Text shown next to the numbers.
     """
     known = read_leaderboard(board) if board.exists() else []
@@ -327,7 +329,10 @@ def leaderboard_add(
 
 
 def leaderboard_merge(
-    boards: Annotated[Positional[tuple[Path, ...]], arg(metavar="BOARD.json")], out: Path
+    boards: Annotated[
+        Positional[tuple[Path, ...]], arg(metavar="BOARD.json", help_behavior_hint="(required)")
+    ],
+    out: Path,
 ) -> None:
     """Merge leaderboards.
 

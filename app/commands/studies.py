@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
-from app.flags import Count, File, text_type
+from app.flags import Count, File, FileOrDefault, text_type
 from app.run.output.console import ProgressBars, print_message, print_path
 
 Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the export made.")]
@@ -19,7 +19,7 @@ Study = Annotated[Positional[Path], arg(metavar="DIR", help="Folder that the exp
 def export(
     plan: Annotated[Positional[Path], arg(metavar="PLAN.toml")],
     out: Path,
-    body: File = None,
+    body: FileOrDefault = None,
     weights: Path = BUNDLED_WEIGHTS,
 ) -> None:
     """Create the participants' web page and the researcher's folder.
@@ -73,7 +73,11 @@ def check(study: Study) -> None:
     sys.stdout.write("No leak was found.\n")
 
 
-def links(study: Study, address: str, participants: Count = None) -> None:
+def links(
+    study: Study,
+    address: str,
+    participants: Annotated[Count, arg(help_behavior_hint="")] = None,
+) -> None:
     """Write signed single-use links for participants.
 
     Participant, list and link are written as CSV. From then on, the analysis excludes answers that
@@ -104,7 +108,9 @@ def links(study: Study, address: str, participants: Count = None) -> None:
 
 
 def analyse(
-    answers: Annotated[Positional[tuple[Path, ...]], arg(metavar="ANSWERS")],
+    answers: Annotated[
+        Positional[tuple[Path, ...]], arg(metavar="ANSWERS", help_behavior_hint="(required)")
+    ],
     out: Path,
     key: File = None,
     diagnostics: File = None,

@@ -32,15 +32,19 @@ FULL_SPEED_M_S = 1.5
 one frame of fifty."""
 
 
+def _trail_hint(default: str) -> str:
+    """Return what is said in help of ``--trail``, or of ``--no-trail`` where it is the default."""
+    return "Shown by default; this flag hides it." if default == "True" else ""
+
+
 @dataclass(frozen=True)
 class Display:
     """Display options of all videos of a comparison."""
 
     exaggeration: Annotated[float, choice_type(EXAGGERATIONS), arg(name="exaggerate")] = 1.0
     """Amplify motion above 5 Hz by this factor; the picture is labelled accordingly."""
-    has_trail: Annotated[bool, arg(name="trail")] = False
-    """Whether videos show the trajectory of the tracked point over the last second, coloured by its
-    speed."""
+    has_trail: Annotated[bool, arg(name="trail", help_behavior_hint=_trail_hint)] = False
+    """Trajectory of the tracked point over the last second in videos, coloured by its speed."""
     coloring: Annotated[Coloring, arg(name="color")] = "natural"
     """Colour of the body; jerk colours each body region by its jerk."""
     cutoff_hz: Suppress[float] = 5.0

@@ -13,6 +13,7 @@ from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
 from app.flags import (
     File,
+    FileOrDefault,
     MinutesFlag,
     Names,
     Switch,
@@ -28,7 +29,9 @@ from app.run.display import Display, check_display
 from conventions.names import POST_FILTERS, PostFilter
 from conventions.views import BODY_LOOKS, CLOSE_UPS, FRAMINGS, VIEWS, CloseUp, Framing, View
 from model.formats.reading import ImportOverrides, parse_import_overrides
+from model.sampling.samplers import SAMPLER_TITLES
 from model.storage.npz import MotionError
+from model.systems.registry import list_systems
 from renderer.figures.style import FORMS
 
 WordSource = Literal["recognise", "none"]
@@ -255,12 +258,13 @@ class PlanSource(SpeechInput):
 class SamplingOptions:
     """Systems to run and their sampling options; all systems have the same noise seed."""
 
-    systems: Names = ()
-    """Names of systems."""
+    systems: Annotated[
+        Names, arg(help=f"Names of systems, some of {', '.join(list_systems())}.")
+    ] = ()
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
-    """Speaker style of the motion."""
+    """Speaker style of the motion, such as anna; an unknown name lists those of the systems."""
     seed: int = 0
     """Seed of the noise. The same speech file, options and seed give the same motion, whether the
     clip is generated alone or in a batch."""
@@ -269,8 +273,13 @@ class SamplingOptions:
     steps: PerSystem = None
     """Number of sampling steps, for all systems or by system name. If a system samples the face
     with fewer steps, this is the number for the body."""
-    sampler: Sampler = None
-    """Sampler for the systems that have it; the others use their default."""
+    sampler: Annotated[
+        Sampler,
+        arg(
+            help="Sampler for the systems that have it; the others use their default. Names: "
+            f"{', '.join(SAMPLER_TITLES)}."
+        ),
+    ] = None
     guidance: GuidanceScale = None
     """Guidance scale of the speech (classifier-free guidance), 0 (speech ignored) to 10. 1 is as
     trained and as in the papers' code. It applies to systems that support guidance; for
@@ -293,7 +302,7 @@ class SamplingOptions:
 class PlanOptions:
     """Gesture plan and style for the systems that use plans."""
 
-    plan: File = None
+    plan: FileOrDefault = None
     """Gesture plan for the systems that use plans, as written by a run or by `plan`, or annotated
     in Praat or ELAN (.json, .TextGrid, .eaf). For several speeches, a folder of plans. By default,
     plans are sampled from the speech."""
@@ -319,6 +328,7 @@ class MotionInput:
         Positional[tuple[Path, ...]],
         arg(
             metavar="MOTION",
+            help_behavior_hint="(required)",
             help=".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
             "folders or zips of them, paired by name, for numbers over many clips.",
         ),
@@ -330,7 +340,7 @@ class MotionInput:
     known."""
     overlap: int = 0
     """Overlap of these windows in frames."""
-    shown: Annotated[Names, arg(name="show")] = ()
+    shown: Annotated[Names, arg(name="show", help_behavior_hint="")] = ()
     """Motions to show in figures and viewer, by file name, if there are more than six; by default
     the first six. Metrics are computed for all."""
     max_frames: Suppress[int | None] = None
@@ -396,7 +406,7 @@ class FigureOptions:
 class VideoOptions:
     """Body, and appearance of videos."""
 
-    body: File = field(default_factory=default_body)
+    body: FileOrDefault = field(default_factory=default_body)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
     open body."""
     look: BodyLook = BODY_LOOKS[0]

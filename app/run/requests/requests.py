@@ -10,7 +10,7 @@ from tyro.conf import Positional, Suppress, arg
 
 from app.config import BUNDLED_WEIGHTS, default_body
 from app.errors import RunError
-from app.flags import File, Names, Text, parse_count, text_type
+from app.flags import File, FileOrDefault, Names, Text, parse_count, text_type
 from app.run.display import Display, ViewerState
 from app.run.requests.parts import (
     DEFAULT_TRACKED_POINT,
@@ -196,12 +196,12 @@ class RenderRequest:
     .obj, .ply."""
     speech: File = None
     """Sound of the video."""
-    import_overrides: ImportOverrides = field(default_factory=ImportOverrides)
+    import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     flame_to_arkit: File = None
     """BEAT2's mat_final.npy, by which FLAME coefficients of the face become ARKit weights, which
     the open body and characters have."""
     joint: Joint = DEFAULT_TRACKED_POINT
-    plan: File = None
+    plan: FileOrDefault = None
     """Gesture plan with the events that are written as markers into .glb, .vrma, .blender.npz or,
     for .bvh, a .markers.csv file; by default the motion's .plan.json in the same folder, if there
     is one."""
@@ -259,7 +259,7 @@ class FigureRequest:
     out: Path
     """Output files without their suffix, such as paper/figure6."""
     figures: FigureOptions = field(default_factory=FigureOptions)
-    body: File = field(default_factory=default_body)
+    body: FileOrDefault = field(default_factory=default_body)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
     open body."""
 
@@ -274,7 +274,9 @@ TwoSpeakers = Annotated[
 class SpeechEffectRequest:
     """Request to generate several speeches with several noise seeds and compare the motions."""
 
-    speeches: Annotated[Positional[tuple[Path, ...]], arg(metavar="SPEECH")]
+    speeches: Annotated[
+        Positional[tuple[Path, ...]], arg(metavar="SPEECH", help_behavior_hint="(required)")
+    ]
     """Two or more audio files; or one folder of motions from any source, with file names of the
     form ``[SYSTEM__]SPEECH__SEED.npz``."""
     output: ExperimentOutput
@@ -345,7 +347,7 @@ class RotationNoiseRequest:
     """Seed of the noise."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     joint: Joint = DEFAULT_TRACKED_POINT
-    body: File = field(default_factory=default_body)
+    body: FileOrDefault = field(default_factory=default_body)
     """A character (.vrm, .glb) or licensed SMPLX_NEUTRAL*.npz; by default $SMPLX_MODEL, else the
     open body."""
     size: Height = 512

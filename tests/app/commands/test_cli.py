@@ -18,7 +18,7 @@ import pytest
 from PIL import Image
 
 from app.commands import doctor
-from app.commands.cli import main, parse
+from app.commands.cli import COMMANDS, main, parse
 from app.run.display import Display
 from model.motion.motion import save_motion
 from model.plan.annotation_files import Interval, NamedTier, format_textgrid
@@ -67,6 +67,16 @@ def test_wrong_arguments_exit_with_2_and_one_sentence(capsys):
         told = capsys.readouterr()
         assert left.value.code == 2 and told.out == ""
         assert words in told.err and told.err.count("\n") == 1, told.err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_says_one_default_of_a_flag_at_most_and_of_whole_flags(command, capsys):
+    with pytest.raises(SystemExit):
+        main([*command.split(), "--help"])
+    shown = " ".join(line.strip("│ ") for line in capsys.readouterr().out.splitlines())
+    assert "(default: )" not in shown and "STR [STR" not in shown
+    for flag in re.split(r" (?=--[a-z])", shown):
+        assert len(re.findall(r"\bdefault: |[Bb]y default", flag)) <= 1, flag
 
 
 def asked(words: str):
