@@ -31,7 +31,7 @@ from conventions.views import BODY_LOOKS, CLOSE_UPS, FRAMINGS, VIEWS, CloseUp, F
 from model.formats.reading import ImportOverrides, parse_import_overrides
 from model.sampling.samplers import SAMPLER_TITLES
 from model.storage.npz import MotionError
-from model.systems.registry import list_systems
+from model.systems.registry import families
 from renderer.figures.style import FORMS
 
 WordSource = Literal["recognise", "none"]
@@ -58,6 +58,7 @@ SYSTEM_OPTIONS: Mapping[str, str] = {
     "guidance": "strength of the speech",
 }
 """Titles of the fields of `SamplingOptions` that apply only to the systems that support them."""
+_SYSTEMS = tuple(name for family in families() for name in family.systems)
 Steps = int | Mapping[str, int] | None
 """Number of sampling steps, for all systems or by system; None is each system's default."""
 
@@ -258,9 +259,7 @@ class PlanSource(SpeechInput):
 class SamplingOptions:
     """Systems to run and their sampling options; all systems have the same noise seed."""
 
-    systems: Annotated[
-        Names, arg(help=f"Names of systems, some of {', '.join(list_systems())}.")
-    ] = ()
+    systems: Annotated[Names, arg(help=f"Names of systems, some of {', '.join(_SYSTEMS)}.")] = ()
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
