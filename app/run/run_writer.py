@@ -59,7 +59,7 @@ from model.speech.audio import Speech, write_wav
 from model.speech.transcript import Transcript
 from model.storage.escaping import csv_text
 from renderer.body.body import Body
-from renderer.figures import kept
+from renderer.figures import saved_figures
 from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, save_figure
 
 _GROWN = 1.2
@@ -210,7 +210,7 @@ class RunWriter(RunCallbacks):
     def write_figure(
         self, name: str, contents: Any, caption: str, forms: Sequence[str] = FORMS
     ) -> None:
-        """Draw a figure of `renderer.figures.kept.DRAW` in the requested file formats.
+        """Draw a figure of `renderer.figures.saved_figures.DRAW` in the requested file formats.
 
         The caption also names the protocol of the numbers.
         If some formats are omitted, the content is saved so that they can be drawn later.
@@ -218,10 +218,12 @@ class RunWriter(RunCallbacks):
         stem = self.folder.path(f"{name}.png").with_suffix("")
         caption = f"{caption} {PROTOCOL_CAPTION}"
         places: Places = []
-        files = save_figure(lambda: kept.DRAW[name](contents), stem, caption, forms, places)
+        files = save_figure(
+            lambda: saved_figures.DRAW[name](contents), stem, caption, forms, places
+        )
         if set(forms) != set(FORMS):
             path = self.folder.path(viewer_file_name(name, CONTENTS_ENDING))
-            kept.save_contents(path, name, contents, caption, places)
+            saved_figures.save_contents(path, name, contents, caption, places)
             self.add_files(path)
         self.add_files(*(self.folder.path(path.name) for path in files))
 
@@ -351,7 +353,7 @@ class RunWriter(RunCallbacks):
 
 def draw_figure(paths: tuple[Path, Path], *_: object) -> None:
     """Draw the saved content of a figure into a file, as a task."""
-    kept.draw_saved(*paths)
+    saved_figures.draw_saved(*paths)
 
 
 def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRecord]:

@@ -71,7 +71,7 @@ class ErrorBySides:
 
 
 @dataclass(frozen=True, eq=False)
-class ReferenceError:
+class ErrorsToReference:
     """Mean errors over all frames; fields are named as in ``diagnostics.json``."""
 
     position_error_m: Float[np.ndarray, " 55"]
@@ -87,7 +87,7 @@ class ReferenceError:
     rotation_error_by_sides_deg: ErrorBySides
 
 
-def error_to_reference(tracks: Tracks, reference: Tracks) -> ReferenceError:
+def error_to_reference(tracks: Tracks, reference: Tracks) -> ErrorsToReference:
     """Compute the errors of a motion that has as many frames as the reference."""
     rooted, rooted_reference = (t.joints - t.joints[:, :1] for t in (tracks, reference))
     position_m = np.linalg.norm(rooted - rooted_reference, axis=-1).mean(axis=0)
@@ -99,7 +99,7 @@ def error_to_reference(tracks: Tracks, reference: Tracks) -> ReferenceError:
         mean_angle_deg(_mirrored(tracks.R_parent_joint), reference.R_parent_joint),
         mean_angle_deg(swapped, reference.R_parent_joint),
     )
-    return ReferenceError(
+    return ErrorsToReference(
         position_error_m=position_m,
         global_rotation_error_deg=global_deg,
         local_rotation_error_deg=local_deg,

@@ -19,7 +19,7 @@ from model.metrics.joints import (
 )
 from model.metrics.lag import Lag
 from model.metrics.posture import PostureMeasures
-from model.metrics.reference_error import Diversity, ReferenceError
+from model.metrics.reference_error import Diversity, ErrorsToReference
 from model.metrics.seams import SeamMeasures
 from model.metrics.tracked_point import TrackedPointMetrics
 
@@ -61,7 +61,7 @@ class MotionMetrics:
     posture: PostureMeasures
     ranges: JointLimitMetrics
     diversity: Diversity
-    errors: ReferenceError | None = None
+    errors: ErrorsToReference | None = None
     """Errors to the reference; None without a reference."""
     beats: BeatMeasures | None = None
     """BeatAlign; None without speech."""

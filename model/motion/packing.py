@@ -37,7 +37,7 @@ def joint_channels(joints: Iterable[int], width: int = 6) -> list[int]:
 
 ROOT_CHANNELS = list(range(ROTATION_DIM, MOTION_DIM))
 HAND_CHANNELS = joint_channels(HANDS)
-TORSO_CHANNELS = joint_channels(UPPER_BODY + LOWER_BODY + FACE) + ROOT_CHANNELS
+NON_HAND_CHANNELS = joint_channels(UPPER_BODY + LOWER_BODY + FACE) + ROOT_CHANNELS
 """Channels of the paper's two regions: hands (180), and everything else (153)."""
 
 

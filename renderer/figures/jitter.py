@@ -60,7 +60,7 @@ class JitterSheet:
 
     jitter: Mapping[str, Mapping[FilterVersion, Jitter]]
     """Jitter by motion and version; the reference, if there is one, comes first."""
-    point: str = "followed point"
+    point: str = "tracked point"
     window_advance: int = 0
     """Frames between the starts of two windows; 0 if the windows are not known."""
     window_overlap: int = 0

@@ -39,7 +39,7 @@ FORMS = ("png", "svg", "pdf")
 FONTS = Path(__file__).parents[1] / "assets" / "fonts"
 """File formats of a figure."""
 CONTENTS_ENDING = ".figure.npz"
-"""Suffix of files from which other formats are drawn, see `renderer.figures.kept`."""
+"""Suffix of files from which other formats are drawn, see `renderer.figures.saved_figures`."""
 SIMPLIFIED_PX = 0.05
 """Largest distance (pixels of the PNG) between a dense line and its simplification in SVG and PDF.
 """

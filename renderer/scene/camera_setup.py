@@ -167,7 +167,7 @@ class PanelCamera:
     sigma_frames: float | None = None
     """Smoothing of following (frames); None for a static camera."""
     path: Float[np.ndarray, "T 3"] | None = None
-    """Positions (T, 3) of the followed point, metres; None follows the drawn motion."""
+    """Positions (T, 3) of the tracked point, metres; None follows the drawn motion."""
 
     @property
     def is_following(self) -> bool:
@@ -192,7 +192,7 @@ class CameraSetup:
         return self.shots[0].camera
 
     def pixel_m(self, shot: PanelCamera, height_px: int) -> float:
-        """Return the size of a pixel (m) at the centre or followed point; 0 behind the camera."""
+        """Return the size of a pixel (m) at the centre or tracked point; 0 behind the camera."""
         x, z = (0.0, 0.0) if shot.is_following else self.centre_xz
         up_m = 0.0 if shot.view in CLOSE_UP_JOINTS else self.floor_m + ORBIT_CENTRE_HEIGHT_M
         camera = shot.camera
@@ -210,7 +210,7 @@ class CameraSetup:
         return replace(self, shots=(moved, *others))
 
     def tracks(self, body: Body, motion: BodyMotion) -> list[Float[np.ndarray, "T 3"]]:
-        """Return the positions of each shot's followed point per frame, metres."""
+        """Return the positions of each shot's tracked point per frame, metres."""
         positions = None
         tracks = []
         for shot in self.shots:

@@ -392,7 +392,7 @@ class FigureOptions:
     """Frame at which Figure 6 starts; it shows up to 300 frames (10 s)."""
     figure_panels: FigurePanels = tuple(FIGURE_PANELS)
     """Panels of Figure 6: a for coordinates, b for snapshots, c for the path in space, d for
-    jitter."""
+    tremor."""
     figure_frames: FigureFrames = ()
     """Frames of the snapshots in Figure 6."""
     figure_width: Annotated[FigureWidth, arg(name="width")] = "174mm"

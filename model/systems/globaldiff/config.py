@@ -80,7 +80,8 @@ ABLATION: dict[str, AblationRow] = {
 """Ablation steps in the order of the paper's Table 2; each adds one thing to the one before."""
 
 PRIORFLOW = "workbench/priorflow"
-"""This project's system: the paper's network on a Gaussian prior (`model.sampling.prior`)."""
+"""This project's system: blocks of the paper's network on a Gaussian prior
+(`model.sampling.prior`). It is in this family because it shares networks, training and sampling."""
 
 SYSTEMS: tuple[str, ...] = (PRIORFLOW, *ABLATION)
 """Names of all systems of the family, in the order of display."""
@@ -188,7 +189,7 @@ _STEPS = (
         "Each joint is predicted relative to its parent. A joint's direction in the world is a "
         "product along the chain, so an error at the shoulder turns everything below it.",
         _EQ_3, "eq. 3",
-        "Trembling that grows from shoulder to fingertip; a body that tilts as a whole.",
+        "Tremor that grows from shoulder to fingertip; a body that tilts as a whole.",
     ),
     AblationStep(
         "globaldiff/global", "Global rotations",
@@ -231,12 +232,12 @@ FAMILY = Family(
     title="GlobalDiff, and one of our own",
     systems=SYSTEMS,
     about={
-        PRIORFLOW: "The paper's network with a linear-Gaussian prior of the motion.",
+        PRIORFLOW: "Blocks of the paper's network with a linear-Gaussian prior of the motion.",
         "globaldiff/local": "Rotations of each joint in its parent.",
         "globaldiff/global": "Rotations of each joint in the world.",
-        "globaldiff/joint": "Global, and the joint structure constraint.",
-        "globaldiff/skeleton": "Joint, and the skeleton structure constraint.",
-        "globaldiff/full": "Skeleton, and the temporal structure constraint.",
+        "globaldiff/joint": "Global, and the joint constraint (L_j).",
+        "globaldiff/skeleton": "Joint, and the skeleton constraint (L_s).",
+        "globaldiff/full": "Skeleton, and the motion constraint (L_m).",
     },
     samplers=dict.fromkeys(SYSTEMS, make_samplers(*FLOW_SAMPLERS, steps=10, strength=2.5)),
     presets=presets,

@@ -9,7 +9,13 @@ from torch import Tensor
 
 from conventions.rates import FPS
 from model.generation.base import WindowSpec, fade_weights
-from model.motion.packing import HAND_CHANNELS, MOTION_DIM, TORSO_CHANNELS, join_channels, rotations
+from model.motion.packing import (
+    HAND_CHANNELS,
+    MOTION_DIM,
+    NON_HAND_CHANNELS,
+    join_channels,
+    rotations,
+)
 from model.motion.rotations import rot6d_from_matrix
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import ConditionedNetwork, MotionBranch, PriorNetwork, mask_expression
@@ -37,7 +43,7 @@ class MotionNetwork(ConditionedNetwork):
                 body_inputs=MOTION_DIM + config.expression_dim,
                 channels=len(channels),
             )
-            for channels in (HAND_CHANNELS, TORSO_CHANNELS)
+            for channels in (HAND_CHANNELS, NON_HAND_CHANNELS)
         )
 
     def forward(
@@ -64,7 +70,7 @@ class MotionNetwork(ConditionedNetwork):
         speech_tokens = self.speech_tokens(speech, has_speech)
         body = torch.cat([x_t, mask_expression(expression, has_speech)], dim=-1)
         x_1 = torch.empty_like(x_t)
-        for branch, channels in ((self.hands, HAND_CHANNELS), (self.torso, TORSO_CHANNELS)):
+        for branch, channels in ((self.hands, HAND_CHANNELS), (self.torso, NON_HAND_CHANNELS)):
             region, known = x_t[..., channels], seed[..., channels]
             predicted = branch(region, body, speech_tokens, known, has_seed, condition)
             x_1[..., channels] = predicted.to(x_1.dtype)  # it is bf16 under autocast
@@ -74,7 +80,7 @@ class MotionNetwork(ConditionedNetwork):
     def initialise_output(self, x_1: Float[Tensor, "333"]) -> None:
         """Set the untrained output to this vector: raw 6D of zero has an unbounded gradient."""
         self.hands.out.bias.copy_(x_1[HAND_CHANNELS])
-        self.torso.out.bias.copy_(x_1[TORSO_CHANNELS])
+        self.torso.out.bias.copy_(x_1[NON_HAND_CHANNELS])
 
 
 def make_network(

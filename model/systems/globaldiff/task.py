@@ -1,7 +1,8 @@
 """Training and losses of GlobalDiff's ablation and of this project's system.
 
-L_simple and L_pos are eq. 7's; L_j, L_s and L_m are the paper's joint, skeleton and temporal
-structure constraints, pure functions that return one value per sample.
+L_simple and L_pos are eq. 7's; L_j, L_s and L_m are the joint, skeleton and motion constraints
+(the paper's joint, skeleton and temporal structure constraints), pure functions that return one
+value per sample.
 """
 
 from collections.abc import Sequence

@@ -19,8 +19,8 @@ def test_layout_is_joint_major_row6d_then_root_and_regions_cover_it_once():
     torch.testing.assert_close(vector[0, 0, 330:], torch.tensor([3.0, 2.0, -9.0]))
     one_frame = pack(rot6d[0, :1], transl[0, :1])  # has no velocity
     torch.testing.assert_close(one_frame[0, 330:], torch.tensor([0.0, 2.0, 0.0]))
-    assert sorted(packing.HAND_CHANNELS + packing.TORSO_CHANNELS) == list(range(333))
-    assert (len(packing.HAND_CHANNELS), len(packing.TORSO_CHANNELS)) == (180, 153)
+    assert sorted(packing.HAND_CHANNELS + packing.NON_HAND_CHANNELS) == list(range(333))
+    assert (len(packing.HAND_CHANNELS), len(packing.NON_HAND_CHANNELS)) == (180, 153)
     grouped = [c for group in packing.NORMALISATION_GROUPS for c in group]
     assert sorted(grouped) == list(range(333))
 

@@ -18,7 +18,7 @@ from conventions.colors import SYSTEM_COLORS
 from renderer.figures import style
 from renderer.figures.curves import SpeechEffectRow
 from renderer.figures.figure6.contents import Figure6
-from renderer.figures.kept import _RENAMED, DRAW, draw_saved, save_contents
+from renderer.figures.saved_figures import _RENAMED, DRAW, draw_saved, save_contents
 from renderer.figures.style import (
     FORMS,
     FigureError,

@@ -31,7 +31,7 @@ from app.page.visitors.visitors import COOKIE, Kept, visitor_route
 from app.run.requests.parts import FigureOptions
 from model.motion.motion import load_motion, save_motion
 from renderer.body.body import load_body
-from renderer.figures.kept import save_contents
+from renderer.figures.saved_figures import save_contents
 from tests.app.fakes import does, made_motion
 from tests.renderer.body.made_character import character
 from tests.renderer.figures.test_curves import MARKS

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 import torch
 
-from model.motion.packing import HAND_CHANNELS, TORSO_CHANNELS
+from model.motion.packing import HAND_CHANNELS, NON_HAND_CHANNELS
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import from_dict, to_json
 from model.systems.globaldiff.config import (
@@ -51,7 +51,7 @@ def test_every_condition_reaches_both_regions(network, changed):
     other[changed] = given[changed] * 0 + 2 if changed == "speaker" else given[changed] + 0.3
     difference = (network(**given) - network(**other)).abs()
     assert difference[..., HAND_CHANNELS].max() > 1e-4
-    assert difference[..., TORSO_CHANNELS].max() > 1e-4
+    assert difference[..., NON_HAND_CHANNELS].max() > 1e-4
 
 
 def test_hidden_speech_and_seed_have_no_influence(network):
