@@ -86,7 +86,7 @@ def links(
 
     Args:
         address: URL at which participant_bundle is hosted.
-        participants: Number of links; by default as many as the plan has participants.
+        participants: Number of links; by default as many as the study plan has participants.
     """
     import secrets
     from dataclasses import replace
@@ -117,8 +117,8 @@ def analyse(
 ) -> None:
     """Analyse answers and write a report (HTML, CSV, LaTeX).
 
-    Participants who failed more attention checks than the plan's max_failed are excluded. The
-    report has preference shares, tests, Bradley-Terry strengths and the power of the design.
+    Participants who failed more attention checks than the study plan's max_failed are excluded.
+    The report has preference shares, tests, Bradley-Terry strengths and the power of the design.
 
     Args:
         answers: Answer files, or folders of them.
@@ -161,7 +161,7 @@ def simulate(
 
     Args:
         raters: Number of simulated raters.
-        strengths: Strength of every system of the plan, such as recorded=1,ours=0.
+        strengths: Strength of every system of the study plan, such as recorded=1,ours=0.
         out: Folder for the answers.
         seed: Seed of the answers.
     """

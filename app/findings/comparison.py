@@ -93,9 +93,20 @@ def format_means(values: Mapping[str, Samples]) -> str:
     return told if reference is None else f"{told}; {REFERENCE_NAME} {reference}"
 
 
+KIND_TITLES = {
+    "identical": "copy of the reference", "still": "no movement", "lifted": "height of the feet",
+    "time_shift": "lag", "pops": "single-frame pops", "snap": "sudden turns",
+    "period": "periodic jerk", "stretched_rate": "interpolated frames",
+    "foot_slide": "foot sliding", "floating": "floating feet", "through_floor": "feet in the floor",
+    "high_frequency": "power above 5 Hz", "amplitude": "variation of posture",
+    "speed": "amount of movement", "finger_range": "fingers beyond their range",
+}  # fmt: skip
+"""Titles of kinds of findings (`model.faults.table`) that their names do not tell."""
+
+
 def format_kinds(kinds: Iterable[str]) -> str:
     """Format kinds of findings as a list in words."""
-    return ", ".join(kinds).replace("_", " ")
+    return ", ".join(KIND_TITLES.get(kind, kind.replace("_", " ")) for kind in kinds)
 
 
 def format_number(value: float) -> str:

@@ -348,7 +348,7 @@ KEY_BUTTON = "Download key and records (zip, only once)"
 KEY_FETCHED = "Downloaded. Check that researcher_only.zip is in your downloads folder."
 PREVIEW = "Preview as participant"
 PARTICIPANTS = "For participants: the page and its videos (zip)"
-PLAN = "The plan (TOML)"
+PLAN = "Study plan (TOML)"
 
 
 class StudyRunner(TabRunner):

@@ -12,8 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.findings.comparison import (
+    KIND_TITLES,
     Ratio,
     by_measure,
+    format_kinds,
     format_number,
     point_title,
     ratio_of,
@@ -37,6 +39,7 @@ from app.run.run_writer import finding_records
 from conventions.names import SampleName, short_names
 from model.diagnostics import RawAndFiltered
 from model.faults.analysis import Finding
+from model.faults.table import FAULTS, STILL
 from model.metrics.results import BeatMeasures
 from model.metrics.seams import JerkPeriod
 from model.metrics.tracked_point import JerkAttribution
@@ -476,3 +479,11 @@ def test_no_words_of_a_verdict_contradict_its_numbers(
         assert sorted(less) == sorted(re.findall(r"[\w/]+", added[2].replace(" and ", " "))) or (
             added[2] == "none" and not less
         ), verdict.text
+
+
+def test_every_title_is_of_a_kind_of_finding() -> None:
+    kinds = {fault.kind for fault in (*FAULTS, STILL)}
+    assert set(KIND_TITLES) <= kinds
+    assert format_kinds(["foot_slide", "frozen_hand", "kind_of_another_lab"]) == (
+        "foot sliding, frozen hand, kind of another lab"
+    )

@@ -220,14 +220,14 @@ def test_zips_are_measured_as_sets_and_their_browser_opens_any_clip(tmp_path):
     (request,) = measured.asked
     assert (request.motions.names, request.imports.reference) == (("<i>mine",), Path("/up/gt.zip"))
     html = last[own.sets_shown]["value"]
-    assert "foot slide, jerk; jerk 2,400 m/s³" in html and "<b>b&lt;u&gt;</b>" in html
+    assert "foot sliding, jerk; jerk 2,400 m/s³" in html and "<b>b&lt;u&gt;</b>" in html
     assert "2,350 [2,340, 2,350]" in html and "120 [119, 121]" in html
     assert "<i>" not in html and "<u>" not in html
     assert "Measured 2 clips of 2 sets" in last["status"]
     assert "A &lt;note&gt;." in last["message"]["value"]
 
     (worst, _), (_, good) = last[own.sets_clip]["choices"]
-    assert worst == "b<u>: foot slide, jerk" and good.endswith("/a")
+    assert worst == "b<u>: foot sliding, jerk" and good.endswith("/a")
     *updates, end = updates_of(own.opener, own.parts, good, visitor=mine)
     (one,) = opened
     assert (one.motions.names, one.motions.motions) == (("<i>mine",), (tmp_path / "<i>mine a.npz",))
