@@ -74,7 +74,7 @@ class Batch:
     poses: Float[Tensor, "B T 165"]
     transl: Float[Tensor, "B T 3"]
     expression: Float[Tensor, "B T 52"]
-    speech: Float[Tensor, "B heard dim"]
+    speech: Float[Tensor, "B T_ctx dim"]
     speaker: Int[Tensor, " B"]
     clips: list[str]
     frames: Int[np.ndarray, "B T"]

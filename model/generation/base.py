@@ -52,7 +52,8 @@ def crossfade(
 class SpeechWindow:
     """Speech features of a window and its context; past either end the last frame is repeated."""
 
-    speech: Float[Tensor, "heard speech_dim"]
+    speech: Float[Tensor, "T_ctx speech_dim"]
+    """Features of the window's T frames and of c frames before and after it: T_ctx = T + 2 c."""
 
     @staticmethod
     def of(
@@ -62,7 +63,7 @@ class SpeechWindow:
         wanted = torch.arange(first - context, first + frames + context)
         return SpeechWindow(features[wanted.clamp(0, len(features) - 1)])
 
-    def with_context(self, context: int, window: int) -> Float[Tensor, "heard speech_dim"]:
+    def with_context(self, context: int, window: int) -> Float[Tensor, "T_ctx speech_dim"]:
         """Return the middle ``window`` frames with ``context`` frames before and after."""
         spare = (len(self.speech) - window) // 2 - context
         return self.speech[spare : len(self.speech) - spare]
@@ -169,7 +170,7 @@ class ConditionStream(Protocol):
 
     def conditioning(
         self, features: Float[Tensor, "n dim"], ahead: Any, first: int
-    ) -> Float[Tensor, "n heard_dim"]:
+    ) -> Float[Tensor, "n input_dim"]:
         """Return the windows' input for frames from ``first`` on: features and condition."""
         ...
 
@@ -294,7 +295,7 @@ class System(ABC):
 
     def conditioning(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
-    ) -> Float[Tensor, "T heard_dim"]:
+    ) -> Float[Tensor, "T input_dim"]:
         """Encode whole speech for the windows, with silence after its end."""
         return torch.from_numpy(self.encoder.encode(waveform, num_frames))
 

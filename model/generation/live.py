@@ -130,7 +130,7 @@ class LiveMotion:
         window = SpeechWindow(heard)
         return self._chain.window(window, hop, ahead.condition, at)
 
-    def _heard_from(self, first: int, stop: int) -> Float[Tensor, "heard dim"]:
+    def _heard_from(self, first: int, stop: int) -> Float[Tensor, "n dim"]:
         """Return features of frames ``first`` to ``stop``, extrapolated at both ends."""
         wanted = torch.arange(first, stop)
         mirrored = torch.where(

@@ -48,7 +48,7 @@ class GenerationState:
     """Frames that differ from those of the version before; all frames of a first version."""
     made: tuple[Window, ...]
     """Windows before they are joined."""
-    conditioning: Float[Tensor, "T heard_dim"]
+    conditioning: Float[Tensor, "T input_dim"]
     followed: Mapping[str, Tensor]
     """State of the follower after the last frame, by name."""
 

@@ -1,17 +1,19 @@
 """Growth of local rotation errors along the kinematic chain, without any trained network.
 
-The same small random turns are applied once to the local and once to the global rotations of a
-motion, and the spread of the points along the chain is measured (GlobalDiff, section 1 and Figure
-6, claims this of trained networks). To first order a turn ``n`` with independent components of
-deviation sigma moves a point at lever arm r by ``n x r``, which has a mean square of ``2 sigma^2
-|r|^2``. So
+Each rotation R of the chain is replaced by ``R' = R exp([n]x)`` with ``n ~ N(0, sigma^2 I)``, drawn
+for every joint and frame; [n]x is the cross-product matrix of n. The same n are applied once to the
+local and once to the global rotations of a motion, and the root mean square displacement of the
+points along the chain is measured (GlobalDiff, section 1 and Figure 6, claims its growth of trained
+networks). To first order, n displaces a point at lever arm r by ``n x r``, whose mean square is ``2
+sigma^2 |r|^2``. For a point at p, with the joints j before it at p_j and their bones b_j (from j to
+the next point of the chain),
 
-* on local rotations each joint moves all its descendants: ``sigma sqrt(2 sum |p - p_j|^2)``;
-* on global rotations each joint moves only its next bone: ``sigma sqrt(2 sum |b_j|^2)``.
+* noise on local rotations turns all that follows a joint: ``sigma sqrt(2 sum_j |p - p_j|^2)``;
+* noise on global rotations turns only the joint's bone: ``sigma sqrt(2 sum_j |b_j|^2)``.
 
-The price: local angles recovered from noisy global ones differ by the noise of two joints, which is
-sqrt(2) times that of one. Equal noise is an assumption, not a finding: the errors of a trained
-network in either format have to be measured.
+In return, local angles recovered from noisy global rotations have the noise of two joints, sqrt(2)
+times that of one. That both formats have equal noise is an assumption: the errors of a trained
+network have to be measured.
 """
 
 from dataclasses import dataclass

@@ -1,19 +1,20 @@
 """Detection of window seams and code strides: periods of jerk, and jerk folded on a period.
 
-Recorded people have no clock that runs in frames; systems that join windows, or decode codes of
-some stride, have one. The jerk of each part of the body is taken in logarithms, less its local
-level, and given normal scores, so that no gesture and no single glitch outweighs the rest. Two
-tests follow, both with the null hypothesis that nothing repeats:
+Motion of people does not repeat at a fixed number of frames; that of systems that join windows, or
+decode codes with a stride, can. For each part of the body, the series is the logarithm of jerk
+minus its running median, replaced by normal scores (the normal quantiles of its ranks), so that
+neither a gesture nor a single glitch dominates. The null hypothesis H0 of both tests is that the
+scores have no period:
 
-* **pulses**, 8 to 240 frames: the mean of the scores at one phase of the period, over whole
-  periods. It is normal, with deviation one over the root of their number.
-* **ripple**, 2 to 16 frames: the power at the period's frequency and its multiples, over the power
-  around them, which makes it chi-squared. It is added up from stretches of about two seconds with
-  amplitudes clipped at ``CUT``: a rhythm that a hand beats for a while does not add up, a clock
-  that runs through the clip does.
+* **pulses**, periods of 8 to 240 frames: the statistic is the mean score at one phase of the
+  period, over N whole periods. Under H0 it is normal with standard deviation 1 / sqrt(N).
+* **ripple**, periods of 2 to 16 frames: the statistic is the power at the period's frequency and
+  its multiples, divided by the background power around them; under H0 it is chi-squared. The
+  complex amplitudes of stretches of about two seconds are clipped at `AMPLITUDE_CLIP` and summed,
+  so that a rhythmic gesture of some seconds contributes little, and a period of the whole clip all.
 
-Each probability is multiplied by the number of tests made (Bonferroni: periods, their phases, and
-parts of the body).
+Each p-value is multiplied by the number of tests (Bonferroni: periods, their phases, and parts of
+the body).
 """
 
 import math
@@ -38,12 +39,12 @@ LONGEST_RIPPLE, SHORTEST_PULSES = 16, 8
 MIN_PERIODS = 4
 """Smallest number of whole periods, or stretches of ripple, for a test."""
 CHANCE = 2.5e-4
-"""False-alarm probability without a period, for each of the two tests; see ``docs/others.md``."""
+"""Probability of a false alarm under H0, for each of the two tests; see ``docs/others.md``."""
 LEVEL_FRAMES = 31
 STRETCH_FRAMES = 64
 AMPLITUDE_CLIP = 1.4
-"""Amplitude over the background at which it is clipped: hardly less sensitive to a faint clock, and
-insensitive to a loud minority."""
+"""Amplitude, as a ratio to the background, at which it is clipped. The test is then robust to a few
+stretches with large amplitudes, and loses little power for a weak period of the whole clip."""
 SAME_PERIOD = 0.75
 """Share of repeating power that a shorter period must explain; half of a true one explains half."""
 WORST = 5

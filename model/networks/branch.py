@@ -140,7 +140,7 @@ class SpeechTokens(nn.Module):
             for dilation in ((1, 3, 9) if context else ())
         )
 
-    def forward(self, speech: Float[Tensor, "B heard dim"]) -> Float[Tensor, "B T width"]:
+    def forward(self, speech: Float[Tensor, "B T_ctx dim"]) -> Float[Tensor, "B T width"]:
         x = self.frames(speech)
         for convolution in self.around:
             x = x + convolution(F.silu(x).transpose(1, 2)).transpose(1, 2)
@@ -158,7 +158,7 @@ class AddedTokens(nn.Module):
         nn.init.zeros_(self.out.bias)
 
     def forward(
-        self, inputs: Float[Tensor, "B heard dim"], has_condition: Bool[Tensor, " B"]
+        self, inputs: Float[Tensor, "B T_ctx dim"], has_condition: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T width"]:
         return self.out(self.frames(inputs)) * has_condition[:, None, None]
 
@@ -252,7 +252,7 @@ class ConditionedNetwork(nn.Module):
         self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
 
     def speech_tokens(
-        self, speech: Float[Tensor, "B heard speech_dim"], has_speech: Bool[Tensor, " B"]
+        self, speech: Float[Tensor, "B T_ctx speech_dim"], has_speech: Bool[Tensor, " B"]
     ) -> Float[Tensor, "B T width"]:
         """Compute speech tokens, or those of absent speech where ``has_speech`` is false."""
         return self.speech(torch.where(has_speech[:, None, None], speech, self.no_speech))
@@ -293,7 +293,7 @@ class PriorNetwork(ConditionedNetwork):
         x_t: Float[Tensor, "B T C"],
         t: Float[Tensor, " B"],
         *,
-        speech: Float[Tensor, "B heard speech_dim"],
+        speech: Float[Tensor, "B T_ctx speech_dim"],
         seed: Float[Tensor, "B S C"],
         speaker: Int[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],

@@ -89,7 +89,7 @@ def load_speech_model(folder: Path, name: str) -> tuple[SpeechModel, int]:
     return hear, int(network.config.hidden_size)
 
 
-def resampled(features: Float[Tensor, "n heard dim"]) -> Float[Tensor, "n 60 dim"]:
+def resampled(features: Float[Tensor, "n source_frames dim"]) -> Float[Tensor, "n 60 dim"]:
     """Resample features to 60 frames, linearly in time with both ends aligned."""
     return torch.nn.functional.interpolate(
         features.transpose(1, 2), size=WINDOW_FRAMES, mode="linear", align_corners=True

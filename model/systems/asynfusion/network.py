@@ -107,7 +107,7 @@ class DualBranchNetwork(ConditionedNetwork):
         x_t: Pair,
         t: Pair,
         *,
-        speech: Float[Tensor, "B heard speech_dim"],
+        speech: Float[Tensor, "B T_ctx speech_dim"],
         seed: Pair,
         speaker: Int[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],

@@ -45,7 +45,7 @@ class FaceNetwork(PriorNetwork):
         x_t: Float[Tensor, "B T E"],
         t: Float[Tensor, " B"],
         *,
-        tracks: Float[Tensor, "B heard tracks"] | None = None,
+        tracks: Float[Tensor, "B T_ctx tracks"] | None = None,
         has_plan: Bool[Tensor, " B"] | None = None,
         **conditions: Shaped[Tensor, "B ..."],
     ) -> Float[Tensor, "B T E"]:
@@ -81,11 +81,11 @@ class Face:
     @torch.inference_mode()
     def draw(
         self,
-        speech: Float[Tensor, "B heard speech_dim"],
+        speech: Float[Tensor, "B T_ctx speech_dim"],
         speaker: int,
         seed: Float[Tensor, "B S E"] | None,
         noise: Float[Tensor, "B T E"],
-        plan: Float[Tensor, "B heard tracks"] | None = None,
+        plan: Float[Tensor, "B T_ctx tracks"] | None = None,
     ) -> Float[Tensor, "B T E"]:
         """Sample windows of blendshapes.
 
@@ -111,12 +111,12 @@ class Face:
 
     def window(
         self,
-        speech: Float[Tensor, "heard speech_dim"],
+        speech: Float[Tensor, "T_ctx speech_dim"],
         speaker: int,
         before: Float[Tensor, "n E"] | None,
         noise_seed: int,
         index: int,
-        plan: Float[Tensor, "heard tracks"] | None = None,
+        plan: Float[Tensor, "T_ctx tracks"] | None = None,
     ) -> Float[Tensor, "T E"]:
         """Sample the blendshapes of one window, blended with the end of the one before.
 
@@ -177,14 +177,14 @@ class FaceFirstSystem(System):
     """Statistics of the body's motion."""
     face: Face
 
-    def face_plan(self, speech: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"] | None:
+    def face_plan(self, speech: Float[Tensor, "T_ctx dim"]) -> Float[Tensor, "T_ctx tracks"] | None:
         """Return the plan's face tracks from those of `conditioning`; None without a plan."""
         return None
 
     @abstractmethod
     def body(
         self,
-        speech: Float[Tensor, "heard dim"],
+        speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
         draw: WindowSpec,

@@ -28,7 +28,7 @@ class GanSystem(FaceFirstSystem):
     @torch.inference_mode()
     def body(
         self,
-        speech: Float[Tensor, "heard dim"],
+        speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
         draw: WindowSpec,

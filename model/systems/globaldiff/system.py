@@ -51,7 +51,7 @@ class MotionNetwork(ConditionedNetwork):
         x_t: Float[Tensor, "B T 333"],
         t: Float[Tensor, " B"],
         *,
-        speech: Float[Tensor, "B heard speech_dim"],
+        speech: Float[Tensor, "B T_ctx speech_dim"],
         expression: Float[Tensor, "B T expression_dim"],
         seed: Float[Tensor, "B S 333"],
         speaker: Int[Tensor, " B"],
@@ -111,7 +111,7 @@ class GlobalDiffSystem(FaceFirstSystem):
     @torch.inference_mode()
     def body(
         self,
-        speech: Float[Tensor, "heard dim"],
+        speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
         draw: WindowSpec,
@@ -173,7 +173,7 @@ class GlobalDiffSystem(FaceFirstSystem):
         return draw.guide(self.normaliser, self.config.rotation_space)
 
     def conditioning_inputs(
-        self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
+        self, speech: Float[Tensor, "T_ctx dim"], hears: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
         """Return the network's speech inputs by name, one row for each copy."""
         return {"speech": speech.expand(len(hears), -1, -1), "has_speech": hears}

@@ -26,8 +26,8 @@ class PlanTokens(AddedTokens):
         self.kinds = nn.Embedding(config.num_kinds, config.kind_dim)
 
     def plan_inputs(
-        self, tracks: Float[Tensor, "B heard tracks"], kinds: Int[Tensor, "B heard 2"]
-    ) -> Float[Tensor, "B heard dim"]:
+        self, tracks: Float[Tensor, "B T_ctx tracks"], kinds: Int[Tensor, "B T_ctx 2"]
+    ) -> Float[Tensor, "B T_ctx dim"]:
         """Concatenate the tracks of a plan and the embeddings of its gesture types."""
         return torch.cat([tracks, self.kinds(kinds).flatten(-2)], dim=-1)
 
@@ -46,8 +46,8 @@ class PlannedNetwork(PriorNetwork):
         x_t: Float[Tensor, "B T C"],
         t: Float[Tensor, " B"],
         *,
-        tracks: Float[Tensor, "B heard tracks"],
-        kinds: Int[Tensor, "B heard 2"],
+        tracks: Float[Tensor, "B T_ctx tracks"],
+        kinds: Int[Tensor, "B T_ctx 2"],
         has_plan: Bool[Tensor, " B"],
         **conditions: Shaped[Tensor, "B ..."],
     ) -> Float[Tensor, "B T C"]:
@@ -99,7 +99,7 @@ class TierHead(nn.Module):
             self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.units)))
 
     def state(
-        self, speech: Float[Tensor, "*rows heard"], chain_state: Float[Tensor, "*rows seen"]
+        self, speech: Float[Tensor, "*rows T_ctx"], chain_state: Float[Tensor, "*rows seen"]
     ) -> Float[Tensor, "*rows hidden"]:
         return F.silu(self.heard(speech) + self.seen(chain_state))
 
@@ -136,10 +136,10 @@ class PlannerNetwork(nn.Module):
 
     def speech_states(
         self,
-        speech: Float[Tensor, "B around heard_dim"],
+        speech: Float[Tensor, "B around input_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
-    ) -> Float[Tensor, "B T heard"]:
+    ) -> Float[Tensor, "B T T_ctx"]:
         """Encode normalised features (and codes) around each of T frames, with the speaker.
 
         ``speech`` has ``config.context`` frames more before and after them.
@@ -154,7 +154,7 @@ class PlannerNetwork(nn.Module):
 
     def forward(
         self,
-        speech: Float[Tensor, "B around heard_dim"],
+        speech: Float[Tensor, "B around input_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
         states: Mapping[str, Float[Tensor, "B T _"]],

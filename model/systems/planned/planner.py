@@ -277,7 +277,7 @@ class Planner:
 
     def conditioning(
         self, features: Float[Tensor, "n speech_dim"], plan: GesturePlan, first: int
-    ) -> Float[Tensor, "n heard_dim"]:
+    ) -> Float[Tensor, "n input_dim"]:
         """Concatenate features with a plan's frames from ``first`` on, for the motion network."""
         stop = first + len(features)
         tracks = torch.from_numpy(plan_tracks(plan, stop)[first:])
@@ -287,7 +287,7 @@ class Planner:
 
 def planner_inputs(
     features: Float[Tensor, "*B T speech_dim"], normaliser: Normaliser, codes: SpeechCodes | None
-) -> Float[Tensor, "*B T heard_dim"]:
+) -> Float[Tensor, "*B T input_dim"]:
     """Concatenate normalised features and the codes of an encoder."""
     heard = normaliser.normalise(features)
     return heard if codes is None else torch.cat([heard, codes.encode(features)], dim=-1)

@@ -91,7 +91,7 @@ class StreamingPlanner:
 
     def conditioning(
         self, features: Float[Tensor, "n speech_dim"], ahead: StreamedPlan, first: int
-    ) -> Float[Tensor, "n heard_dim"]:
+    ) -> Float[Tensor, "n input_dim"]:
         """Return the motion network's input for frames from ``first`` on."""
         return self._planner.conditioning(features, ahead.condition, first - ahead.origin)
 

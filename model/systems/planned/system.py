@@ -71,7 +71,7 @@ class PlannedSystem(GlobalDiffSystem):
 
     def conditioning(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
-    ) -> Float[Tensor, "T heard_dim"]:
+    ) -> Float[Tensor, "T input_dim"]:
         """Encode speech (`System.conditioning`): features, the plan's tracks and gesture types."""
         assert draw.condition is not None
         return self.planner.conditioning(
@@ -104,7 +104,7 @@ class PlannedSystem(GlobalDiffSystem):
         )
 
     def conditioning_inputs(
-        self, speech: Float[Tensor, "heard dim"], hears: Bool[Tensor, " copies"]
+        self, speech: Float[Tensor, "T_ctx dim"], hears: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
         """Return the inputs of `GlobalDiffSystem.conditioning_inputs`, with or without a plan."""
         features, tracks, kinds = speech.split([self.encoder.dim, NUM_TRACKS, 2], dim=1)
@@ -123,7 +123,7 @@ class PlannedSystem(GlobalDiffSystem):
         """Return each copy's speaker, hidden with the speech, so that guidance amplifies style."""
         return super().speaker_inputs(draw, hears) * hears
 
-    def face_plan(self, speech: Float[Tensor, "heard dim"]) -> Float[Tensor, "heard tracks"]:
+    def face_plan(self, speech: Float[Tensor, "T_ctx dim"]) -> Float[Tensor, "T_ctx tracks"]:
         return speech[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
 
 
