@@ -71,8 +71,8 @@ DEFAULT_SAMPLING = Sampling()
 def clip_seed(seed: int, name: str) -> int:
     """Compute the noise seed of a clip, 0 to 2**31 - 1, from the user's seed and the clip's name.
 
-    In a run the name is the SHA-256 of the speech file. Systems with the same noise seed are
-    compared on the same noise; two clips that share noise move much alike whatever their speech.
+    In a run the name is the SHA-256 of the speech file. All systems have the same seed for a clip;
+    two clips that share noise move much alike whatever their speech.
     The seed depends neither on other clips nor on their order.
     """
     digest = hashlib.sha256(f"{seed} {name}".encode()).digest()

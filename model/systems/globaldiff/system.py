@@ -78,7 +78,10 @@ class MotionNetwork(ConditionedNetwork):
 
     @torch.no_grad()
     def initialise_output(self, x_1: Float[Tensor, "333"]) -> None:
-        """Set the untrained output to this vector: raw 6D of zero has an unbounded gradient."""
+        """Set the bias of the output to a motion vector, so that training starts from its pose.
+
+        With a zero output, the gradient of the orthonormalisation of 6D would be unbounded.
+        """
         self.hands.out.bias.copy_(x_1[HAND_CHANNELS])
         self.torso.out.bias.copy_(x_1[NON_HAND_CHANNELS])
 
