@@ -287,7 +287,7 @@ def test_what_the_blender_add_on_needs_is_there_without_pickles(motion, tmp_path
 def test_render_says_what_it_cannot_do(motion, capsys):
     for flags, words in [
         ("/nowhere/a.mp4", "folder /nowhere does not exist"),
-        ("a.gif", "must end in one of .mp4, .png, .glb, .bvh, .blender.npz"),
+        ("a.gif", "must end in one of .mp4, .png, .glb, .vrma, .bvh, .blender.npz"),
         (".mp4", "must end in one of"),
         ("a.png --stills 0", "1 to 64; got 0"),
         ("a.png --stills 65", "1 to 64; got 65"),
