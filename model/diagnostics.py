@@ -410,16 +410,16 @@ def parse_diagnostics(content: Mapping[str, Any]) -> dict[str, Any]:
             for version, values in versions.items()
         }
 
-    found: dict[str, Any] = {"format": DIAGNOSTICS_FORMAT} | _renamed(content, _FORMER_KEYS)
+    converted: dict[str, Any] = {"format": DIAGNOSTICS_FORMAT} | _renamed(content, _FORMER_KEYS)
     for key, convert in (
         ("findings", lambda each: _renamed(each, _FORMER_FINDING_KEYS)),
         ("assumptions", current_assumption),
     ):
-        of_all = found.get(key, {}).items()
-        found[key] = {name: [convert(each) for each in rows] for name, rows in of_all}
-    found["protocol_of"] = _renamed(found.get("protocol_of", {}), _FORMER_METRIC_KEYS)
-    found["reference"] = found.get("reference") and metrics(found["reference"])
-    return found | {"systems": {name: metrics(of) for name, of in found["systems"].items()}}
+        of_all = converted.get(key, {}).items()
+        converted[key] = {name: [convert(each) for each in rows] for name, rows in of_all}
+    converted["protocol_of"] = _renamed(converted.get("protocol_of", {}), _FORMER_METRIC_KEYS)
+    converted["reference"] = converted.get("reference") and metrics(converted["reference"])
+    return converted | {"systems": {name: metrics(of) for name, of in converted["systems"].items()}}
 
 
 def _renamed(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:

@@ -109,8 +109,8 @@ def body_part(finding: Finding) -> BodyPart:
     if JOINT_INDEX.get(joint) in FACE:
         return "face"
     needed = next((fault.required_parts for fault in FAULTS if fault.kind == finding.kind), ())
-    shown: list[BodyPart] = [_PARTS[part] for part in needed if part in _PARTS]
-    return shown[0] if shown else ""
+    parts: list[BodyPart] = [_PARTS[part] for part in needed if part in _PARTS]
+    return parts[0] if parts else ""
 
 
 def _found(fault: FaultCheck, evidence: Evidence) -> list[Finding]:

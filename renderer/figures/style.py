@@ -171,7 +171,7 @@ def draw_keys(
     width_mm = figure.bbox.width / figure.get_figure(root=True).dpi / MM
     handles = []
     for name, series in styles.items():
-        label = "\n".join(wrap_text(name, LABEL_PT, width_mm - 14.0))
+        label = "\n".join(wrap_text(name, LABEL_PT, width_mm - 17.0))
         handles.append(Line2D([], [], label=label, **series.line_properties))
     handles += more
     lines = [line for each in handles for line in str(each.get_label()).split("\n")]

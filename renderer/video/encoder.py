@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Self
+from typing import IO
 
 import imageio_ffmpeg
 import numpy as np
@@ -174,7 +174,7 @@ class Encoder:
         self._messages: IO[bytes]
         self._process: subprocess.Popen[bytes]
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Encoder":
         """Start ffmpeg.
 
         Raises:

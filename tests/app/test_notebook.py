@@ -93,7 +93,7 @@ def test_speech_becomes_motion_numbers_and_a_player_as_a_run_makes_them(weights)
         assert jerks[0] == jerks[1] > 0
     assert list(done.compare().table.columns) == names
     html = done.show().html
-    assert all(f'"{name}"' in html for name in names) and " in m/s³: local " in html
+    assert all(f'"{name}"' in html for name in names) and "jerk (m/s³)" in html
 
 
 CELLS = json.loads((ROOT / "docs" / "notebook.ipynb").read_text("utf-8"))["cells"]

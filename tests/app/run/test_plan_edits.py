@@ -284,7 +284,7 @@ def test_what_cannot_be_leaves_nothing(run: AnyRun, tmp_path: Path) -> None:
     with pytest.raises(Cancelled):
         regenerate_edited(asked, RunCallbacks(should_cancel=lambda: True))
     assert read_run(folder) == before
-    with pytest.raises(PlanError, match=r"the end at 12.00 s"):
+    with pytest.raises(PlanError, match=r"before the speech does, at 12.00 s"):
         regenerate_edited(asked, NO_CALLBACKS)
     drop_unfinished(folder)
     assert [row.name for row in read_run(folder).rows] == [PLANNED]

@@ -71,7 +71,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     assert float(apart["difference_low"]) > 0
     assert float(apart["difference"]) == pytest.approx(means["lively"] - means["reference"])
     sheet = (tmp_path / "sheet.md").read_text()
-    assert "# 3 clips" in sheet and "| identical | 0 | 3 | 0 |" in sheet
+    assert "# 3 clips" in sheet and "| copy of the reference | 0 | 3 | 0 |" in sheet
     by_clip = csv_rows(tmp_path / "clips.csv")
     assert [row["clip"] for row in by_clip] == [*CLIPS] * 3
     (protocols,) = {row["protocols"] for row in by_clip}
@@ -88,7 +88,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
         (-len(findings.split(", ")), -float(jerk.rstrip(" |")))
         for _, _, findings, jerk in (line.split(" | ") for line in worst[-3:])
     ]
-    assert order == sorted(order) and all("identical" in line for line in worst[-3:])
+    assert order == sorted(order) and all("copy of the reference" in line for line in worst[-3:])
     paper = (tmp_path / "table.tex").read_text()
     assert paper.count("\\\\\n") == 1 + len({row["measure"] for row in rows})
     assert "fewer than 10 clips no difference is starred" in paper and "{*}" not in paper
