@@ -107,6 +107,8 @@ IN_SIGHT = """(what) => {
     return top >= 0 && bottom <= innerHeight;
 }"""
 _FAILED_SCRIPTS: list[str] = []
+_UPLOADS: dict[str, str] = {}
+"""Where Gradio keeps the uploads to each page of this process, by its address."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -210,7 +212,9 @@ def visitor(browser: Browser) -> Iterator[Callable[..., BrowserContext]]:
 
 
 def opened(context: BrowserContext, address: str) -> Page:
-    """A page, ready to be used."""
+    """A page, ready to be used; uploads to it go where it looks for them."""
+    if (uploads := _UPLOADS.get(address)) is not None:
+        os.environ["GRADIO_TEMP_DIR"] = uploads
     page = watched(context.new_page())
     page.goto(address)
     return ready(page)
@@ -253,6 +257,8 @@ def served_blocks(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.page.worker.Worker", partial(fakes.FakeWorker, does=does))
         page = launch(config, is_warmed_up)
+    if page.local_url is not None:
+        _UPLOADS[page.local_url] = os.environ["GRADIO_TEMP_DIR"]
     yield page
     page.close()
     if before is not None:

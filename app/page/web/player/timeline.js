@@ -151,8 +151,10 @@ export class Timeline {
       lane.dataset.take = String(!!row.take);
       parts.push(lane);
     }
+    const focused = /** @type {HTMLElement | null} */ (document.activeElement);
     this.lanes.replaceChildren(...parts, this.range, this.cursor);
     this.element.hidden = false;
+    if (this.lanes.contains(focused)) focused?.focus({ preventScroll: true }); // the lanes of gestures have only moved
     this.know(rows);
     this.tiers.show(this.tiers.plan, this.#said, this.tiers.chosen);
     this.#observer.disconnect();
