@@ -22,7 +22,7 @@ from model.plan.editing import add_gesture
 from model.plan.kinds import PLACES
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech
-from model.systems.registry import load_system
+from model.systems.registry import default_planner, load_system
 
 DURATION_S, LANDS_S = 3.0, 1.3
 STEP, FIRST_S, NUM_FRAMES = 4, 0.4, 14
@@ -68,7 +68,7 @@ def picture(system: System, kind: str) -> UInt8[np.ndarray, "F P 2"]:
 
 def main(out: Path) -> None:
     """Write the pictures of all kinds."""
-    system = load_system("workbench/planned")
+    system = load_system(default_planner())
     content = {
         "frames": NUM_FRAMES,
         "fps": FPS / STEP,
