@@ -155,7 +155,9 @@ def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict
 def test_beat_align_is_there_with_its_chance_level_or_not_at_all() -> None:
     whole = numbers_of(beating(0.71, 0.7).raw)
     assert {key for key in whole if "align" in key} == {"beat_align", "beat_align_chance"}
-    alone = replace(beating(0.71, 0.7).raw.beats, beat_align_chance=math.nan)
+    beats = beating(0.71, 0.7).raw.beats
+    assert beats is not None
+    alone = replace(beats, beat_align_chance=math.nan)
     assert not [key for key in numbers_of(replace(both().raw, beats=alone)) if "align" in key]
     rows = {row.key: row for row in METRICS}
     assert rows["beat_align"].is_primary == rows["beat_align_chance"].is_primary

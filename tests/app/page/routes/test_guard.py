@@ -160,7 +160,8 @@ def test_a_claim_of_another_address_is_believed_of_a_proxy_that_was_named_and_of
     for flag, value in (("--proxy", "lab.example"), ("--embed-in", "lab.example"),
                         ("--embed-in", "https://a; b")):  # fmt: skip
         with pytest.raises(RunError, match=f"{flag} takes .*; got {value}"):
-            AppConfig(**{"proxies" if flag == "--proxy" else "frame_ancestors": (value,)})
+            is_proxy = flag == "--proxy"
+            AppConfig(proxies=(value,)) if is_proxy else AppConfig(frame_ancestors=(value,))
 
 
 def test_all_is_found_below_a_root_path_whether_a_proxy_removes_it_or_not(weights, tmp_path):
