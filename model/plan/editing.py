@@ -113,7 +113,7 @@ def move_gesture(
         block = [replace(one, word=word if one.phase == "stroke" else "") for one in block]
     by_s = lands_s - gesture.lands_s
     block = [replace(p, start_s=p.start_s + by_s, end_s=p.end_s + by_s) for p in block]
-    return _laid(plan, gesture.side, phases, block, lands_s)
+    return _laid(plan, gesture.side, phases, block)
 
 
 def delete_gesture(plan: GesturePlan, gesture: Gesture) -> PlanResult:
@@ -142,7 +142,7 @@ def add_gesture(
         HandPhase(strikes_s, lands_s, "stroke", goal, kind, word),
         HandPhase(lands_s, lands_s + HOLD_S, "hold", goal, kind),
     ]
-    return _on_hands(plan, _sides(hands), block, lands_s)
+    return _on_hands(plan, _sides(hands), block)
 
 
 def change_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> PlanResult:
@@ -152,7 +152,7 @@ def change_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> PlanResul
     partner = other_hand_gesture(plan, gesture)
     if partner is not None:
         plan = plan.with_hand(partner.side, tuple(_taken_out(plan, partner)[0]))
-    return _on_hands(plan, _sides(hands), block, gesture.lands_s)
+    return _on_hands(plan, _sides(hands), block)
 
 
 def set_hold(plan: GesturePlan, gesture: Gesture, hold_s: float) -> PlanResult:
@@ -166,7 +166,7 @@ def set_hold(plan: GesturePlan, gesture: Gesture, hold_s: float) -> PlanResult:
     if hold_s > 0:
         held_at = HandPhase(end_s, end_s + hold_s, "hold", block[-1].goal, block[-1].kind)
         block.append(held_at)
-    edited = _laid(plan, gesture.side, phases, block, gesture.lands_s)
+    edited = _laid(plan, gesture.side, phases, block)
     now = next(p for p in edited.plan.hand(gesture.side) if p.end_s >= end_s + _TINY_S)
     if now.phase == "hold" and hold_s > 0 and now.end_s < end_s + hold_s - _TINY_S:
         note = f"The hold ends at {now.end_s:.2f} s, where the next gesture begins."
@@ -208,7 +208,7 @@ def speed_up_gesture(plan: GesturePlan, gesture: Gesture, speed: float) -> PlanR
         slower.append(replace(one, start_s=at_s - lasts, end_s=at_s))
         at_s -= lasts
     after = [one for one in block if one.end_s > gesture.lands_s + 1e-9]
-    edited = _laid(plan, gesture.side, phases, [*reversed(slower), *after], gesture.lands_s)
+    edited = _laid(plan, gesture.side, phases, [*reversed(slower), *after])
     return replace(edited, notes=(*notes, *edited.notes))
 
 
@@ -415,12 +415,10 @@ def _merged(phases: Sequence[HandPhase]) -> list[HandPhase]:
     return merged
 
 
-def _on_hands(
-    plan: GesturePlan, sides: Sequence[Side], block: Sequence[HandPhase], lands_s: float
-) -> PlanResult:
+def _on_hands(plan: GesturePlan, sides: Sequence[Side], block: Sequence[HandPhase]) -> PlanResult:
     done = PlanResult(plan)
     for side in sides:
-        done = done.then(lambda new, on=side: _laid(new, on, _phases(new, on), block, lands_s))
+        done = done.then(lambda new, on=side: _laid(new, on, _phases(new, on), block))
     return done
 
 
@@ -429,7 +427,6 @@ def _laid(
     side: Side,
     phases: Sequence[HandPhase],
     block: Sequence[HandPhase],
-    lands_s: float,
 ) -> PlanResult:
     """Insert a gesture into a hand's phases, in place of rests, holds and retractions only."""
     notes: list[str] = []
@@ -532,7 +529,7 @@ def _back_to_rest(
 def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Place]) -> PlanResult:
     phases, block = _taken_out(plan, gesture)
     changed = [replace(one, goal=new(one.goal)) for one in block]
-    return _laid(plan, gesture.side, phases, changed, gesture.lands_s)
+    return _laid(plan, gesture.side, phases, changed)
 
 
 def clamp_to_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:

@@ -290,20 +290,19 @@ def _is_no_gesture(label: str, meaning: _Meaning) -> bool:
     """Check whether a label marks an adaptor, or no gesture, or an open question ("?", "-")."""
     if not label.strip():
         return meaning.content == PHASE_TIER
-    return bool(_stems(label, _NO_GESTURE)) or not any(sign.isalnum() for sign in label)
+    return _has_stem(label, _NO_GESTURE) or not any(sign.isalnum() for sign in label)
 
 
-def _stems(label: str, stems: Iterable[str]) -> list[str]:
-    """Return the stems with which words of a label begin."""
-    words = re.findall(r"[a-z]+", label.lower())
-    return [stem for stem in stems for word in words if word.startswith(stem)]
+def _has_stem(label: str, stems: tuple[str, ...]) -> bool:
+    """Check whether a word of a label begins with one of the stems."""
+    return any(word.startswith(stems) for word in re.findall(r"[a-z]+", label.lower()))
 
 
 def _has_types(tier: NamedTier) -> bool:
     """Check whether labels are gesture types, among which a beat is a gesture, not a phase."""
     named = [(_phase_of(row.text)[0], row.text) for row in tier.rows]
     phases = {phase for phase, _ in named} - {"rest", None}
-    has_names = any(phase is None and _stems(label, _TYPES) for phase, label in named)
+    has_names = any(phase is None and _has_stem(label, _TYPES) for phase, label in named)
     return phases <= {"beat"} and (has_names or (bool(phases) and tier.name not in _OURS))
 
 

@@ -36,8 +36,8 @@ PAGE_MM, COLUMN_MM = 174.0, 85.0
 MAX_HEIGHT_MM = 235.0
 DPI = 300  # resolution of PNG, and of pictures inside SVG and PDF
 FORMS = ("png", "svg", "pdf")
-FONTS = Path(__file__).parents[1] / "assets" / "fonts"
 """File formats of a figure."""
+FONTS = Path(__file__).parents[1] / "assets" / "fonts"
 CONTENTS_ENDING = ".figure.npz"
 """Suffix of files from which other formats are drawn, see `renderer.figures.saved_figures`."""
 SIMPLIFIED_PX = 0.05
@@ -162,10 +162,8 @@ def new_figure(width_mm: float, height_mm: float) -> "Figure":
     return Figure((width_mm * MM, height_mm * MM), facecolor="white", layout=layout)
 
 
-def draw_keys(
-    figure: "Figure | SubFigure", styles: Mapping[str, SeriesStyle], more: Sequence[Any] = ()
-) -> None:
-    """Draw a legend of line samples with whole names above all parts, then the handles ``more``."""
+def draw_keys(figure: "Figure | SubFigure", styles: Mapping[str, SeriesStyle]) -> None:
+    """Draw a legend of line samples with whole names above all parts."""
     from matplotlib.lines import Line2D
 
     width_mm = figure.bbox.width / figure.get_figure(root=True).dpi / MM
@@ -173,7 +171,6 @@ def draw_keys(
     for name, series in styles.items():
         label = "\n".join(wrap_text(name, LABEL_PT, width_mm - 17.0))
         handles.append(Line2D([], [], label=label, **series.line_properties))
-    handles += more
     lines = [line for each in handles for line in str(each.get_label()).split("\n")]
     column_mm = max((text_width_mm(line, LABEL_PT) for line in lines), default=0.0) + 12.0
     columns = max(1, min(len(handles), int((width_mm - 2.0) / column_mm)))

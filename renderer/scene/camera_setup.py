@@ -330,9 +330,11 @@ def _track(
         middle, lead_m = positions[:, CLOSE_UP_JOINTS[view]].mean(axis=1), CLOSE_UP_LEAD_M
     else:
         middle, lead_m = positions[:, 0].copy(), MAX_LEAD_M
-        is_rising = np.ptp(middle[:, 1]) > FOLLOW_DISTANCE_M
-        stands_m = _floor(body, positions) + body.rest_joints[0, 1] - body.template[:, 1].min()
-        middle[:, 1] = middle[:, 1] - stands_m if is_rising else 0.0
+        if np.ptp(middle[:, 1]) > FOLLOW_DISTANCE_M:
+            stands_m = _floor(body, positions) + body.rest_joints[0, 1] - body.template[:, 1].min()
+            middle[:, 1] -= stands_m
+        else:
+            middle[:, 1] = 0.0
     smooth = ndimage.gaussian_filter1d(middle, sigma_frames, axis=0, mode="nearest")
     away_m = np.linalg.norm(smooth - middle, axis=1, keepdims=True)
     return middle + (smooth - middle) * np.minimum(1.0, lead_m / np.maximum(away_m, 1e-9))

@@ -22,6 +22,7 @@ from model.plan.editing import add_gesture
 from model.plan.kinds import PLACES
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech
+from model.storage.files import write_atomically
 from model.systems.registry import default_planner, load_system
 
 DURATION_S, LANDS_S = 3.0, 1.3
@@ -79,7 +80,7 @@ def main(out: Path) -> None:
             for kind in sorted(PLACES)
         },
     }
-    out.write_text(json.dumps(content, separators=(",", ":")) + "\n")
+    write_atomically(out, json.dumps(content, separators=(",", ":")) + "\n")
 
 
 if __name__ == "__main__":
