@@ -239,26 +239,27 @@ def _findings(run: RunRecord) -> str:
     return _listed(f'<p class="hint">{NORM}</p>', items, 0, f"More findings ({len(items)})")
 
 
-def jerk_bars(*runs: RunRecord) -> str:
-    """Format the jerk of each motion as bars, over clips as dots; empty for a single motion."""
-    raw = [{name: of["raw"] for name, of in run.numbers.items()} for run in runs]
-    jerk = {name: {1: of[JERK]} for name, of in raw[0].items() if JERK in of}
-    jerk = jerk if len(runs) == 1 else by_measure(raw).get(JERK, {})
-    found = {name: interval([*of.values()]) for name, of in jerk.items()}
-    most = max((high for _, _, high in found.values()), default=0.0)
-    if len(found) < 2 or not most > 0.0:
+def jerk_bars(run: RunRecord) -> str:
+    """Format the jerk of each motion as bars; empty for a single motion."""
+    raw = {name: of["raw"] for name, of in run.numbers.items()}
+    return _bars(run, {name: (of[JERK],) * 3 for name, of in raw.items() if JERK in of})
+
+
+def _bars(run: RunRecord, jerk: Mapping[str, Sequence[float]], over: str = "") -> str:
+    """Format means of the jerk with their intervals, as dots if ``over`` says over what."""
+    most = max((high for _, _, high in jerk.values()), default=0.0)
+    if len(jerk) < 2 or not most > 0.0:
         return ""
-    colors = {row.name: row.color for row in runs[0].rows}
-    title = f"{point_title(runs[0].point)} jerk (m/s³)"
+    colors = {row.name: row.color for row in run.rows}
     values = {
-        runs[0].label(name): (
+        run.label(name): (
             format_number(ends[0]),
             _bar_color(name, colors),
             [v / most for v in ends],
         )
-        for name, ends in found.items()
+        for name, ends in jerk.items()
     }
-    return markup.bars(title + text.OVER_CLIPS if len(runs) > 1 else title, values, len(runs) > 1)
+    return markup.bars(f"{point_title(run.point)} jerk (m/s³){over}", values, bool(over))
 
 
 def _bar_color(name: str, colors: Mapping[str, str]) -> str:
@@ -285,14 +286,16 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     """Format each system's jerk with its interval over clips, and by clip; empty for one run."""
     if len(runs) < 2:
         return ""
-    point = next(iter(runs.values())).point
+    first = next(iter(runs.values()))
     measured = [run.numbers for run in runs.values()]
-    verdict = make_verdict(point, measured)
+    verdict = make_verdict(first.point, measured)
     raw = by_measure({name: of["raw"] for name, of in clip.items()} for clip in measured)
     jerk = raw.get(JERK, {})
+    means = {name: interval(list(of.values())) for name, of in jerk.items()}
     above = ""
     if verdict is not None:
-        above = markup.verdict(verdict.numbers, verdict.judgement, jerk_bars(*runs.values()))
+        bars = _bars(first, means, text.OVER_CLIPS)
+        above = markup.verdict(verdict.numbers, verdict.judgement, bars)
         above += _says(markup.claim_of(verdict.judgement)[1])
     names = short_names(jerk)
     rows = [
@@ -301,10 +304,9 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         )
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
-    means = [interval(list(of.values())) for of in jerk.values()]
-    cells = [ranged(*found, format_number) for found in means]
+    cells = [ranged(*found, format_number) for found in means.values()]
     head = markup.heads({name: names[name] for name in jerk})
-    title = f"{point_title(point)} jerk in m/s³, as generated, clip by clip"
+    title = f"{point_title(first.point)} jerk in m/s³, as generated, clip by clip"
     foot = f"<tfoot>{markup.row(text.CLIPS_MEAN, cells)}</tfoot>"
     is_done = all(run.state == "done" for run in runs.values())
     return (

@@ -235,8 +235,9 @@ def media_routes(
         if body is None or path.suffix != ".npz":
             return PlainTextResponse(CHARACTER_GONE, status_code=404)
         video, name = VideoOptions(body=body), f"{path.stem}-character.glb"
-        request = partial(RenderRequest, motion=path, video=video)
-        return await made.answer(RENDER, lambda out: request(out=out), name)
+        return await made.answer(
+            RENDER, lambda out: RenderRequest(motion=path, out=out, video=video), name
+        )
 
     async def made_of(path: Path, kind: str, query: QueryParams) -> Response:
         def asked(out: Path) -> RenderRequest:
@@ -285,18 +286,19 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
     """Owners (`Quota.owner_of`) by the folder of what is read for them."""
 
     async def character(request: Request) -> Response:
-        cookie, folder = cookie_of(request), Path(tempfile.mkdtemp(dir=made.temp))
+        cookie = cookie_of(request)
+        if request.method == "DELETE":
+            characters.drop(cookie)
+            return Response(status_code=204)
+        if not cookie:
+            return PlainTextResponse(NO_COOKIE, status_code=400)
+        owner = quota.owner_of(request)
+        of_owner = [*reading.values()].count(owner)
+        if len(reading) >= _MAX_CHARACTERS_AT_ONCE or of_owner >= _MAX_OF_OWNER:
+            return PlainTextResponse(TOO_MANY_CHARACTERS, status_code=429)
+        folder = Path(tempfile.mkdtemp(dir=made.temp))
+        reading[folder] = owner
         try:
-            if request.method == "DELETE":
-                characters.drop(cookie)
-                return Response(status_code=204)
-            if not cookie:
-                return PlainTextResponse(NO_COOKIE, status_code=400)
-            owner = quota.owner_of(request)
-            of_owner = [*reading.values()].count(owner)
-            if len(reading) >= _MAX_CHARACTERS_AT_ONCE or of_owner >= _MAX_OF_OWNER:
-                return PlainTextResponse(TOO_MANY_CHARACTERS, status_code=429)
-            reading[folder] = owner
             source = folder / FILE
             if request.method == "GET":
                 if characters.link(cookie, folder) is None:

@@ -143,17 +143,17 @@ class SeenRunner(TabRunner):
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         seen = ViewerState.parse(values[0])
-        config = self.services.config
+        body = self.services.config.body
         if seen.has_character:
-            config = self.services.config_for(job)
-            if config.body == self.services.config.body:
+            body = self.services.characters.link(job.cookie, job.folder)
+            if body is None:
                 raise RunError(CHARACTER_GONE)
         request = ViewerVideoRequest(
             seen=seen,
             motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),
             out=job.folder / "results",
             speech=self._file(seen.sound, job.cookie, ".wav") if seen.sound else None,
-            body=config.body,
+            body=body,
         )
         yield {
             self.parts.seen: shown(line_of(text.SEEN_STARTING)),

@@ -30,7 +30,9 @@ export class GesturePalette {
     this.element.append(...kinds.map((kind) => make("label", {}, input(kind), make("canvas", { width: DENSITY * SIZE, height: DENSITY * SIZE }), kindName(kind))));
     const answer = await fetch(new URL("gestures.json", import.meta.url));
     if (!answer.ok) return;
-    this.#pictures = await answer.json();
+    const pictures = await answer.json();
+    const points = Object.entries(pictures.points).map(([kind, base64]) => [kind, atob(base64)]);
+    this.#pictures = { ...pictures, points: Object.fromEntries(points) };
     for (const label of this.element.children) this.#draw(label, this.#pictures.still);
   }
 
@@ -56,7 +58,7 @@ export class GesturePalette {
     const { points, chains, frames } = this.#pictures;
     const canvas = label.querySelector("canvas");
     const kind = label.querySelector("input").value;
-    const bytes = atob(points[kind] ?? "");
+    const bytes = points[kind] ?? "";
     const from = (frame * bytes.length) / frames;
     const at = (point) => [0, 1].map((axis) => (bytes.charCodeAt(from + 2 * point + axis) / 255) * canvas.width);
     const context = canvas.getContext("2d");

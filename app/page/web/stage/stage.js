@@ -489,8 +489,8 @@ export class Stage {
     this.orbit.place(FEET_VIEW);
     const { axes, eye } = this.#cameraOf({ view }, entry, this.#moment, rect[2] / rect[3]);
     const world = entry.shown.world(this.#moment, this.#motionLook);
-    const feet = ["left_foot", "right_foot"].map((name) => 12 * this.#mesh.names.indexOf(name));
-    const middle = [3, 7, 11].map((at) => (world[feet[0] + at] + world[feet[1] + at]) / 2);
+    const [left, other] = ["left_foot", "right_foot"].map((name) => rigid(world, this.#mesh.names.indexOf(name), [0, 0, 0]));
+    const middle = left.map((part, k) => (part + other[k]) / 2);
     middle[1] = Math.max(middle[1], this.#framing.floor);
     const [right, up] = axes.slice(0, 2).map((axis) => axis.reduce((sum, part, k) => sum + part * (middle[k] - eye[k]), 0));
     this.orbit.place([...FEET_VIEW, right, up]);
