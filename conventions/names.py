@@ -18,6 +18,12 @@ PostFilter = Literal["none", "savgol"]
 """Filter that is applied to motions before they are shown."""
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
 
+
+def filtered_version(post_filter: PostFilter) -> FilterVersion:
+    """Return the version of a motion after a post-filter."""
+    return "savgol" if post_filter == "savgol" else "raw"
+
+
 _LATER_SAMPLE = re.compile(r"(?P<system>.+)\.s(?P<number>[2-9]|[1-9][0-9]+)")
 
 

@@ -8,7 +8,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, TypeVar
 
 from conventions.names import FilterVersion
-from model.metrics.protocols.table import PROTOCOLS, WORKBENCH
+from model.metrics.protocols.table import GENEA_LENGTHS, PROTOCOLS, WORKBENCH
 
 if TYPE_CHECKING:
     import numpy as np
@@ -168,7 +168,7 @@ JERK, SPEED = "tracked_point_jerk_m_s3", "tracked_point_speed_m_s"
 POWER_ABOVE_5_HZ, SEAMS = "tracked_point_power_above_5hz_percent", "seam_jerk_ratio"
 FGD, FGD_EMAGE = "fgd", "fgd_emage"
 """Keys of the distances of whole sets to the recorded one, by our encoder and by EMAGE's."""
-FGD_GENEA = {length: f"fgd_genea_{length}" for length in (30, 60, 90)}
+FGD_GENEA = {length: f"fgd_genea_{length}" for length in GENEA_LENGTHS}
 """Keys of those by GENEA's encoders, by the length of their pieces in frames."""
 TITLES = {row.key: row.full_title for row in METRICS} | {
     FGD: "Distribution: FGD to the recorded set, our encoder",
@@ -218,11 +218,8 @@ KEYS_OF_OLD_TITLES = {
     "In step with the speech: Lag": "lag_s",
     "In step with the speech: Drift": "lag_drift_s",
     "Diversity: L1 diversity": "l1_diversity_m",
-    "Distribution: FGD to the recorded set, our encoder": FGD,
-    "Distribution: FGD to the recorded set, EMAGE's encoder": FGD_EMAGE,
 }
-"""Keys of the metrics by the titles that were keys in ``run.json`` of formats 1 and 2, and in
-leaderboards of format 1."""
+"""Keys of the metrics by the titles that were keys in ``run.json`` of formats 1 and 2."""
 Numbers = Mapping[FilterVersion, Mapping[str, float]]
 """Values of one motion by version (filter) and by key of the measure, as in ``run.json``."""
 

@@ -301,10 +301,12 @@ class RunWriter(RunCallbacks):
             self.write_motion(name, motion)
         return make_timeline(speech, motions, "raw", tip, weights)
 
-    def write_timeline(self, timeline: Mapping[str, Any], transcript: Transcript) -> None:
-        """Write the timeline; it is written again when words have been recognised."""
+    def write_timeline(
+        self, timeline: Mapping[str, Any], transcript: Transcript | None = None
+    ) -> None:
+        """Write the timeline, with a transcript's tiers in place of its own; also again."""
         path = self.folder.path(TIMELINE)
-        whole = {**timeline, **transcript_tiers(transcript)}
+        whole = {**timeline, **({} if transcript is None else transcript_tiers(transcript))}
         path.write_text(json.dumps(whole, allow_nan=False, separators=(",", ":")))
         self.record.timeline = TIMELINE
         self.add_files(path)

@@ -237,7 +237,6 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
         style=style,
         script=script,
         tables=[_table(of) for of in tests],
-        definition_of=definition_of,
         titles=TITLES,
         written=format_value,
     )
@@ -263,11 +262,16 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
     """Return one test for the template; BeatAlign is only included with its chance level."""
     entries = [_by_protocol(entry, entries) for entry in entries]
     keys = dict.fromkeys(key for entry in entries for key in entry.measures)
+    names = {key: key.partition(_BY)[0] for key in keys}
+    protocols = {
+        key: next(each.measures[key].protocol for each in entries if key in each.measures)
+        for key in keys
+    }
     recorded = next((entry.measures for entry in entries if entry.is_recorded), {})
 
     def apart(key: str, value: MetricValue) -> float | None:
         """Return the distance to the recorded motion; None if the metric has no target."""
-        name = key.partition(_BY)[0]
+        name = names[key]
         if name in _TO_RECORDED:
             return abs(value.mean)
         aim = None if name in _WITHOUT_AIM else recorded.get(key)
@@ -281,10 +285,8 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
             key: next(each.measures[key].unit for each in entries if key in each.measures)
             for key in keys
         },
-        "protocols": {
-            key: next(each.measures[key].protocol for each in entries if key in each.measures)
-            for key in keys
-        },
-        "rare": {key for key in keys if key.partition(_BY)[0] not in _OF_SETS | _FIRST},
+        "protocols": protocols,
+        "definitions": {key: definition_of(names[key], protocols[key]) for key in keys},
+        "rare": {key for key in keys if names[key] not in _OF_SETS | _FIRST},
         "apart": apart,
     }

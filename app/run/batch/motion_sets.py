@@ -430,22 +430,21 @@ class _ClipJob:
         Args:
             motions: samples by system, the reference first; ``clips`` are theirs, unvaried.
         """
-        by_variation: dict[str, Mapping[str, Sequence[Clip]]] = {PLAIN: clips}
-        for variation in _variations(self.request):
-            varied: dict[str, list[Clip]] = {}
-            for name, samples in motions.items():
-                recorded = varied.get(REFERENCE_NAME, [None])[0]
-                varied[name] = [varied_clip(each, inputs, variation, recorded) for each in samples]
-            by_variation[variation] = varied
         with_own = bool(self.request.metrics.expected)
-        return {
-            (name, variation): mean_sums([
-                without_parts(protocol_sums(clip, with_own), reading.missing_parts)
-                for clip, reading in zip(samples, readings[name].values(), strict=True)
-            ])
-            for variation, by_system in by_variation.items()
-            for name, samples in by_system.items()
-        }  # fmt: skip
+        sums: dict[tuple[str, str], dict[str, Sums]] = {}
+        for variation in (PLAIN, *_variations(self.request)):
+            recorded: Clip | None = None
+            for name, samples in motions.items():
+                varied = clips[name]
+                if variation != PLAIN:
+                    varied = [varied_clip(each, inputs, variation, recorded) for each in samples]
+                if name == REFERENCE_NAME:
+                    recorded = varied[0]
+                sums[name, variation] = mean_sums([
+                    without_parts(protocol_sums(clip, with_own), reading.missing_parts)
+                    for clip, reading in zip(varied, readings[name].values(), strict=True)
+                ])  # fmt: skip
+        return sums
 
     def _shared_inputs(self, num_frames: int) -> dict[str, Any]:
         """Return the arguments of `analyse_raw` that do not depend on the motion."""

@@ -271,10 +271,10 @@ def _draw_hearing(
             {key: arm_speed(motion) for key, motion in of_system[system].grid.items()},
             {
                 part: (shares["by_speech"], shares["by_noise"])
-                for part, shares in numbers["parts"].items()
+                for part, shares in of["parts"].items()
             },
         )
-        for system, numbers in numbers.items()
+        for system, of in numbers.items()
     ]
     run.write_figure("hearing", rows, SPEECH_EFFECT_CAPTION, request.output.figure_forms)
 

@@ -21,7 +21,6 @@ from app.run.models import get_system
 from app.run.output.result_folder import ResultFolder, require_free_space
 from app.run.output.run_folder import (
     MAX_RUN_BYTES,
-    TIMELINE,
     EditInfo,
     Row,
     RunRecord,
@@ -35,7 +34,7 @@ from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, s
 from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
 from app.run.timeline import TimeSpan, motion_curves, read_transcript_of_run
-from conventions.names import FilterVersion, PostFilter, SampleName, file_stem
+from conventions.names import PostFilter, SampleName, file_stem, filtered_version
 from conventions.rates import FPS
 from model.generation.base import System
 from model.generation.regenerate import (
@@ -194,12 +193,10 @@ def _add_curves(
     if path is None or row.take is None:
         return ()
     timeline = read_json(path, dict[str, Any], MAX_RUN_BYTES)
-    version: FilterVersion = "savgol" if post_filter == "savgol" else "raw"
+    version = filtered_version(post_filter)
     tip = make_tracked_point(request.body, record.point)
     curves = timeline["curves"] | {row.name: motion_curves(motion, version, tip)}
-    new = run.folder.path(TIMELINE)
-    new.write_text(json.dumps(timeline | {"curves": curves}, separators=(",", ":")))
-    run.add_files(new)
+    run.write_timeline(timeline | {"curves": curves})
     jerk = [
         f"{np.mean(of[version]['jerk_m_s3']['values']):.0f}"
         for name in (row.name, row.take.start)

@@ -19,6 +19,8 @@ WORKBENCH = "workbench/1"
 """Id of the metrics that have no published rule of their own."""
 PROTOCOL_CAPTION = f"Numbers by protocol {WORKBENCH}."
 """Last sentence of captions."""
+GENEA_LENGTHS = (30, 60, 90)
+"""Lengths of the pieces of GENEA's encoders (frames)."""
 _OPEN = "the 55 joints of the open body (m), y up, flat hands, no betas"
 _ROOTED = f"{_OPEN}, pelvis-aligned"
 _WHOLE = "whole clip; mean over clips"
@@ -158,7 +160,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
                 values={"fgd": ""}, needs=("reference", "genea_weights"),
                 encoder=f"model_checkpoint_{length}.bin, yours",
             )
-            for length in (30, 60, 90)
+            for length in GENEA_LENGTHS
         ),
         Protocol(
             "physical/mbench",

@@ -14,6 +14,7 @@ from jaxtyping import Float, Shaped
 from torch import Tensor, nn
 
 from conventions.joints import JOINT_INDEX
+from model.metrics.protocols.table import GENEA_LENGTHS
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion
 from model.motion.tracks import track_points
@@ -21,7 +22,6 @@ from model.storage.cards import CheckpointError
 from model.storage.checkpoint import check_tensors, read_tensors
 
 CODE_DIM = 32
-LENGTHS = (30, 60, 90)
 _PREFIX = "pose_encoder."
 _JOINTS = (
     *("spine1", "spine2", "spine3", "neck", "neck", "head"),
@@ -112,7 +112,7 @@ def _sizes(
         length = 2 * (tensors["out_net.0.weight"].shape[1] // last + 5)
     except (LookupError, TypeError, ZeroDivisionError):
         raise CheckpointError(refusal) from None
-    if length not in LENGTHS or max(first, second, third, last) > 512:
+    if length not in GENEA_LENGTHS or max(first, second, third, last) > 512:
         raise CheckpointError(refusal)
     return (first, second, third, last), length
 

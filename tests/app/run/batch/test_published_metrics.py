@@ -47,7 +47,7 @@ def _motions(clip: str) -> dict[str, Motion]:
 def genea(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
     """Files of GENEA's shape by the length of their pieces, of seeded numbers."""
     folder = tmp_path_factory.mktemp("genea")
-    return {length: _genea_file(folder, length) for length in (30, 60, 90)}
+    return {length: _genea_file(folder, length) for length in FLAT}
 
 
 def _genea_file(folder: Path, length: int) -> Path:
@@ -71,11 +71,7 @@ def _genea_network(length: int) -> nn.Module:
         layer(42, 32, 3, 1), layer(32, 64, 3, 1), layer(64, 64, 4, 2), nn.Conv1d(64, 32, 3)
     )
     network.out_net = nn.Sequential(
-        *(
-            nn.Linear({30: 320, 60: 800, 90: 1280}[length], 256),
-            nn.BatchNorm1d(256),
-            nn.LeakyReLU(1.0),
-        ),
+        *(nn.Linear(FLAT[length], 256), nn.BatchNorm1d(256), nn.LeakyReLU(1.0)),
         *(nn.Linear(256, 128), nn.BatchNorm1d(128), nn.LeakyReLU(1.0), nn.Linear(128, 32)),
     )
     for module in network.modules():
