@@ -225,7 +225,7 @@ def style_features(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
 def speaker_effect(motions: Grid) -> dict[str, float]:
     """Compute the effect of the speaker on the arms for one speech, by speaker and noise seed.
 
-    ``arm_rotation_correlation_same_noise`` near 1: another speaker has the same gestures.
+    ``arm_rotations_same_noise`` near 1: another speaker has the same gestures.
     """
     return {
         "by_speaker": speech_and_noise_shares(motions)["arms"].by_speech,

@@ -200,7 +200,7 @@ def hostile_answers(folder: Path, names: Sequence[str], start: int) -> AnalysisR
     key = made.made_key()
     files = made.made_files(key, 4)
     for number, file in enumerate(files):
-        file["participant"] = f"{HOSTILE[start + number]}"
+        file["participant"] = HOSTILE[start + number]
         if number == 3:  # left out, and named in the report
             file["panel"] = {"PROLIFIC_PID": HOSTILE[start]}
     path, answers = made.written_study(folder, key, [])

@@ -99,7 +99,7 @@ class TierHead(nn.Module):
             self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.units)))
 
     def state(
-        self, speech: Float[Tensor, "*rows T_ctx"], chain_state: Float[Tensor, "*rows seen"]
+        self, speech: Float[Tensor, "*rows speech_width"], chain_state: Float[Tensor, "*rows seen"]
     ) -> Float[Tensor, "*rows hidden"]:
         return F.silu(self.heard(speech) + self.seen(chain_state))
 
@@ -139,7 +139,7 @@ class PlannerNetwork(nn.Module):
         speech: Float[Tensor, "B around input_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
-    ) -> Float[Tensor, "B T T_ctx"]:
+    ) -> Float[Tensor, "B T speech_width"]:
         """Encode normalised features (and codes) around each of T frames, with the speaker.
 
         ``speech`` has ``config.context`` frames more before and after them.
