@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, TypeVar
 
 import imageio_ffmpeg
 import numpy as np
@@ -115,6 +115,10 @@ def probe_video(video: Path) -> VideoInfo:
     return VideoInfo(int(size[1]), int(size[2]), int(counts[-1]))
 
 
+Own = TypeVar("Own", bound="Encoder")
+"""An encoder or a subclass; the check of shapes refuses ``typing.Self`` in a method."""
+
+
 class Encoder:
     """Run of ffmpeg that makes one mp4 of ``num_frames`` frames at 30 fps, or no file.
 
@@ -174,7 +178,7 @@ class Encoder:
         self._messages: IO[bytes]
         self._process: subprocess.Popen[bytes]
 
-    def __enter__(self) -> "Encoder":
+    def __enter__(self: Own) -> Own:
         """Start ffmpeg.
 
         Raises:
