@@ -271,8 +271,8 @@ class JointTree:
     def _neck(self, heads: list[int]) -> JointMap:
         named = [at for at, each in enumerate(heads) if "head" in self._labels[each]]
         end = named[0] if named else min(1, len(heads) - 1)
-        found: JointMap = {"head": [heads[end]]}
-        return found | ({"neck": heads[:end]} if end else {})
+        joint_map: JointMap = {"head": [heads[end]]}
+        return joint_map | ({"neck": heads[:end]} if end else {})
 
     def _fingers(self, wrist: int, side: str, ahead: Float[np.ndarray, " 3"]) -> JointMap:
         """Find finger joints by names with numbers, or else by chains.

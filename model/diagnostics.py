@@ -268,7 +268,7 @@ class _MeasureOptions:
     point: str
     tip_track: TipTrack | None
     onsets_s: Float[np.ndarray, " onsets"] | None
-    heard: Float[np.ndarray, "frames bands"] | None
+    speech_bands: Float[np.ndarray, "frames bands"] | None
     inputs: ProtocolInputs
     is_published: bool
     """True to measure published protocols."""
@@ -286,7 +286,7 @@ def _versions(
     """
     tracks = track_points(motion, ways.skeleton)
     period = find_period(tracks)
-    lag = None if ways.heard is None else find_lag(motion, ways.heard)
+    lag = None if ways.speech_bands is None else find_lag(motion, ways.speech_bands)
     usual_speed = _usual_speed(
         ways.inputs.mean_speeds, recorded[0].tracks if recorded else None, tracks
     )

@@ -175,9 +175,9 @@ def _lag_sentence(diagnostics: Diagnostics) -> str:
         f"{name} {lag.lag_s:z.2f} s ({lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, by its"
         f" {lag.lag_source})"
         for name, lag in found.items()
-        if lag is not None and lag.is_known
+        if lag is not None and lag.is_detected
     ]
-    if unknown := [name for name, lag in found.items() if lag is not None and not lag.is_known]:
+    if unknown := [name for name, lag in found.items() if lag is not None and not lag.is_detected]:
         told.append(
             f"{join_names(unknown)} unknown, because neither face nor body follows the speech "
             "closely "

@@ -148,10 +148,12 @@ def _ablation_sentences(
             if _is_calmer(ratio)
             else ("unlike the paper's claim", "does not have clearly")
         )
-        which = "" if base == claim.plain else f", which has {claim.what} too,"
+        which = "" if base == claim.plain else f", which has {claim.less_jerk_group} too,"
         sentences.append(
-            f"{here}, {as_claimed}, the system with {claim.what} {has} less jerk than the one with "
-            f"{claim.than}: from {names[claim.more]} to {names[base]}{which} {_change(ratio)}."
+            f"{here}, {as_claimed}, the system with {claim.less_jerk_group} {has} less jerk than "
+            "the "
+            f"one with {claim.more_jerk_group}: from {names[claim.more]} to {names[base]}{which} "
+            f"{_change(ratio)}."
         )
         if worse := _worse(table, base, claim.more):
             sentences.append(

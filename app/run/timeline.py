@@ -29,10 +29,10 @@ from model.speech.audio import Speech
 from model.speech.transcript import (
     EMPTY_TRANSCRIPT,
     Accent,
-    GivenWords,
     Transcript,
     TranscriptSource,
     Word,
+    WordsFile,
     read_words,
 )
 from model.speech.word_recognition import WordRecognition
@@ -310,10 +310,10 @@ class WordSearch:
 
     def __init__(self, transcript: Path | Transcript | None, source: WordSource) -> None:
         """Read the transcript, if there is one; raises TranscriptError if it cannot be used."""
-        self._given: GivenWords | None = None
+        self._given: WordsFile | None = None
         if transcript is not None:
             is_file = isinstance(transcript, Path)
-            self._given = read_words(transcript) if is_file else GivenWords(transcript)
+            self._given = read_words(transcript) if is_file else WordsFile(transcript)
         self._asked: WordSource = source
         self._hearing: WordRecognition | None = None
 

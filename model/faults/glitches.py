@@ -315,7 +315,7 @@ def reference_lag(evidence: Evidence) -> Iterator[Finding]:
 def speech_lag(evidence: Evidence) -> Iterator[Finding]:
     """Detect motion that is late or early against the speech, constantly or increasingly."""
     lag = evidence.raw.lag
-    if lag is None or not lag.is_known:
+    if lag is None or not lag.is_detected:
         return
     is_apart = min(abs(lag.lag_low_s), abs(lag.lag_high_s)) * FPS >= MIN_SPEECH_LAG_FRAMES - 0.5
     if not lag.lag_drift_s and not (is_apart and lag.lag_low_s * lag.lag_high_s > 0):

@@ -251,13 +251,13 @@ def _rotation_format_6d(
 ) -> Assumption:
     """Decide whether 6D rotations are sequential or interleaved, and rows or columns."""
 
-    def apart(six: Num[np.ndarray, "*batch 6"]) -> float:
+    def orthonormality_error(six: Num[np.ndarray, "*batch 6"]) -> float:
         a, b = six[..., :3], six[..., 3:]
         unit = [np.abs(np.linalg.norm(each, axis=-1) - 1).mean() for each in (a, b)]
         return float(sum(unit) + np.abs((a * b).sum(axis=-1)).mean())
 
     forms = FORMATS_BY_WIDTH[6]
-    if apart(rows[..., _INTERLEAVED_6D]) < 0.5 * apart(rows):
+    if orthonormality_error(rows[..., _INTERLEAVED_6D]) < 0.5 * orthonormality_error(rows):
         reason = "only as two columns, number by number, are they of length 1"
         return Assumption("rotations", "6d-interleaved", reason, "sure", forms)
     natural = natural_bend_score(_decoded(rows, "6d", name), joints)

@@ -393,7 +393,7 @@ class _Archive:
 
     archive: zipfile.ZipFile
     name: str
-    told: dict[str, str]
+    overrides: dict[str, str]
     headers: dict[str, Header] = field(default_factory=dict)
     plain: dict[str, str] = field(default_factory=dict)
     """Key of each plain name."""
@@ -455,14 +455,14 @@ class _Archive:
 
         The plain names are set to the arrays that belong to it.
         """
-        found: dict[str, str] = {}
+        candidates: dict[str, str] = {}
         for names in (POSES, ROOTS):
             for key, (shape, dtype) in self.headers.items():
                 before, plain = split_key(key)
                 is_one = plain in names and dtype.kind in "fiu"
                 if is_one and (not before or names is ROOTS or _is_motion(shape)):
-                    found.setdefault(before, key)
-        if not found:
+                    candidates.setdefault(before, key)
+        if not candidates:
             usable = [
                 key
                 for key, (shape, dtype) in self.headers.items()
@@ -473,30 +473,33 @@ class _Archive:
             ] or usable
             if len(usable) != 1:
                 raise MotionError(self._nothing())
-            found = {"": usable[0]}
-        before = next(iter(found))
-        if len(found) > 1 and ("" not in found or "motion" in self.told):
-            names = [printable(each or "the plain one") for each in found]
-            choice = self.told.get("motion", "")
+            candidates = {"": usable[0]}
+        before = next(iter(candidates))
+        if len(candidates) > 1 and ("" not in candidates or "motion" in self.overrides):
+            names = [printable(each or "the plain one") for each in candidates]
+            choice = self.overrides.get("motion", "")
             numbers = [str(number) for number in range(1, len(names) + 1)]
-            if choice not in (*found, *numbers):
+            if choice not in (*candidates, *numbers):
                 raise MotionError(
-                    f"{self.name} holds {len(found)} motions: {', '.join(names[:12])}; give one of"
+                    f"{self.name} holds {len(candidates)} motions: {', '.join(names[:12])}; give "
+                    "one of"
                     f" them (say --assume motion={names[0]})."
                 )
-            before = choice if choice in found else list(found)[numbers.index(choice)]
+            before = choice if choice in candidates else list(candidates)[numbers.index(choice)]
             self.choice = Assumption("motion", choice, "as you say", "user", tuple(names))
-        elif len(found) > 1:
+        elif len(candidates) > 1:
             before = ""
-            alternatives = tuple(each for each in found if each)
-            reason = f"`{found['']}`, beside {', '.join(alternatives)}"
-            self.choice = Assumption("motion", printable(found[""]), reason, "likely", alternatives)
+            alternatives = tuple(each for each in candidates if each)
+            reason = f"`{candidates['']}`, beside {', '.join(alternatives)}"
+            self.choice = Assumption(
+                "motion", printable(candidates[""]), reason, "likely", alternatives
+            )
         for own in (False, True):  # arrays of no other motion, then those of this one
             for key in self.headers:
                 prefix, plain = split_key(key)
-                if prefix == before if own else prefix not in found or not prefix:
+                if prefix == before if own else prefix not in candidates or not prefix:
                     self.plain[plain] = key
-        return found[before]
+        return candidates[before]
 
     def _nothing(self) -> str:
         objects = [key for key, (_, dtype) in self.headers.items() if dtype.hasobject]
@@ -538,7 +541,7 @@ class _Archive:
         if max(shape[:2]) > MAX_FRAMES:
             check_num_frames(max(shape[:2]), self.name)
         array = self._numbers(key)
-        draft = _of_array(array, self.name, self.told, printable(key))
+        draft = _of_array(array, self.name, self.overrides, printable(key))
         self.lengths["poses"] = len(draft.poses)
         if plain != "poses":
             draft.assume("layout", printable(key), f"its array of shape {shape} holds rotations")
@@ -546,7 +549,7 @@ class _Archive:
 
     def _of_parts(self) -> Draft:
         """Read a motion from separate SMPL-X parameters; missing ones stay at rest."""
-        draft = Draft(self.name, self.told, np.zeros((1, NUM_JOINTS, 3)), is_offset=True)
+        draft = Draft(self.name, self.overrides, np.zeros((1, NUM_JOINTS, 3)), is_offset=True)
         parts: dict[tuple[int, ...], np.ndarray] = {}
         keys = []
         for part, joints in PARTS.items():
@@ -676,11 +679,11 @@ class _Archive:
         if key == MISSING and marks.mean() > 0.5:  # then zero rather means that nothing is missing
             marks[: len(values)] = values != 0
             confidence = "unsure"
-        told = self.told.get("frames", "bridge" if key == MISSING else "refuse")
+        choice = self.overrides.get("frames", "bridge" if key == MISSING else "refuse")
         if not marks.any() or marks.all():
             return
         which = f"`{key}` marks frames {format_frame_ranges(marks)} as invalid"
-        if told == "bridge":
+        if choice == "bridge":
             _bridge(draft, marks)
             draft.assume("frames", "bridge", f"{which}; they were interpolated", confidence)
         else:

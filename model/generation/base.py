@@ -283,13 +283,13 @@ class System(ABC):
         raise ValueError(f"{self.name} follows speech alone.")
 
     def make_constraint(
-        self, condition: Any, kept: Mapping[str, Shaped[Tensor, " ..."]] | None = None
+        self, condition: Any, state: Mapping[str, Shaped[Tensor, " ..."]] | None = None
     ) -> MotionConstraint | None:
         """Return the follower of one sample's motion; None leaves the motion to the network.
 
         Args:
             condition: None for one that arrives with the speech.
-            kept: the decisions of an earlier constraint (`MotionConstraint.state`).
+            state: the decisions of an earlier constraint (`MotionConstraint.state`).
         """
         return None
 

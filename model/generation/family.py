@@ -61,10 +61,10 @@ class Ablation:
 class Claim:
     """A paper's claim about the jerk of its systems, which is checked in every run."""
 
-    what: str
-    """Property of systems in ``less``: *what* in "the system with *what* has less jerk than the
-    one with *than*"."""
-    than: str
+    less_jerk_group: str
+    """Property of the systems in ``less``, as in "the system with *global rotations* has less jerk
+    than the one with *local ones*"."""
+    more_jerk_group: str
     """Property of the systems in ``more``, in the same sentence."""
     more: str
     less: tuple[str, ...]

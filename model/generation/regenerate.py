@@ -46,7 +46,7 @@ class GenerationState:
     condition: Any
     fresh: tuple[range, ...]
     """Frames that differ from those of the version before; all frames of a first version."""
-    made: tuple[Window, ...]
+    windows: tuple[Window, ...]
     """Windows before they are joined."""
     conditioning: Float[Tensor, "T input_dim"]
     followed: Mapping[str, Tensor]
@@ -90,7 +90,7 @@ def regenerate(
         for k in range(count):
             where = k * cut.advance, cut.frames, cut.context
             window = SpeechWindow.of(heard, *where)
-            old = None if before is None else before.made[k]
+            old = None if before is None else before.windows[k]
             is_same = before is not None and _same(
                 window, SpeechWindow.of(before.conditioning, *where)
             )
@@ -99,7 +99,7 @@ def regenerate(
             else:
                 if should_cancel is not None and should_cancel():
                     raise Cancelled
-                new = chain.made(window)
+                new = chain.generate(window)
                 leads_here = old is None or not is_same
                 if old is None or leads_here:
                     windows.append(new)
@@ -109,8 +109,8 @@ def regenerate(
                 if leads_here and k == count - 1:  # then the frames it shares with none are new
                     stop = speech.num_frames
                 fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
-            joined = chain.joined(windows[-1])
-            origin = (windows if before is None else before.made)[0]
+            joined = chain.join(windows[-1])
+            origin = (windows if before is None else before.windows)[0]
             regenerated = regenerated or PiecewiseMotion(system, origin.root[:, :1], follower)
             length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
             if length:  # a last window may hold only frames beyond the speech
@@ -165,7 +165,7 @@ _HEARD, _FOLLOWED = "heard", "followed."
 
 def save_state(performance: GenerationState, path: Path) -> None:
     """Write the windows and their input features, bit-exact; the rest has separate files."""
-    fields = [window.fields_of(slice(None)) for window in performance.made]
+    fields = [window.fields_of(slice(None)) for window in performance.windows]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:
         followed = {_FOLLOWED + name: told for name, told in performance.followed.items()}

@@ -196,7 +196,7 @@ class WindowChain:
 
     def window(
         self,
-        heard: SpeechWindow,
+        speech: SpeechWindow,
         advance: int | None = None,
         condition: Any = None,
         first_frame: int | None = None,
@@ -210,19 +210,19 @@ class WindowChain:
         """
         if condition is not None:
             self._draw = replace(self._draw, condition=condition, first_frame=first_frame)
-        return self.joined(self.made(heard), advance)
+        return self.join(self.generate(speech), advance)
 
-    def made(self, heard: SpeechWindow) -> Window:
+    def generate(self, speech: SpeechWindow) -> Window:
         """Generate the next window without joining it."""
-        return self._system.window(heard, self._made, self._draw)
+        return self._system.window(speech, self._made, self._draw)
 
-    def joined(self, made: Window, advance: int | None = None) -> Window:
+    def join(self, window: Window, advance: int | None = None) -> Window:
         """Join a window, generated here or earlier, to the one before."""
         cut = self._system.windowing
         advance = cut.advance if advance is None else advance
         assert cut.overlap <= advance <= cut.advance
-        joined = made if self._end is None else self._system.join(self._end, made)
-        self._made = made.part(slice(advance + cut.overlap))
+        joined = window if self._end is None else self._system.join(self._end, window)
+        self._made = window.part(slice(advance + cut.overlap))
         self._end = joined.part(slice(advance, advance + cut.overlap))
         self._draw = replace(self._draw, index=self._draw.index + 1)
         return joined

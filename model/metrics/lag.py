@@ -62,7 +62,7 @@ class Lag:
     """Deviations of the best lag's agreement above chance; see `MIN_Z_SCORE`."""
 
     @property
-    def is_known(self) -> bool:
+    def is_detected(self) -> bool:
         return self.lag_source != "unknown"
 
 

@@ -149,14 +149,14 @@ def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
 def _decided(
     tracks: Sequence[tuple[tuple[str, int], Float[np.ndarray, " _"]]],
 ) -> CorrelationShares:
-    alike: dict[tuple[bool, bool], list[float]] = {}
+    by_sharing: dict[tuple[bool, bool], list[float]] = {}
     for ((speech, seed), one), ((speech_, seed_), other) in combinations(tracks, 2):
-        alike.setdefault((speech == speech_, seed == seed_), []).append(
+        by_sharing.setdefault((speech == speech_, seed == seed_), []).append(
             track_correlation(one, other)
         )
-    same_speech, same_noise = alike[True, False], alike[False, True]
+    same_speech, same_noise = by_sharing[True, False], by_sharing[False, True]
     low, high = _difference_limits(same_speech, same_noise)
-    neither = float(np.mean(alike[False, False]))
+    neither = float(np.mean(by_sharing[False, False]))
     return CorrelationShares(
         float(np.mean(same_speech)), float(np.mean(same_noise)), neither, low, high
     )

@@ -84,7 +84,7 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[s
         raise PlanError(f"{file} has no tier at all.")
     if not 0 < duration_s < 1e6:
         raise PlanError(f"{file} lasts {duration_s:g} s, which is not a length of a plan.")
-    found: list[NamedTier] = []
+    named: list[NamedTier] = []
     for tier in tiers:
         rows = tuple(row for row in tier.rows if row.text or tier.has_points)
         for row in rows:
@@ -93,8 +93,8 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[s
                     f"{file} has {row.text[:40]!r} from {row.start_s:g} to {row.end_s:g} s, "
                     "which is not a time of a plan."
                 )
-        found.append(NamedTier(tier.name, rows, tier.has_points))
-    return found, duration_s, notes
+        named.append(NamedTier(tier.name, rows, tier.has_points))
+    return named, duration_s, notes
 
 
 def check_ending(path: Path) -> None:

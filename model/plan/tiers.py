@@ -311,8 +311,8 @@ def _plan(
 ) -> GesturePlan:
     """Make a plan of both hands and of the events of the body."""
 
-    def in_time(what: str) -> list[Interval]:
-        return sorted(rows[what, ""], key=lambda row: row.start_s)
+    def in_time(tier: str) -> list[Interval]:
+        return sorted(rows[tier, ""], key=lambda row: row.start_s)
 
     return GesturePlan(
         duration_s,
@@ -340,13 +340,13 @@ def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
         )
     goals = _goals(phases, places) if places else _usual_goals(names, kinds)
     words_at = {round(row.end_s, 4): row.text for row in rows[WORD_TIER, side]}
-    found: list[HandPhase] = []
+    hand_phases: list[HandPhase] = []
     for row, phase, goal, kind in zip(phases, names, goals, kinds, strict=True):
         word = words_at.get(round(row.end_s, 4), "")
         if not word and phase == "stroke":
             word = _landed_on(rows[_APEX, ""], side, row.end_s)
-        found.append(HandPhase(row.start_s, row.end_s, phase, goal, kind, word))
-    return tuple(found)
+        hand_phases.append(HandPhase(row.start_s, row.end_s, phase, goal, kind, word))
+    return tuple(hand_phases)
 
 
 def _kinds(phases: Sequence[Interval], kinds: Sequence[Interval]) -> list[str]:

@@ -409,12 +409,12 @@ def _with_late_start(
 def _told_of_gaps(waveform: Float32[np.ndarray, " N"], filled: Sequence[int]) -> list[str]:
     """Return notes on the silence that was filled in; its places are the stretches of zeros."""
     stretches = iter(true_runs(waveform == 0))
-    found: list[tuple[float, float]] = []
+    gap_spans: list[tuple[float, float]] = []
     for count in filled:
         start = next((start for start, end in stretches if end - start >= count), len(waveform))
-        found.append((start / SAMPLE_RATE, count / SAMPLE_RATE))
-    notes = [_LATE.format(seconds=length) for start, length in found if start == 0]
-    if gaps := [gap for gap in found if gap[0] > 0]:
+        gap_spans.append((start / SAMPLE_RATE, count / SAMPLE_RATE))
+    notes = [_LATE.format(seconds=length) for start, length in gap_spans if start == 0]
+    if gaps := [gap for gap in gap_spans if gap[0] > 0]:
         (first_s, length_s), total_s = gaps[0], sum(length for _, length in gaps)
         notes.append(
             f"The sound has {pluralise(len(gaps), 'gap')} by the time stamps of the file, of "

@@ -91,7 +91,7 @@ EMPTY_TRANSCRIPT = Transcript()
 
 
 @dataclass(frozen=True)
-class GivenWords:
+class WordsFile:
     """Content of a file of words: words with times, or a text to be aligned with the speech."""
 
     transcript: Transcript = EMPTY_TRANSCRIPT
@@ -103,7 +103,7 @@ class GivenWords:
     length_s: float = 0.0
     """Time of the end of the file's last word or tier (s)."""
 
-    def within(self, speech_s: float) -> GivenWords:
+    def within(self, speech_s: float) -> WordsFile:
         """Leave out, with a note, what lies beyond the end of the speech."""
         if self.length_s <= speech_s + SPARE_S:
             return self
@@ -146,7 +146,7 @@ def read_transcript(path: str | Path) -> Transcript:
     return _of_grid(text, path.name).transcript
 
 
-def read_words(path: str | Path) -> GivenWords:
+def read_words(path: str | Path) -> WordsFile:
     """Read a TextGrid, a file of timed words or captions (`ENDINGS`), or a plain text (.txt, .lab).
 
     Captions and segments of more than one word each are returned as a text without times.
@@ -182,7 +182,7 @@ def read_words(path: str | Path) -> GivenWords:
                 f"{name} is not a TextGrid, and its ending is none of a file of words "
                 f"({', '.join(ENDINGS)})."
             )
-    given = GivenWords(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
+    given = WordsFile(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
     return replace(given, notes=(*notes, *given.notes), name=name)
 
 
@@ -201,7 +201,7 @@ def _plain(text: str, name: str) -> str:
     return text
 
 
-def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> GivenWords:
+def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> WordsFile:
     """Make words, if most rows hold one each, or else the text of all rows, to be aligned."""
     found = _intervals(rows, "word", name)
     length_s = max((row.end_s for row in found), default=0.0)
@@ -210,13 +210,13 @@ def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> Gi
         if not found:
             raise TranscriptError(f"{name} holds no words.")
         words = tuple(Word(row.start_s, row.end_s, row.text) for row in found)
-        return GivenWords(Transcript(words), name=name, length_s=length_s)
+        return WordsFile(Transcript(words), name=name, length_s=length_s)
     text = _plain(" ".join(row.text for row in found), name)
     note = f"{name} gives times of sentences only: its words are looked for in the speech."
-    return GivenWords(text=text, notes=(note,), name=name)
+    return WordsFile(text=text, notes=(note,), name=name)
 
 
-def _of_grid(text: str, name: str) -> GivenWords:
+def _of_grid(text: str, name: str) -> WordsFile:
     found, length_s = parse_textgrid(text, name, TranscriptError)
     tiers = [tier for tier in found if not tier.has_points]
     of_words = _word_tier(tiers, name)

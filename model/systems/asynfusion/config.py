@@ -51,7 +51,7 @@ class AsynFusionConfig(TrainConfig):
     network: DualBranchConfig = field(default_factory=DualBranchConfig)
     aim: TrainingTarget = "noise"
     loss: AsynFusionLoss = field(default_factory=AsynFusionLoss)
-    apart: float = 0.5
+    independent_steps_share: float = 0.5
     """Share of samples with independent steps of the branches, as in sampling the face with fewer
     steps; the paper does not mention it."""
     solver_steps: int = 50

@@ -132,7 +132,7 @@ def draw_steps(
     first = NUM_STEPS // config.solver_steps if config.aim == "teacher" else 0
     gesture = torch.randint(first, NUM_STEPS, (size,), generator=generator)
     other = torch.randint(first, NUM_STEPS, (size,), generator=generator)
-    is_apart = torch.rand(size, generator=generator) < config.apart
+    is_apart = torch.rand(size, generator=generator) < config.independent_steps_share
     return torch.where(is_apart, other, gesture), gesture
 
 

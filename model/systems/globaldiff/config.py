@@ -251,8 +251,8 @@ FAMILY = Family(
     },
     ablation=ABLATION_EXPLAINED,
     claim=Claim(
-        what="global rotations",
-        than="local ones",
+        less_jerk_group="global rotations",
+        more_jerk_group="local ones",
         more=_LOCAL,
         less=tuple(name for name in ABLATION if name != _LOCAL),
         plain=_GLOBAL,

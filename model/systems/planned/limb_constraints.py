@@ -55,16 +55,18 @@ class LimbConstraints:
 
     Args:
         plan: None for one that arrives with the speech.
-        kept: the footings of an earlier version, which stay.
+        placements: the footings of an earlier version, which stay.
     """
 
     def __init__(
-        self, plan: GesturePlan | None, kept: Mapping[str, Float64[Tensor, "n 6"]]
+        self, plan: GesturePlan | None, placements: Mapping[str, Float64[Tensor, "n 6"]]
     ) -> None:
         self.margin = SOFT_MARGIN
         known = {
             FootContact(start_s, end_s, SIDES[int(foot)]): FootPlacement(x, z, turn)
-            for start_s, end_s, foot, x, z, turn in (kept[_STOOD].tolist() if kept else ())
+            for start_s, end_s, foot, x, z, turn in (
+                placements[_STOOD].tolist() if placements else ()
+            )
         }
         self._hands = HandGuide(plan or GesturePlan(1.0))
         self._feet = FootLock(plan.planted if plan else (), known)

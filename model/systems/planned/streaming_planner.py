@@ -165,19 +165,19 @@ class StreamingPlanner:
     def _shaped(
         self, side: Side, phases: Sequence[HandPhase], origin: int, final: int
     ) -> tuple[HandPhase, ...]:
-        found: list[HandPhase] = []
+        adapted: list[HandPhase] = []
         for phase in phases:
             begins = round(phase.start_s * FPS) + origin
             shaped = self.style.apply(phase)
-            if phase.phase in STILL and found:  # its end is not known yet, so it leads nowhere
-                shaped = replace(shaped, goal=found[-1].goal)
+            if phase.phase in STILL and adapted:  # its end is not known yet, so it leads nowhere
+                shaped = replace(shaped, goal=adapted[-1].goal)
             if begins < final:
                 goal = self._goals.setdefault((side, begins), shaped.goal)
                 shaped = replace(shaped, goal=goal)
             if phase.phase == "beat" and not phase.kind:
                 shaped = replace(shaped, kind=FOLLOW_BEATS)
-            found.append(shaped)
-        return tuple(found)
+            adapted.append(shaped)
+        return tuple(adapted)
 
 
 def _style_log_odds(

@@ -65,9 +65,9 @@ class PlannedSystem(GlobalDiffSystem):
     def make_constraint(
         self,
         condition: GesturePlan | None,
-        kept: Mapping[str, Shaped[Tensor, " ..."]] | None = None,
+        state: Mapping[str, Shaped[Tensor, " ..."]] | None = None,
     ) -> LimbConstraints:
-        return LimbConstraints(condition, kept or {})
+        return LimbConstraints(condition, state or {})
 
     def conditioning(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec

@@ -194,7 +194,7 @@ class Figure6:
         return len(self.names) - (self.reference is not None) <= MOST_IN_ONE_PLOT
 
     @property
-    def shown_frames(self) -> tuple[int, ...]:
+    def window_snapshot_frames(self) -> tuple[int, ...]:
         """Frames of the snapshots inside the window, counted from its start."""
         if "b" not in self.panels:
             return ()
@@ -205,7 +205,7 @@ class Figure6:
     def marker_frames(self) -> list[int]:
         """Frames of the curves' markers: those of the snapshots, or else six evenly spaced."""
         evenly = np.linspace(0, self.num_frames, 6, endpoint=False).astype(int)
-        return list(self.shown_frames) or sorted({int(frame) for frame in evenly})
+        return list(self.window_snapshot_frames) or sorted({int(frame) for frame in evenly})
 
     @property
     def caption(self) -> str:
@@ -216,7 +216,7 @@ class Figure6:
             f"One row per motion; faint in each row: {self.names[0]}.": not self.is_in_one_plot,
             "All motions are cut to the length of the shortest.":
                 max(self._lengths) > min(self._lengths),
-            "Grey lines and markers: the frames of the snapshots.": self.shown_frames,
+            "Grey lines and markers: the frames of the snapshots.": self.window_snapshot_frames,
             self.marks.caption if self.marks else "": "b" in self.panels,
             self._tremor_caption if "d" in self.panels else "": True,
             f"Fingertip position: {self.tip_source}.": self.tip_source,

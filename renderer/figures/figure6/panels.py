@@ -72,7 +72,7 @@ def draw_coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> Non
     stack = part.subplots(3, 1, sharex=True, squeeze=False, height_ratios=spans)[:, 0]
     for k, (axes, letter) in enumerate(zip(stack, COORDINATES, strict=True)):
         axes.set_label(letter)
-        for frame in contents.shown_frames:
+        for frame in contents.window_snapshot_frames:
             axes.axvline(times[frame], color=style.SNAPSHOT_INK, linewidth=0.5, zorder=0.5)
         for name, looks in _curves(contents, row):
             axes.plot(times, contents.paths[name][:, k], label=name, clip_on=False, **looks)

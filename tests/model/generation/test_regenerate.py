@@ -62,7 +62,9 @@ def test_a_performance_is_the_motion_that_is_generated_and_again_the_same(system
     np.testing.assert_array_equal(arrays(first.motion), arrays(motion))
     assert first.fresh == (range(0, FRAMES),)
     again = regenerate(system, SPEECH, options(PLAN), first)
-    assert again.fresh == () and all(a is b for a, b in zip(again.made, first.made, strict=True))
+    assert again.fresh == () and all(
+        a is b for a, b in zip(again.windows, first.windows, strict=True)
+    )
     np.testing.assert_array_equal(arrays(again.motion), arrays(first.motion))
 
 

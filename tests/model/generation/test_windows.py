@@ -106,8 +106,8 @@ def test_each_window_fades_from_what_the_one_before_has_of_the_same_frames(small
         turns = torch.eye(3).expand(1, cut.frames, 55, 3, 3)
         return Window(turns, count[None, :, None].repeat(1, 1, 3), torch.zeros(1, cut.frames, 52))
 
-    chain.joined(made(0.0), advance)
-    joined, shared = chain.joined(made(1000.0), advance).root[0, :, 0], cut.overlap
+    chain.join(made(0.0), advance)
+    joined, shared = chain.join(made(1000.0), advance).root[0, :, 0], cut.overlap
     older = (advance or cut.advance) + torch.arange(float(shared))
     wanted = torch.lerp(older, made(1000.0).root[0, :shared, 0], fade_weights(shared))
     torch.testing.assert_close(joined[:shared], wanted)

@@ -106,7 +106,7 @@ def test_nothing_is_told_of_another_speech_of_no_movement_and_of_a_short_clip(so
         (motion.part(cut), heard[cut]),
     ):
         lag = find_lag(other, beside)
-        assert not lag.is_known and np.isnan([lag.lag_s, lag.lag_low_s, lag.lag_drift_s]).all()
+        assert not lag.is_detected and np.isnan([lag.lag_s, lag.lag_low_s, lag.lag_drift_s]).all()
 
 
 def test_arms_that_follow_the_sound_give_ground_where_there_is_no_face(sound):
@@ -167,5 +167,5 @@ def test_recorded_clips_are_placed_to_a_tenth_of_a_second(name):
     for piece, frames in ((slice(0, length), -30), (slice(300, 1200), 13), (slice(600, 1500), 0)):
         places = np.clip(np.arange(piece.start, piece.stop) - frames, 0, length - 1)
         lag = find_lag(motion.part(places), heard[piece])
-        assert lag.is_known and lag.lag_drift_s == 0.0
+        assert lag.is_detected and lag.lag_drift_s == 0.0
         assert lag.lag_s == pytest.approx(frames / FPS, abs=0.1)

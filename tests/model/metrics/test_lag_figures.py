@@ -50,7 +50,7 @@ def told(title: str, tried: list[tuple[Motion, np.ndarray, int]]) -> tuple[int, 
     off = [
         abs(lag.lag_s - shift / FPS)
         for motion, heard, shift in tried
-        if (lag := find_lag(motion, heard)).is_known
+        if (lag := find_lag(motion, heard)).is_detected
     ]
     right = sum(each <= 0.1 for each in off)
     furthest = f", furthest {max(off):.3f} s" if off else ""

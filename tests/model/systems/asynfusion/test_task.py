@@ -47,7 +47,7 @@ def test_branches_stand_at_steps_of_their_own_in_a_share_of_the_samples():
     face, body = draw_steps(4000, config, generator)
     assert 0.45 < float((face != body).float().mean()) < 0.55
     assert int(body.min()) == 0 and int(body.max()) == 999
-    face, body = draw_steps(500, replace(config, apart=0.0), generator)
+    face, body = draw_steps(500, replace(config, independent_steps_share=0.0), generator)
     assert torch.equal(face, body)
     assert int(draw_steps(4000, presets(LCM_SYNC)["demo"], generator)[1].min()) == 20
 
