@@ -279,20 +279,24 @@ def test_the_queue_is_bounded_and_a_page_at_rest_seldom_looks_who_waits(served):
 
 
 STUCK = """
-import atexit, signal
+import atexit, signal, threading
 from app.page import launch
 launch.END_WITHIN_S = 0.1
-atexit.register(signal.pause)
-signal.signal(signal.SIGTERM, launch._end)
+atexit.register(lambda: threading.Event().wait())
+signal.signal(signal.SIGTERM, launch._exit_on_signal)
 print("ready", flush=True)
-signal.pause()
+while True:
+    threading.Event().wait(0.1)
 """
 
 
 def test_what_cannot_be_tidied_up_in_time_does_not_keep_it_from_ending():
     command = [sys.executable, "-c", STUCK]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None and child.stdout.readline() == "ready\n"
-        child.send_signal(signal.SIGTERM)
-        child.send_signal(signal.SIGTERM)
-        assert child.wait(60) == 1
+        try:
+            assert child.stdout is not None and child.stdout.readline() == "ready\n"
+            child.send_signal(signal.SIGTERM)
+            child.send_signal(signal.SIGTERM)
+            assert child.wait(60) == 1
+        finally:
+            child.kill()
