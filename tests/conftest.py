@@ -23,8 +23,8 @@ from tests.model.systems.planned.made import make_annotated_folder, make_planned
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"), "1")
 threadpool_limits(1, user_api="blas")
 torch.set_num_threads(1)  # before fixtures of a whole run, too
-# A torch for GPUs brings Triton, whose LLVM ends a process that has drawn by Mesa's in a segmentation
-# fault as soon as it is imported, as every optimizer of torch does. Nothing here compiles for a GPU.
+# A torch for GPUs brings Triton, whose LLVM ends a process that has drawn by Mesa's in a
+# segmentation fault as soon as it is imported, as every optimizer of torch does.
 sys.modules["triton"] = None  # pyright: ignore[reportArgumentType]
 
 MadeOnce = Callable[[str, Callable[[Path], object]], Path]
