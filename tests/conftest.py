@@ -25,7 +25,7 @@ threadpool_limits(1, user_api="blas")
 torch.set_num_threads(1)  # before fixtures of a whole run, too
 # A torch for GPUs brings Triton, whose LLVM ends a process that has drawn by Mesa's in a
 # segmentation fault as soon as it is imported, as every optimizer of torch does.
-sys.modules["triton"] = None  # pyright: ignore[reportArgumentType]
+sys.modules["triton"] = None
 
 MadeOnce = Callable[[str, Callable[[Path], object]], Path]
 

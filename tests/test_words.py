@@ -43,22 +43,19 @@ def count_words() -> Counter[str]:
 
 
 MOST: dict[str, int] = {
-    "alike": 1,
-    "apart": 4,
+    "apart": 2,
     "asked": 10,
     "beside": 1,
-    "found": 15,
-    "given": 6,
-    "heard": 5,
+    "found": 9,
+    "given": 5,
+    "heard": 2,
     "judge": 2,
-    "kept": 18,
-    "known": 1,
-    "made": 14,
+    "kept": 15,
+    "made": 11,
     "said": 2,
     "seen": 6,
-    "shown": 11,
-    "told": 29,
-    "what": 2,
+    "shown": 10,
+    "told": 26,
 }
 """How often each stands in public names today; lower a number where names were changed."""
 

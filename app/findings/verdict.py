@@ -151,9 +151,8 @@ def _ablation_sentences(
         which = "" if base == claim.plain else f", which has {claim.less_jerk_group} too,"
         sentences.append(
             f"{here}, {as_claimed}, the system with {claim.less_jerk_group} {has} less jerk than "
-            "the "
-            f"one with {claim.more_jerk_group}: from {names[claim.more]} to {names[base]}{which} "
-            f"{_change(ratio)}."
+            f"the one with {claim.more_jerk_group}: from {names[claim.more]} to {names[base]}"
+            f"{which} {_change(ratio)}."
         )
         if worse := _worse(table, base, claim.more):
             sentences.append(

@@ -482,8 +482,7 @@ class _Archive:
             if choice not in (*candidates, *numbers):
                 raise MotionError(
                     f"{self.name} holds {len(candidates)} motions: {', '.join(names[:12])}; give "
-                    "one of"
-                    f" them (say --assume motion={names[0]})."
+                    f"one of them (say --assume motion={names[0]})."
                 )
             before = choice if choice in candidates else list(candidates)[numbers.index(choice)]
             self.choice = Assumption("motion", choice, "as you say", "user", tuple(names))
