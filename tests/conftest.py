@@ -23,6 +23,10 @@ from tests.model.systems.planned.made import make_annotated_folder, make_planned
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "LP_NUM_THREADS"), "1")
 threadpool_limits(1, user_api="blas")
 torch.set_num_threads(1)  # before fixtures of a whole run, too
+# Ports of its own for each worker: Gradio looks for a free one and binds it later, so that two
+# processes that look in one range can find the same.
+_worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+os.environ["GRADIO_SERVER_PORT"] = str(7860 + 100 * _worker)
 # A torch for GPUs brings Triton, whose LLVM ends a process that has drawn by Mesa's in a
 # segmentation fault as soon as it is imported, as every optimizer of torch does.
 sys.modules["triton"] = None

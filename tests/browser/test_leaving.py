@@ -15,6 +15,7 @@ from app.run.callbacks import RunCallbacks
 from app.run.requests.requests import AnyRun
 from processes.job import Cancelled
 from tests.browser.conftest import (
+    AT_REST,
     Fake,
     forget_failed_fetches,
     opened,
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
     from gradio import Blocks
 
 pytestmark = pytest.mark.browser
+
+IDLE = "() => new Promise(requestIdleCallback)"
+"""Resolves when the page's thread has nothing to do."""
 
 
 class Runs:
@@ -89,6 +93,8 @@ def test_a_tab_that_is_closed_ends_its_run_and_one_without_a_connection_does_not
         start(page, speech)
         wait_for(lambda number=number: runs.num_begun == number)  # the first screen has two bodies
         staged(page, 2)
+        page.wait_for_function(AT_REST)
+        page.evaluate(IDLE)  # a tab that is busy for half a second when it closes is killed unheard
         getattr(page, leave)()
         wait_for(lambda number=number: len(runs.ends) == number)
     assert runs.ends == ["cancelled"] * 2 and runs.num_begun == 2
@@ -102,7 +108,6 @@ def test_a_tab_that_is_closed_ends_its_run_and_one_without_a_connection_does_not
     fake.figures.set()
     wait_for(lambda: len(runs.ends) == 3)
     assert runs.ends[-1] == "finished"
-    forget_failed_fetches()
     context.set_offline(False)
     page.close()
     page = opened(context, address)
@@ -110,3 +115,4 @@ def test_a_tab_that_is_closed_ends_its_run_and_one_without_a_connection_does_not
     page.locator("#runs summary").click()
     page.locator("#runs li a").first.click()
     staged(page, 2)
+    forget_failed_fetches()
