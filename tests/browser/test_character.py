@@ -53,6 +53,8 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     expect(choice.locator("output")).to_have_text("hero.glb")
     expect(stage).to_have_attribute("data-character", "own")
     page.wait_for_function(AT_REST)
+    for label in ("Body shape", "Tone of the bodies"):  # they would do nothing
+        expect(page.locator("#player").get_by_label(label)).to_be_hidden()
     assert canvas.screenshot() != open_body
     page.locator("#player .files summary").first.click()
     file = saved(page, page.locator("#player .files a[download$='-character.glb']").first, tmp_path)

@@ -91,7 +91,7 @@ export class Displays {
         this.update();
       };
       theFacts().then(know, () => {}); // the stage says why
-      return make("label", {}, make("span", {}, choice.word), select);
+      return make("label", { "data-display": name }, make("span", {}, choice.word), select);
     }
     const [{ label, unit, step }, [min, max], value] = [slider, range, make("output", {})];
     this.#shows.push(() => (value.textContent = `${get()} ${unit}`));
