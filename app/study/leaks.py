@@ -29,7 +29,6 @@ from app.study.make.bundle import (
     FREE_TEXTS,
     INDEX,
     SHARED_FILES,
-    SITE,
     index_html,
     shared_wording,
 )
@@ -268,8 +267,8 @@ def _texts(study: Study) -> Iterator[str]:
     structure for names and parts of names, the researcher's texts for whole names.
     """
     bundle, data = study.workspace.bundle, study.data
-    for name in SHARED_FILES:
-        if (bundle / name).read_bytes() != (SITE / name).read_bytes():
+    for name, source in SHARED_FILES.items():
+        if (bundle / name).read_bytes() != source.read_bytes():
             yield f"page: {name} is not the file of this program."
     if (bundle / INDEX).read_text("utf-8") != index_html(data.get("title", ""), data.get("postTo")):
         yield f"page: {INDEX} is not the file of this program."

@@ -37,6 +37,7 @@ HANG_MS = 20_000
 DOTS_MS, TONES_MS = 1500, 3900
 """How long a dot of the practice moves, and three tones sound: time that the page's clock can
 skip, as it cannot for videos."""
+FONTS_ARE_THERE = "() => [...document.fonts].every(({ status }) => status === 'loaded')"
 SEEN = "index => document.querySelectorAll('.card')[index].className === 'card seen'"
 QUIET = """() => {
     window.peaks = [];
@@ -426,6 +427,7 @@ def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_q
     assert check_study(bundle.parent) == []
     ranking.on("request", lambda request: asked.append(request.url))
     ranking.reload()
+    ranking.wait_for_function(FONTS_ARE_THERE)
     skip_sound(ranking)
     practise(ranking)
     by_click(ranking, 0)

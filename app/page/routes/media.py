@@ -63,6 +63,7 @@ PAGE_TYPES: Mapping[str, str] = {
     ".html": "text/html",
     ".js": "text/javascript",
     ".css": "text/css",
+    ".woff2": "font/woff2",
 }
 """MIME types of the files of a participants' page, which opens as a page."""
 Address = Callable[[Path], str]

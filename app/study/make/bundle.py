@@ -26,8 +26,12 @@ from model.storage.escaping import csv_text, escape_markdown
 
 SITE = Path(__file__).with_name("site")
 INDEX, DATA = "index.html", "study-data.js"
-SHARED_FILES = ("study.js", "study.css", "README.txt")
-"""Files that are the same in every study."""
+_WEB = SITE.parents[2] / "page" / "web"
+SHARED_FILES = {
+    **{name: SITE / name for name in ("study.js", "study.css", "README.txt")},
+    **{name: _WEB / name for name in ("inter.woff2", "inter-OFL.txt")},
+}
+"""Files that are the same in every study, by name; the typeface is the page's."""
 FREE_TEXTS = (
     *("title", "consent", "researchers", "contact", "ethics", "postTo", "returnTo"),
     "panelIds",
@@ -54,11 +58,11 @@ def templates() -> jinja2.Environment:
 
 def write_bundle(plan: Plan, design: Design, key: Key, workspace: Workspace) -> None:
     """Write everything but the videos, and set the same time on all files of the bundle."""
-    for name in SHARED_FILES:
-        workspace.write_text(workspace.bundle / name, (SITE / name).read_text("utf-8"))
-    workspace.write_text(workspace.bundle / INDEX, index_html(plan.title, plan.post_to))
+    for name, source in SHARED_FILES.items():
+        workspace.write(workspace.bundle / name, source.read_bytes())
+    workspace.write(workspace.bundle / INDEX, index_html(plan.title, plan.post_to))
     data = json.dumps(page_data(plan, design, key), ensure_ascii=True, separators=(",", ":"))
-    workspace.write_text(workspace.bundle / DATA, f"{DATA_START}{data};\n")
+    workspace.write(workspace.bundle / DATA, f"{DATA_START}{data};\n")
     for path in (*workspace.bundle.rglob("*"), workspace.bundle):
         media.set_fixed_mtime(path)
 
@@ -160,9 +164,9 @@ def write_records(
     }
     for name, template in (("README.md", "researcher"), ("preregistration.md", "preregistration")):
         text = templates().get_template(f"{template}.md.j2").render(about)
-        workspace.write_text(private / name, text)
+        workspace.write(private / name, text)
     for name, table in genea_tables(plan, design, key).items():
-        workspace.write_text(private / "adapters" / "genea" / name, table)
+        workspace.write(private / "adapters" / "genea" / name, table)
 
 
 def _provenance(

@@ -66,11 +66,11 @@ class Workspace:
 
     def write_json(self, path: Path, value: Any) -> None:
         """Write a JSON file atomically."""
-        self.write_text(path, json.dumps(value, indent=1, ensure_ascii=False) + "\n")
+        self.write(path, json.dumps(value, indent=1, ensure_ascii=False) + "\n")
 
-    def write_text(self, path: Path, text: str) -> None:
+    def write(self, path: Path, content: str | bytes) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, text)
+        write_atomically(path, content)
 
     def clean(self) -> None:
         """Remove the folder of unfinished work."""

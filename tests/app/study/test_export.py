@@ -87,6 +87,10 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, 
             *("key.json", "manifest.json", "provenance.json", "preregistration.md", "adapters"),
             "README.md",
         }
+        assert {path.name for path in study.bundle.iterdir()} == {
+            *("index.html", "study.js", "study.css", "study-data.js", "media", "README.txt"),
+            *("inter.woff2", "inter-OFL.txt"),
+        }
         assert stat.S_IMODE(study.private.stat().st_mode) == 0o700
         assert stat.S_IMODE(study.key.stat().st_mode) == 0o600
         manifest = json.loads((study.private / "manifest.json").read_text())
