@@ -12,9 +12,10 @@ import gc
 import math
 import os
 import threading
+import warnings
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -29,6 +30,7 @@ from conventions.names import printable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from matplotlib.layout_engine import LayoutEngine
 
 MM = 1.0 / 25.4
 PAGE_MM, COLUMN_MM = 174.0, 85.0
@@ -37,6 +39,7 @@ MAX_HEIGHT_MM = 235.0
 DPI = 300  # resolution of PNG, and of pictures inside SVG and PDF
 FORMS = ("png", "svg", "pdf")
 """File formats of a figure."""
+LAYOUT_ATTEMPTS = 6
 FONTS = Path(__file__).parents[1] / "assets" / "fonts"
 CONTENTS_ENDING = ".figure.npz"
 """Suffix of files from which other formats are drawn, see `renderer.figures.saved_figures`."""
@@ -340,14 +343,14 @@ def _settle(figure: "Figure", places: Places | None) -> None:
         texts += part.texts
         parts += part.subfigs
     if not places:
-        engine.execute(figure)
+        _execute_layout(engine, figure)
         found = (
             *(text.get_position() for text in texts),
             *(part.bbox_relative.bounds for part in parts),
             *(axes.get_position(original=True).bounds for axes in figure.axes),
         )
         # The last digits that matplotlib's solver finds depend on addresses in memory.
-        places += [np.round(place, 9).tolist() for place in found]
+        places += [np.round(place, 6).tolist() for place in found]
     each: Iterator[Any] = iter(places)
     for text in texts:
         text.set_position(next(each))
@@ -356,6 +359,21 @@ def _settle(figure: "Figure", places: Places | None) -> None:
     for axes in figure.axes:
         axes.set_position(next(each))
     figure.set_layout_engine(None)
+
+
+def _execute_layout(engine: "LayoutEngine", figure: "Figure") -> None:
+    """Compute a layout, again if matplotlib finds none.
+
+    It is solved with variables in the order of their addresses in memory, and in one order of
+    fifty a figure with room for all axes counts as too small.
+    """
+    for _ in range(LAYOUT_ATTEMPTS - 1):
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", "constrained_layout not applied")
+            with suppress(UserWarning):
+                engine.execute(figure)
+                return
+    engine.execute(figure)
 
 
 def _make_printable(figure: "Figure") -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib import _constrained_layout
 from PIL import Image
 
 from conventions.colors import SYSTEM_COLORS
@@ -88,6 +89,25 @@ def test_figures_of_several_threads_are_those_of_one(tmp_path):
             assert [path.read_bytes() for path in files.values()] == alone
     (picture, caption) = write(tmp_path / "page", ("png",)).values()
     assert [picture.read_bytes(), caption.read_bytes()] == [alone[0], alone[-1]]
+
+
+def test_a_layout_that_is_not_found_at_once_is_sought_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As matplotlib's solver fails, by chance, for one Figure 6 in fifty."""
+
+    def write(name: str) -> bytes:
+        files = save_figure(lambda: DRAW["error_growth"](growth()), tmp_path / name, "", ("svg",))
+        return files[0].read_bytes()
+
+    at_once, tries = write("once"), [False, True]
+    has_room = _constrained_layout.check_no_collapsed_axes
+    monkeypatch.setattr(
+        _constrained_layout,
+        "check_no_collapsed_axes",
+        lambda grids, figure: has_room(grids, figure) and (not tries or tries.pop(0)),
+    )
+    assert write("again") == at_once and not tries
 
 
 @pytest.mark.parametrize("name", DRAW)
