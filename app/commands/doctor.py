@@ -188,7 +188,7 @@ def _family_files() -> list[CheckResult]:
             report.advice,
         )
         for family in families()
-        for report in family.file_reports()
+        for report in family.check_files()
     ]
 
 

@@ -282,7 +282,7 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     if request.suffix not in (".obj", ".ply"):
         refuse_ignored(request, ("frame",), f"A {request.suffix} file holds all frames")
     if request.is_picture or request.suffix in (".obj", ".ply"):
-        refuse_ignored(request, ("plan",), f"A {request.suffix} file has no place for a plan")
+        refuse_ignored(request, ("plan",), f"A {request.suffix} file cannot contain a plan")
     with ProgressBars() as shown:
         files, notes = render_motion(request, RunCallbacks(shown.on_event))
     _finish(files, notes)

@@ -78,7 +78,7 @@ def links(
     address: str,
     participants: Annotated[Count, arg(help_behavior_hint="")] = None,
 ) -> None:
-    """Write signed single-use links for participants.
+    """Write a signed link for each participant.
 
     Participant, list and link are written as CSV. From then on, the analysis excludes answers that
     came without a link, with a forged one, or with one used twice. The same links are written each

@@ -92,7 +92,7 @@ METRICS = (
             lambda m: mean(m.positions.joint_jerk_m_s3), is_primary=True, parts=("detail",),
             compared_with=("place",)),
     Metric("joint_rotation_noise_deg", _JOINTS, "Rotation noise", "°",
-            "Estimated white noise in the joint rotations. Recorded clips have less than 0.3.",
+            "Estimated white noise in the joint rotations. Two recorded clips have less than 0.3°.",
             lambda m: mean(m.rotations.joint_rotation_noise_deg), parts=("detail",)),
     Metric("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "times elsewhere",
             "Peak jerk at window seams relative to the rest of the clip. 1 means that seams do not "
@@ -102,16 +102,16 @@ METRICS = (
             "Mean horizontal speed of a foot while it is on the ground.",
             lambda m: m.posture.foot_slide_m_s, 100, is_primary=True, parts=("place", "legs")),
     Metric("left_foot_height_p95_cm", _FEET, "Height, left, 95th percentile", "cm",
-            "95th percentile of the foot's height.",
+            "The foot is lower than this above the ground in 95 % of the frames.",
             lambda m: m.posture.foot_height_m.left.p95, 100, parts=("place", "legs")),
     Metric("right_foot_height_p95_cm", _FEET, "Height, right, 95th percentile", "cm",
-            "95th percentile of the foot's height.",
+            "The foot is lower than this above the ground in 95 % of the frames.",
             lambda m: m.posture.foot_height_m.right.p95, 100, parts=("place", "legs")),
     Metric("spine_tilt_mean_deg", _POSTURE, "Spine tilt, mean", "°",
             "Angle between the vertical and the line from pelvis to neck.",
             lambda m: m.posture.spine_tilt_deg.mean),
     Metric("spine_tilt_p95_deg", _POSTURE, "Spine tilt, 95th percentile", "°",
-            "95th percentile of the spine's tilt.",
+            "The spine is tilted less than this in 95 % of the frames.",
             lambda m: m.posture.spine_tilt_deg.p95),
     Metric("pelvis_drift_cm", _POSTURE, "Pelvis drift", "cm",
             "Distance between its mean positions in the first and the last second.",
@@ -149,7 +149,7 @@ METRICS = (
             lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_primary=True,
             partner=_BEATS_KEY),
     Metric("beats_per_joint_s", _BEATS, "Motion beats per joint", "1/s",
-            "Minima of a joint's speed per second, which are not beat gestures.",
+            "Local minima of a joint's speed, per second. They are not beat gestures.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
     Metric("lag_s", _STEP, "Lag", "s",
             "Lag of the face, or else the body, behind the speech. Empty if neither follows this "
@@ -159,7 +159,7 @@ METRICS = (
             "Change of the lag from the start to the end of the clip.",
             lambda m: m.lag and m.lag.lag_drift_s, 1, False),
     Metric("l1_diversity_m", _DIVERSITY, "L1 diversity", "m",
-            "L1 distance of the poses to the clip's mean pose, summed over all coordinates.",
+            "L1 distance of the joint positions to the clip's mean, summed over coordinates.",
             lambda m: m.diversity.l1_diversity_m),
 )  # fmt: skip
 
@@ -171,7 +171,7 @@ FGD, FGD_EMAGE = "fgd", "fgd_emage"
 FGD_GENEA = {length: f"fgd_genea_{length}" for length in GENEA_LENGTHS}
 """Keys of those by GENEA's encoders, by the length of their pieces in frames."""
 TITLES = {row.key: row.full_title for row in METRICS} | {
-    FGD: "Distribution: FGD to the recorded set, our encoder",
+    FGD: "Distribution: FGD to the recorded set, this project's encoder",
     FGD_EMAGE: "Distribution: FGD to the recorded set, EMAGE's encoder",
     **{
         key: f"Distribution: FGD to the recorded set, GENEA's encoder of {length} frames"

@@ -204,9 +204,9 @@ def _lower_jerk_sentences(table: Table, names: Mapping[str, str]) -> list[str]:
             told.append(f"{label} ({_as_percent(jerk)} of its jerk)")
             continue
         moves = round(speed.value, 2)
-        how = "smooth, not over-smoothed" if moves >= AS_FAST else "moves slightly less"
+        how = "moves about as much" if moves >= AS_FAST else "moves slightly less"
         how = "moves less, possibly over-smoothed" if moves < LOW_JERK_RATIO else how
-        shares = f"{_as_percent(jerk)} of its jerk at {_as_percent(speed)} of its speed"
+        shares = f"{_as_percent(jerk)} of the reference's jerk, {_as_percent(speed)} of its speed"
         told.append(f"{label} ({shares}: {how})")
     return [f"Less jerk than the reference: {join_names(told)}."] if told else []
 
@@ -248,9 +248,9 @@ def _evidence_note(count: int, clips: int, is_generated: bool) -> str:
     samples = "one sample" if count == 1 else f"{count} samples"
     seen = f"{count} clips" if clips > 1 else f"One clip, {samples}"
     if clips > 1 and count >= MIN_CLIPS_FOR_CLAIM:
-        return f"{seen}, and each system trained once: other trainings may give other numbers."
+        return f"{seen}, one training run per system: other runs may give other numbers."
     return (
-        f"{seen}, and each system trained once: an example, not evidence. A claim needs "
-        f"{MIN_CLIPS_FOR_CLAIM} "
-        "clips or more, several samples of each, and systems trained from several seeds."
+        f"{seen}, one training run per system: an example, not evidence. A claim needs "
+        f"{MIN_CLIPS_FOR_CLAIM} clips or more, several samples of each, and several training seeds "
+        "per system."
     )

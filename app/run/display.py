@@ -64,7 +64,7 @@ LIMITS: Mapping[str, tuple[float, float, str]] = {
     "exaggeration": (1.0, 20.0, "Jitter can be exaggerated by a factor of {}"),
     "cutoff_hz": (3.0, 8.0, "The jitter cutoff frequency can be {} Hz"),
     "trail_frames": (5, 90, "A trail can be {} frames long"),
-    "jerk_m_s3": (50.0, 2000.0, "The jerk colour scale can end at {} m/s³"),
+    "jerk_m_s3": (50.0, 2000.0, "The maximum of the jerk colour scale must be {} m/s³"),
 }
 """Minimum, maximum and error message of the fields of `Display`; the limits replace its braces. The
 viewer has the same limits."""
@@ -234,8 +234,8 @@ class ViewerState(BrowserMessage):
             )
             if not inside:
                 raise RunError(
-                    f"The {(panel.view or 'body').replace('_', ' ')} has no room on the stage; "
-                    "make its window larger, or leave out close-ups."
+                    f"The {(panel.view or 'body').replace('_', ' ')} does not fit in the picture; "
+                    "enlarge the viewer, or hide close-ups."
                 )
         check_display(self.look.display)
         try:

@@ -69,10 +69,10 @@ _LARGE_BYTES = 1 << 20
 POSES_PX = 512
 """Size (pixels) of poses in figures if no videos are rendered."""
 _POSES = 0.6
-"""Fraction of the time of all figures that rendering the poses takes."""
+"""Share of the figures' progress bar for rendering the poses."""
 Request = TypeVar("Request", bound=RunRequest)
 MEASURED = "Measured {motions}."
-OPENED = "Opened from its file; its {motions} were measured anew."
+OPENED = "Opened from its file; its {motions} were measured again."
 
 
 def generate(request: GenerateRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:
@@ -250,7 +250,7 @@ def _comparison(
 
 
 def _small(video: VideoOptions) -> VideoOptions:
-    """Return the options of poses in figures without videos."""
+    """Return the render options for the poses in figures when no videos are rendered."""
     return replace(video, size=POSES_PX, views=("front",))
 
 

@@ -76,14 +76,14 @@ class _Growing:
     is_placed: bool
     parts: list[Motion] = field(default_factory=list)
     end: int = 0
-    register_at: int = 0
+    aligned_at_frame: int = 0
 
     def placed(self, num_frames: int) -> RootTransform:
         """Return the alignment of the motion, computed anew as it grows and at its end."""
-        is_due = self.end >= min(_GROWN * self.register_at, num_frames)
+        is_due = self.end >= min(_GROWN * self.aligned_at_frame, num_frames)
         if self.register is None or (is_due and not self.is_placed):
             self.register = root_transform_of(concatenate(self.parts))
-            self.register_at = self.end
+            self.aligned_at_frame = self.end
         return self.register
 
 
@@ -94,7 +94,7 @@ class RunMotions:
     motions: Mapping[str, Motion]
     viewer_motions: Mapping[str, Motion]
     """Motions as the viewer plays them: imported ones aligned and as many as fit, generated ones
-    filtered."""
+    after the post-filter, if one is chosen."""
     figure_motions: Mapping[str, Motion]
     """Motions in figures, as many as fit."""
     timeline: dict[str, Any]

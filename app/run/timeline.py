@@ -143,7 +143,7 @@ MAX_POINTS = 1800
 neighbouring frames."""
 NUM_PEAKS = 1200
 """Number of bars of the waveform."""
-CURVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
+CURVE_DERIVATIVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
 """Order of the derivative and number of decimals, by name of the curve."""
 
 TimeSpan = TypeAliasType("TimeSpan", tuple[float, float, str])
@@ -213,9 +213,9 @@ def make_timeline(
 
     Returns:
         ``duration_s``, ``fps``, ``peaks`` (0 to 100), ``onsets_s``, ``point`` (its title), and
-            ``curves`` by motion: each of `CURVES` for ``raw`` and ``savgol``, but only the latter
-            for filtered motion. ``worst`` are the `worst_seconds` of the motions without the
-            reference.
+            ``curves`` by motion: each of `CURVE_DERIVATIVES` for ``raw`` and ``savgol``, but only
+            the latter for filtered motion. ``worst`` are the `worst_seconds` of the motions without
+            the reference.
     """
     tracks = {name: tip.track(each) for name, each in motions.items() if name != REFERENCE_NAME}
     accents = detect_accents(speech, weights) if speech and weights else ()
@@ -375,7 +375,8 @@ def waveform_peaks(waveform: Float[np.ndarray, " N"], num_peaks: int = NUM_PEAKS
 def point_curves(track: Float[np.ndarray, "T 3"]) -> dict[str, Curve]:
     """Compute the jerk and speed curves of a point (T, 3) in metres."""
     return {
-        name: derivative_curve(track, order, decimals) for name, (order, decimals) in CURVES.items()
+        name: derivative_curve(track, order, decimals)
+        for name, (order, decimals) in CURVE_DERIVATIVES.items()
     }
 
 

@@ -185,7 +185,7 @@ def _metadata(study: Study) -> Iterator[str]:
         if telling:
             yield f"metadata: {name} has a `{telling[0]}` box."
         if file.has_times:
-            yield f"metadata: {name} holds the time at which it was made."
+            yield f"metadata: {name} contains its creation time."
         if set(file.names) - _NEUTRAL_HANDLERS:
             yield f"metadata: {name} names its streams {b', '.join(file.names).decode('latin-1')}."
         data = study.workspace.video(study.stimuli[stimulus]).read_bytes()
@@ -240,7 +240,7 @@ def _lists(study: Study) -> Iterator[str]:
     """Yield orders of ids or of videos on the screen that follow the method."""
     trials = list(study.data.get("trials", {}))
     if trials != sorted(trials):
-        yield "JSON: the trials do not stand in the order of their random ids."
+        yield "JSON: the trials are not sorted by their random ids."
     excess: dict[tuple[str, bool], list[float]] = {}
     for page in (page for pages in study.data.get("lists", []) for page in pages):
         shown = page[1]

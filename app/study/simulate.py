@@ -83,7 +83,7 @@ def simulate(
                 f"(natural logarithm); got {value}."
             )
     if out.is_dir() and any(out.glob("*.json")):
-        raise RunError(f"{out} holds answers already, which would mix; choose another folder.")
+        raise RunError(f"{out} already contains answers; choose another folder.")
     out.mkdir(parents=True, exist_ok=True)
     model = RaterModel()
     for content in simulate_answers(key, strengths, raters, model, np.random.default_rng(seed)):

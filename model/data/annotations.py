@@ -197,7 +197,7 @@ def load_speech_labels(data: PreparedData, plans: Plans) -> SpeechLabels:
         speed = copy_speed(clip.name, clip.copy)
         phone[rows] = frame_phones(transcript, clip.num_frames, speed)
         told[rows, :-1] = frame_labels(transcript, clip.num_frames, speed, plans)
-        told[rows, -1] = wrist_speed(plans.tracks[rows])
+        told[rows, -1] = planned_wrist_speed(plans.tracks[rows])
     if not phone.any() or not told[:, 0].any():
         missing = "phones" if not phone.any() else "accents"
         raise DataError(f"No TextGrid of {data.source.name} has a tier of {missing}.")
@@ -234,7 +234,7 @@ def frame_labels(
     return np.stack([strength > 0, strength, ends, voice, struck], axis=1).astype(np.float32)
 
 
-def wrist_speed(tracks: Float32[np.ndarray, "T tracks"]) -> Float32[np.ndarray, " T"]:
+def planned_wrist_speed(tracks: Float32[np.ndarray, "T tracks"]) -> Float32[np.ndarray, " T"]:
     """Return the smoothed sum of both planned wrists' speeds, in the tiers' units per second."""
     goals = [np.asarray(tracks[:, hand_tracks(side)][:, :3], np.float64) for side in SIDES]
     steps = [np.diff(goal, axis=0, prepend=goal[:1]) for goal in goals]

@@ -50,7 +50,7 @@ def crossfade(
 
 @dataclass(frozen=True)
 class SpeechWindow:
-    """Speech features of a window and its context; past either end the last frame is repeated."""
+    """Speech features of a window and its context; past either end the nearest one is repeated."""
 
     speech: Float[Tensor, "T_ctx speech_dim"]
     """Features of the window's T frames and of c frames before and after it: T_ctx = T + 2 c."""
@@ -82,8 +82,8 @@ class Windowing:
     def __post_init__(self) -> None:
         if self.advance < 2 or not 0 <= self.overlap <= self.advance:
             raise ValueError(
-                f"Windows must start at least 2 frames apart and share no more than that; got"
-                f" {self.advance} and {self.overlap}."
+                "Windows must start at least 2 frames apart and overlap by at most that distance; "
+                f"got {self.advance} and {self.overlap}."
             )
 
     @property
@@ -108,7 +108,7 @@ class WindowSpec:
     condition: Any = None
     """Condition of the window; see `System.condition`."""
     first_frame: int | None = None
-    """First frame of the window in the condition; None for the place in windows of whole speech."""
+    """Index of the window's first frame in ``condition``; None for ``index`` times the advance."""
     words: tuple[Interval, ...] = ()
     """Words of the speech with their times, if known."""
 
@@ -191,7 +191,7 @@ class MotionConstraint(Protocol):
         ...
 
     def state(self) -> dict[str, Tensor]:
-        """Return its decisions, for a follower of another condition through the same speech."""
+        """Return the decisions so far, for a constraint with another condition."""
         ...
 
 
@@ -276,16 +276,16 @@ class System(ABC):
         Raises:
             ValueError: if the system has no condition; the next method as well.
         """
-        raise ValueError(f"{self.name} follows speech alone.")
+        raise ValueError(f"{self.name} takes no condition besides speech.")
 
     def condition_stream(self, draw: WindowSpec) -> ConditionStream:
         """Return a generator of the condition for speech that is still being spoken."""
-        raise ValueError(f"{self.name} follows speech alone.")
+        raise ValueError(f"{self.name} takes no condition besides speech.")
 
     def make_constraint(
         self, condition: Any, state: Mapping[str, Shaped[Tensor, " ..."]] | None = None
     ) -> MotionConstraint | None:
-        """Return the follower of one sample's motion; None leaves the motion to the network.
+        """Return the constraint for one sample's motion; None if nothing constrains it.
 
         Args:
             condition: None for one that arrives with the speech.

@@ -86,7 +86,7 @@ class FileFlag:
 
 
 @dataclass(frozen=True)
-class FileReport:
+class FileCheck:
     """Result of checking a file or folder that the user has named."""
 
     name: str
@@ -160,7 +160,7 @@ class Family:
         return tuple(name for name in self.names if name not in self.shared_weights)
 
     def config(self, preset: str, system: str) -> "TrainConfig":
-        """Return the settings of a training.
+        """Return the training config of a preset.
 
         Raises:
             ValueError: if there is no preset of that name.
@@ -208,7 +208,7 @@ class Family:
         """Return the paths of ``files`` that must not be passed on."""
         return ()
 
-    def file_reports(self) -> tuple[FileReport, ...]:
+    def check_files(self) -> tuple[FileCheck, ...]:
         """Check the named files; empty without any. Never raises."""
         return ()
 

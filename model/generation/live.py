@@ -62,11 +62,11 @@ class LiveMotion:
         """Generator of the condition; None for a system without one."""
         self.ahead: Any = None
         """Condition around the latest window."""
-        self._follower: MotionConstraint | None = None
+        self._constraint: MotionConstraint | None = None
         if system.condition_type is not None:
             self._stream = system.condition_stream(first_window_spec(system, options))
-            self._follower = system.make_constraint(None)
-        self._motion = PiecewiseMotion(system, follower=self._follower)
+            self._constraint = system.make_constraint(None)
+        self._motion = PiecewiseMotion(system, constraint=self._constraint)
         self._speech: Float[Tensor, "kept dim"] = torch.zeros(0, system.encoder.dim)
         self._first = 0
         """Frame at which the stored speech begins."""
@@ -111,22 +111,22 @@ class LiveMotion:
             ValueError: if the system has no condition.
         """
         if self._stream is None:
-            raise ValueError("This system follows speech alone.")
+            raise ValueError("This system takes no condition besides speech.")
         self._stream.style = manner
 
     def _window(self, hop: int) -> Window:
-        """Generate the next window, and pass its condition to the follower."""
+        """Generate the next window, and pass its condition to the constraint."""
         cut, start = self._cut, self.next_frame
         first, stop = start - cut.context, start + cut.frames + cut.context
         heard = self._heard_from(first, stop)
         if self._stream is None:
             return self._chain.window(SpeechWindow(heard), hop)
-        margin = 0 if self._follower is None else self._follower.margin
+        margin = 0 if self._constraint is None else self._constraint.margin
         final, ends = start + hop + margin, start + cut.frames + CONDITION_MARGIN
         ahead = self.ahead = self._stream.advance(self._heard_from, first, final, ends)
         heard, at = self._stream.conditioning(heard, ahead, first), start - ahead.origin
-        if self._follower is not None:
-            self._follower.go_on_with(ahead, at)
+        if self._constraint is not None:
+            self._constraint.go_on_with(ahead, at)
         window = SpeechWindow(heard)
         return self._chain.window(window, hop, ahead.condition, at)
 

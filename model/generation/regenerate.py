@@ -50,7 +50,7 @@ class GenerationState:
     """Windows before they are joined."""
     conditioning: Float[Tensor, "T input_dim"]
     followed: Mapping[str, Tensor]
-    """State of the follower after the last frame, by name."""
+    """State of the constraint after the last frame, by name."""
 
 
 def regenerate(
@@ -77,7 +77,7 @@ def regenerate(
         raise ValueError(f"{system.name} tells how the body travels, not where it is.")
     cut, draw = system.windowing, first_window_spec(system, options)
     kept = None if before is None else before.followed
-    follower = system.make_constraint(options.conditions[0], kept)
+    constraint = system.make_constraint(options.conditions[0], kept)
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     with single_threaded():
         heard = system.conditioning(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
@@ -111,14 +111,14 @@ def regenerate(
                 fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
             joined = chain.join(windows[-1])
             origin = (windows if before is None else before.windows)[0]
-            regenerated = regenerated or PiecewiseMotion(system, origin.root[:, :1], follower)
+            regenerated = regenerated or PiecewiseMotion(system, origin.root[:, :1], constraint)
             length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
             if length:  # a last window may hold only frames beyond the speech
                 pieces += regenerated.append(joined.part(slice(length)))
                 left -= length
                 on_piece(pieces[-1])
     motion = concatenate(pieces)
-    followed = {} if follower is None else follower.state()
+    followed = {} if constraint is None else constraint.state()
     (condition,) = options.conditions
     return GenerationState(
         motion, condition, tuple(_merge_ranges(fresh)), tuple(windows), heard, followed

@@ -172,8 +172,8 @@ def _made(
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     num_frames = cut.frames + (count - 1) * cut.advance
     features = system.conditioning(speech.waveform, num_frames, first_window_spec(system, options))
-    follower = system.make_constraint(options.conditions[0]) if options.conditions else None
-    told, chain = PiecewiseMotion(system, follower=follower), WindowChain(system, options)
+    constraint = system.make_constraint(options.conditions[0]) if options.conditions else None
+    told, chain = PiecewiseMotion(system, constraint=constraint), WindowChain(system, options)
     left = speech.num_frames
     for index in range(count):
         if should_cancel is not None and should_cancel():
@@ -234,17 +234,17 @@ class PiecewiseMotion:
     Args:
         origin: root position that moves to x = z = 0, for systems with absolute positions; None
             for that of the first frame.
-        follower: applies its condition to one sample's motion.
+        constraint: applies its condition to one sample's motion.
     """
 
     def __init__(
         self,
         system: System,
         origin: Float[Tensor, "B 1 3"] | None = None,
-        follower: MotionConstraint | None = None,
+        constraint: MotionConstraint | None = None,
     ) -> None:
         self._system = system
-        self._follower = follower
+        self._constraint = constraint
         self._travelled = None if origin is None else origin * _HORIZONTAL
 
     def append(self, piece: Window) -> list[Motion]:
@@ -268,7 +268,7 @@ class PiecewiseMotion:
             _motion(*one, self._system.expression_basis)
             for one in zip(poses, positions, piece.expression, strict=True)
         ]
-        return motions if self._follower is None else [self._follower.apply(*motions)]
+        return motions if self._constraint is None else [self._constraint.apply(*motions)]
 
 
 def first_window_spec(system: System, options: GenerateOptions) -> WindowSpec:
@@ -278,7 +278,7 @@ def first_window_spec(system: System, options: GenerateOptions) -> WindowSpec:
         UnknownNameError, ValueError: see `generate_motion`.
     """
     if options.conditions and system.condition_type is None:
-        raise ValueError(f"{system.name} follows speech alone; leave what else it is given out.")
+        raise ValueError(f"{system.name} takes no condition besides speech; leave it out.")
     return WindowSpec(
         speaker=system.speaker_index(options.speaker),
         seed=options.seed,

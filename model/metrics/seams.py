@@ -46,7 +46,8 @@ AMPLITUDE_CLIP = 1.4
 """Amplitude, as a ratio to the background, at which it is clipped. The test is then robust to a few
 stretches with large amplitudes, and loses little power for a weak period of the whole clip."""
 SAME_PERIOD = 0.75
-"""Share of repeating power that a shorter period must explain; half of a true one explains half."""
+"""Share of a period's power that a divisor must explain to replace it; half of the true period
+explains half."""
 WORST = 5
 _MIN_M_S3 = 1e-3
 """Jerk added before the logarithm (m/s³)."""
@@ -93,7 +94,7 @@ class JerkPeriod:
     peak_over_minimum: float
     """Mean jerk of the part at that frame over the lowest of all frames of the period."""
     p_value: float
-    """Probability, after all tests that were made, that jerk without a period looks so."""
+    """P-value of the period, Bonferroni-corrected for all periods, phases and body parts."""
     worst_frames: tuple[int, ...]
     """Frames of the clip with the highest jerk at that phase, at most `WORST`."""
 
@@ -289,7 +290,7 @@ class RecurringJerk:
     ratio: float
     """Median over windows of the jerk at that frame, over the median of all frames."""
     p_value: float = 1.0
-    """Probability that jerk without a period stands out so at some frame of the window."""
+    """P-value of that peak, Bonferroni-corrected for the frames of a window; 1 if not tested."""
 
 
 def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> RecurringJerk:

@@ -176,8 +176,8 @@ def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
 def mean_over_movements(positions: Float[np.ndarray, "T 3"]) -> tuple[float, float]:
     """Compute SPARC and log dimensionless jerk as means over stretches of 2 s from the first frame.
 
-    The rest at the end is not used. NaN under 61 frames; stretches in which the point does not move
-    do not count.
+    The rest at the end is not used, nor are stretches without movement. NaN for fewer than 61
+    frames.
     """
     values = []
     for start in range(0, len(positions) - MOVEMENT_FRAMES, MOVEMENT_FRAMES):

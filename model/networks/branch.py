@@ -261,7 +261,7 @@ class ConditionedNetwork(nn.Module):
 def mask_expression(
     condition: Float[Tensor, "B T E"], has_speech: Bool[Tensor, " B"]
 ) -> Float[Tensor, "B T E"]:
-    """Return the face that conditions the body; zero without speech, which it would reveal."""
+    """Return the expressions that condition the body: zero without speech, which they reveal."""
     return torch.where(has_speech[:, None, None], condition, torch.zeros_like(condition))
 
 

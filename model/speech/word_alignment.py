@@ -68,9 +68,9 @@ class Pronunciation:
     """A word of a text with its pronunciation."""
 
     text: str
-    dictionary_form: str | None
-    """Form of the word in the dictionary, which may have several pronunciations; None if it has
-    none."""
+    dictionary_key: str | None
+    """Key of the word in the pronunciation dictionary, which may list several pronunciations;
+    None if the word is not in it."""
     phones: str
     """One pronunciation, for words that are not in the dictionary."""
 
@@ -320,8 +320,8 @@ def _dictionary_names(decoder: Any, spoken: list[Pronunciation]) -> list[str]:
     """Return each word's name in the dictionary, to which missing words are added."""
     names, added = [], {}
     for word in spoken:
-        if word.dictionary_form is not None:
-            names.append(word.dictionary_form)
+        if word.dictionary_key is not None:
+            names.append(word.dictionary_key)
             continue
         if word.phones not in added:
             added[word.phones] = f"unknown_{len(added)}"

@@ -46,7 +46,7 @@ class TaskSetup:
     ) -> TrainedWeights | None:
         """Seed torch, and read the initial weights; None without any.
 
-        They include the statistics of their input, since others would change their meaning.
+        They must include normalisation statistics, since other ones would change their meaning.
 
         Args:
             num_speakers: size of the network's table, if it has one.
@@ -71,7 +71,7 @@ class TaskSetup:
             return None
         given = TrainedWeights.read(self.start, config.system)
         if "normaliser.mean" not in given.tensors:
-            raise CheckpointError(f"The weights of {given.name} have no statistics.")
+            raise CheckpointError(f"The weights of {given.name} have no normalisation statistics.")
         return given
 
 
@@ -135,7 +135,7 @@ class SingleNetworkTask(ABC):
     """Task of one network with one loss, AdamW, and a moving average of the weights.
 
     Args:
-        given: initial weights (`TaskSetup.begin`).
+        start_weights: initial weights (`TaskSetup.begin`); None for random ones.
         normaliser: statistics of the input, saved with the weights.
         window_frames, context: see `Task`.
         statistics: further tensors to save with the weights, besides the prior of a network that
@@ -200,7 +200,7 @@ class SingleNetworkTask(ABC):
     def parallel(self) -> nn.Module:
         """Network with gradients averaged over all processes.
 
-        It is made at the first step, when all are there: tasks are made by one after the other.
+        It is made at the first step, when all processes have joined; they make their tasks in turn.
         """
         return self.shard.wrap(self.network)
 

@@ -124,7 +124,7 @@ def draw_frames(
         return
     stage, panels = stage or camera_setup_for(body, [motion], settings), settings.panels
     if [shot.view for shot in stage.shots[1:]] != [panel.view for panel in panels[1:]]:
-        raise ValueError("The stage was set for other close-ups than these pictures have.")
+        raise ValueError("The camera setup and the settings have different close-ups.")
     meshes = [
         select_panel_mesh(body, stage, *each) for each in zip(stage.shots, panels, strict=True)
     ]
@@ -205,13 +205,15 @@ def check_frames(frames: Sequence[int], motion: BodyMotion) -> None:
     """
     for frame in frames:
         if not 0 <= frame < motion.num_frames:
-            raise ValueError(f"Frame {frame} was asked for; the motion has {motion.num_frames}.")
+            raise ValueError(
+                f"Frame {frame} is outside the motion, which has {motion.num_frames} frames."
+            )
 
 
 def stack_pictures(
     pictures: Iterable[UInt8[np.ndarray, "H W C"]], settings: RenderSettings
 ) -> np.ndarray:
-    """Stack pictures to one array, also without any."""
+    """Stack pictures into one array (N, H, W, C); N is 0 without any."""
     return np.reshape(list(pictures), (-1, *settings.picture_shape)).astype(np.uint8, copy=False)
 
 
@@ -222,7 +224,7 @@ def projected_joints(
     settings: RenderSettings,
     stage: CameraSetup,
 ) -> Float[np.ndarray, "N J 2"]:
-    """Return the pixels of all joints in some frames' pictures, (0, 0) at the upper left corner.
+    """Return the pixel coordinates (x, y) of all joints; (0, 0) is the upper left corner.
 
     The pictures are those of ``draw_frames`` with these settings on this stage, also if the camera
     follows the body. A joint may be outside its picture, or hidden behind the body.

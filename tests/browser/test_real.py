@@ -181,7 +181,7 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     said(page, text.EDITOR_READY)
     page.set_viewport_size({"width": 1280, "height": 800})
     page.wait_for_function(IN_ONE_VIEW)
-    plan_field = editor(page).get_by_label("Plan from a file")
+    plan_field = editor(page).get_by_label("Import a plan")
     plan_field.set_input_files({"name": "x.json", "mimeType": "text/json", "buffer": b"[]"})
     said(page, "is not a plan of format 1")
     expect(editor(page).locator(".said-of-edits.refused")).to_be_visible()

@@ -140,7 +140,7 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(page: 
     look()
     press(bar, "Trail")
     bar.get_by_label("Jitter exaggeration factor").fill("1")
-    expect(page.locator("#player .stage-notice")).to_have_text("EXAGGERATED x20: all above 5 Hz")
+    expect(page.locator("#player .stage-notice")).to_have_text("EXAGGERATED x20 above 5 Hz")
     look()
     bar.locator(".more").click()
     more.get_by_label("Whole body").check()

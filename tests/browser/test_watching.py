@@ -103,7 +103,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
 
     # Two bodies move with equal noise; the sentence says at once what the slider makes of them.
     headline = page.locator("#player .argument-head")
-    expect(headline).to_contain_text(re.compile(r"Same noise, 2\.\d times the fingertip error"))
+    expect(headline).to_contain_text(re.compile(r"moves the fingertip 2\.\d times as far"))
     page.wait_for_function("() => document.querySelector('#player .lockstep')?.stage?.pictures > 5")
     expect(page.locator("#player .stage-view")).to_be_in_viewport(ratio=0.99)
     assert page.evaluate(f"{LOCKSTEP}.isPlaying && {SOUND}.muted")

@@ -40,10 +40,10 @@ test("strokes that end together are of both hands", () => {
 });
 
 test("what leads to a stroke and follows it says so", () => {
-  assert.match(say("right", 1), /^The right hand gets ready for: stroke \(offer low\) of the right hand on the stressed word “never”;/);
-  assert.match(say("right", 3), /^The right hand stays after: stroke \(offer low\)/);
+  assert.match(say("right", 1), /^Preparation of the right hand for: stroke \(offer low\) of the right hand on the stressed word “never”;/);
+  assert.match(say("right", 3), /^Hold of the right hand after: stroke \(offer low\)/);
   assert.match(say("right", 4), /^A small beat of the right hand; 2.00 to 2.20 s/);
-  assert.match(say("right", 5), /^The right hand goes back to rest; 2.20 to 3.00 s/);
+  assert.match(say("right", 5), /^Retraction of the right hand; 2.20 to 3.00 s/);
   assert.match(say("left", 0), /^The left hand rests;/);
 });
 

@@ -1,7 +1,7 @@
 """Finished runs that any browser can open by a link.
 
-The link holds 256 random bits. It allows to open and save the run, as a zip of its folder or as an
-HTML page; the list of a browser's own runs needs the page's cookie.
+The link holds 256 random bits. Whoever has it can open and save the run, as a zip of its folder or
+as an HTML page; the list of a browser's own runs needs the page's cookie.
 """
 
 from __future__ import annotations
@@ -226,7 +226,7 @@ def _beside(opened: tuple[KeptRun, ...], mine: list[KeptRun]) -> str:
     )
 
 
-def _item(run: KeptRun, is_shown: bool, is_ticked_off: bool) -> str:
+def _item(run: KeptRun, is_shown: bool, has_checkbox: bool) -> str:
     here = ' aria-current="page"' if is_shown else ""
     title = escape(run.title)
     tick = (
@@ -234,7 +234,7 @@ def _item(run: KeptRun, is_shown: bool, is_ticked_off: bool) -> str:
         f'aria-label="{text.COMPARE_THIS.format(title=title)}"{" checked" if is_shown else ""}>'
     )
     return (
-        f"<li>{tick if is_ticked_off else ''}"
+        f"<li>{tick if has_checkbox else ''}"
         f'<time data-at="{run.ended:.0f}"></time>'
         f'<a href="{escape(address_of(run))}"{here}>{title}</a></li>'
     )

@@ -28,7 +28,7 @@ MAX_VIDEOS = 12
 
 
 def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie: str) -> Updates:
-    """Return the updates of a tab that opens a comparison in the browser of a cookie."""
+    """Return the updates of a tab that opens a comparison in the browser with this cookie."""
     runs = a.showing, b.showing
     pair = RunPair(*(run.for_browser(media.share(run.folder, cookie)) for run in runs))
     links = "".join(
@@ -36,7 +36,7 @@ def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie:
         for letter, run in zip("AB", (a, b), strict=True)
     )
     updates: Updates = {
-        parts.status: markup.sentence_status("Two runs beside each other."),
+        parts.status: markup.sentence_status("Two runs side by side."),
         parts.verdict: shown(f'<div class="verdict pair-head"><ol>{links}</ol>{pair.head()}</div>'),
         parts.player: pair.player(),
         parts.numbers: shown(pair.table()),
@@ -50,20 +50,20 @@ class RunPair:
     def __init__(self, a: Showing, b: Showing) -> None:
         self.showings, self.runs = (a, b), (a.record, b.record)
         first, second = (run.speech_sha256 for run in self.runs)
-        self.has_one_speech = bool(first) and first == second
+        self.has_same_speech = bool(first) and first == second
         """True if both runs have the same speech file."""
         recorded, again = (run.numbers.get(REFERENCE_NAME) for run in self.runs)
-        self.has_one_reference = recorded is not None and recorded == again
+        self.has_same_reference = recorded is not None and recorded == again
         """True if both runs have the same reference motion, as its metrics are equal."""
         names = [[row.name for row in run.rows] for run in self.runs]
         systems = [[name for name in own if name != REFERENCE_NAME] for own in names]
         in_a, in_b = (REFERENCE_NAME if REFERENCE_NAME in own else "" for own in names)
-        self.pairs = [*pairs_of(*systems), (in_a, "" if self.has_one_reference else in_b)]
+        self.pairs = [*pairs_of(*systems), (in_a, "" if self.has_same_reference else in_b)]
         """Names of motions that are compared, the reference last; A has a shared one."""
 
     def name(self, name: str, letter: str) -> str:
         """Return the name of a motion among those of both runs."""
-        is_shared = name == REFERENCE_NAME and self.has_one_reference
+        is_shared = name == REFERENCE_NAME and self.has_same_reference
         return name if is_shared else f"{name} ({letter})"
 
     def head(self) -> str:
@@ -77,7 +77,7 @@ class RunPair:
         """Return a sentence on whether the speech is the same, and what that means."""
         a, b = (run.settings for run in self.runs)
         first, second = a.get(SPEECH, NONE), b.get(SPEECH, NONE)
-        if not self.has_one_speech:
+        if not self.has_same_speech:
             return text.PAIR_OTHER_SPEECH.format(first=first, second=second)
         only_chance = list(differing_settings(a, b)) == [SEED]
         return text.PAIR_ONLY_SEED if only_chance else text.PAIR_ONE_SPEECH.format(speech=first)
@@ -88,7 +88,7 @@ class RunPair:
         *systems, references = self.pairs
         for pair in (references, *systems):
             labels = short_names(dict.fromkeys(filter(None, pair)))
-            is_shared = pair is references and self.has_one_reference
+            is_shared = pair is references and self.has_same_reference
             found = [
                 Column(
                     self.name(name, letter),
@@ -118,7 +118,7 @@ class RunPair:
         # Different speeches can be chosen; with one speech, or none, the longer sound plays.
         spoken = [i for i, run in enumerate(self.runs) if run.speech_sha256]
         heard = sorted(spoken or (0, 1), key=lambda i: -lines[i].get("duration_s", 0.0))[:1]
-        if len(spoken) == 2 and not self.has_one_speech:
+        if len(spoken) == 2 and not self.has_same_speech:
             heard = spoken
         names = [row["name"] for row in rows]
         sounds = [

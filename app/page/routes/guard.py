@@ -48,7 +48,7 @@ UNKNOWN_HOST = (
 )
 LOG_IN = "Log in first."
 UNUSED = "Uploads are accepted only through the forms of the page."
-LONG_NAME = "No file has a name of more than {limit} bytes."
+LONG_NAME = "The file name is too long; at most {limit} bytes are allowed."
 NO_PROXY = "This server does not fetch pages of other sites."
 
 

@@ -263,7 +263,7 @@ def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
     of["figure_panels"] = gr.CheckboxGroup(
         choices=[(f"{letter} {what}", letter) for letter, what in FIGURE_PANELS.items()],
         value=list(FIGURE_PANELS),
-        label="Panels of Figure 6",
+        label="Panels of the fingertip figure (Figure 6)",
     )
     with gr.Row(elem_classes="pair"):
         of["start_frame"] = gr.Number(

@@ -51,8 +51,9 @@ FILES_HELP = (
 NO_RECORDED = "none"
 _IS_RECORDED = re.compile(r"reference|record|ground.?truth|(?<![a-z])gt(?![a-z])", re.IGNORECASE)
 WINDOWS_HELP = (
-    "If you know the window length, the seams between windows are checked. If you leave it empty, "
-    "every period from 2 to 240 frames is tested."
+    "Many systems generate motion in windows of a fixed length, which can leave jumps at the "
+    "seams. Enter the length to check these seams. If it is empty, every period from 2 to 240 "
+    "frames is tested."
 )
 PLANTED_LABEL = "Try an example with injected faults"
 ASSUME_LABEL = "Import settings"
@@ -155,7 +156,7 @@ def build_own_form(services: Services) -> FormParts:
         of["told"] = gr.Textbox(
             "", max_length=2000, label=ASSUME_LABEL, info=ASSUME_HELP, elem_id="own-assume"
         )
-    with gr.Accordion("Figure 6 settings", open=False):
+    with gr.Accordion("Fingertip figure (Figure 6 of the GlobalDiff paper)", open=False):
         of |= figure_fields()
     with gr.Accordion("Generation windows", open=False):
         gr.HTML(f'<p class="hint">{WINDOWS_HELP}</p>')

@@ -127,7 +127,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
     )
     of["motions"] = services.file(
         "motion",
-        f"Your own motion, files named <system>{SEPARATOR}<clip>.npz (optional)",
+        f"Your own motion (optional): <system>{SEPARATOR}<name of the speech file>.npz",
         [".npz", ".npy", ".bvh"],
         "study-motions",
         file_count="multiple",
@@ -150,7 +150,12 @@ def _build_settings() -> dict[str, Any]:
     of["views"] = gr.CheckboxGroup(
         [(text.VIEW_NAMES[view], view) for view in VIEWS], value=["front"], label="Views"
     )
-    of["post_to"] = gr.Textbox("", label="Web address that receives the answers (POST, optional)")
+    of["post_to"] = gr.Textbox(
+        "",
+        label="Server address for the answers (optional)",
+        info="A web address of yours that accepts JSON by HTTP POST. If empty, each participant "
+        "saves a file at the end and sends it to the contact below.",
+    )
     of["return_to"] = gr.Textbox(
         "",
         label="Completion link (optional)",
@@ -226,7 +231,7 @@ PROTOCOLS = {
     "Pairwise comparison: human-likeness (without sound)": "pairwise",
     "Matched or mismatched speech: appropriateness (one system at a time)": "matched",
     "Ranking of all systems (three questions)": "ranking",
-    "Slider ratings of all systems: overall impression, with sound": "rating",
+    "Slider ratings of all systems: human-likeness, with sound": "rating",
 }
 CHANGES = {
     "strokes on other words": "{ wrong_words = true }",
@@ -336,8 +341,8 @@ NO_COOKIE = (
     "private to you. Allow cookies and reload the page."
 )
 MADE = (
-    "The study is ready and no leak was found. Download the key, check the preview, then host "
-    "the participants' page."
+    "The study is ready; the check found nothing that reveals the systems. Download the key, check "
+    "the preview, then host the participants' page."
 )
 KEY_HELP = (
     "Without the key nobody, including you, can tell which video shows which system, and the "

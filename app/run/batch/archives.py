@@ -262,8 +262,8 @@ class _Archive:
                 raise RunError(f"{name} holds {str(path)!r} twice; it is not unpacked.")
             if entry.size > left.file_bytes and not is_archive:
                 raise RunError(
-                    f"{name} holds {str(path)!r} of {_mib(entry.size)}; at most "
-                    f"{_mib(left.file_bytes)} a file are read."
+                    f"{name} contains {str(path)!r} of {_mib(entry.size)}; the limit for a file is "
+                    f"{_mib(left.file_bytes)}."
                 )
             wanted[path] = entry
         total = sum(entry.size for entry in wanted.values())

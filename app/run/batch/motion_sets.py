@@ -516,7 +516,7 @@ def assumed_in(reading: ImportedMotion) -> dict[str, Any]:
 def notes_on_sets(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> list[str]:
     """Return notes on all clips: what sets lack, how they differ, and their assumptions.
 
-    Assumptions are the most frequent first, such as ``mine: up z in 40 of 40``.
+    Assumptions are the most frequent first, such as ``mine: up assumed to be z in 40 of 40 files``.
     """
     files = {
         name: [file for each in numbers for file in each["systems"][name]["assumed"]]
@@ -529,7 +529,8 @@ def notes_on_sets(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> 
         for name, of_set in files.items()
     }
     counted = [
-        f"{name}: {kind} {value} in {count} of {len(files[name])}: {why[kind, value]}."
+        f"{name}: {kind} assumed to be {value} in {count} of {len(files[name])} files: "
+        f"{why[kind, value]}."
         for name, many in counts.items()
         for (kind, value), count in many.most_common()
     ]

@@ -285,7 +285,7 @@ def star_legend(systems: Sequence[str], clips: int) -> str:
     """Return the explanation of stars; with few clips there are none."""
     if clips < MIN_CLIPS_FOR_CLAIM:
         return f"With fewer than {MIN_CLIPS_FOR_CLAIM} clips no difference is starred."
-    return f"* the interval of the paired difference to {systems[-1]} leaves out 0."
+    return f"* The 95 % interval of the paired difference to {systems[-1]} excludes 0."
 
 
 def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:

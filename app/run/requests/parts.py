@@ -119,7 +119,7 @@ def parse_frames(value: str) -> tuple[int, ...]:
     """Parse ``0,40,80`` into sorted frame indices; raises RunError for none or too many."""
     names = parse_names(value)
     if not all(name.isdecimal() for name in names) or not 1 <= len(names) <= MAX_SNAPSHOTS:
-        raise RunError(f"{value!r} is not 1 to {MAX_SNAPSHOTS} frames, such as 0,40,80")
+        raise RunError(f"{value!r} is not a list of 1 to {MAX_SNAPSHOTS} frames, such as 0,40,80")
     return tuple(sorted({int(name) for name in names}))
 
 
@@ -206,7 +206,9 @@ GuidanceScale = Annotated[float | None, text_type(float, "N", "default of each s
 Views = Annotated[
     tuple[View, ...], subset_type(VIEWS, "no view {name!r}; views are {names}", "V,...")
 ]
-Window = Annotated[int | None, text_type(parse_count, "N", "every period from 2 to 240 is tested")]
+Window = Annotated[
+    int | None, text_type(parse_count, "N", "all periods from 2 to 240 frames are tested")
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -431,7 +433,7 @@ class VideoOptions:
         for close_up in self.close_ups:
             check_choice(close_up, CLOSE_UPS, "close-up")
         if not self.views:
-            raise RunError(f"No view is named; choose some of {', '.join(VIEWS)}.")
+            raise RunError(f"No view selected; choose from {', '.join(VIEWS)}.")
         check_display(self.display)
 
 
@@ -462,8 +464,8 @@ class MeasurementOutput(OutputOptions):
         bool,
         arg(
             name="videos",
-            help="Render a video of each motion shown in the figures, aligned, with close-ups and "
-            "trail.",
+            help="Render a video of each motion in the figures, aligned to the origin, with "
+            "close-ups and a trail.",
         ),
     ] = False
 

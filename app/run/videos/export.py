@@ -94,8 +94,8 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
                 frame = request.stills.frame
                 if not 0 <= frame < motion.num_frames:
                     raise RunError(
-                        f"Frame {frame} was asked for; the motion has {motion.num_frames}, "
-                        "counted from 0."
+                        f"Frame {frame} is outside the motion, which has {motion.num_frames} "
+                        "frames, counted from 0."
                     )
                 write_still(body, motion, frame, part)
             case ".bvh":

@@ -249,7 +249,7 @@ def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) ->
     return Overlays(
         trail=_trail(motion, display, tip, body) if display.has_trail else None,
         heat=_heat(motion, display, body) if display.coloring == "jerk" else None,
-        notice=f"EXAGGERATED x{factor}: all above {cutoff} Hz" if is_larger else "",
+        notice=f"EXAGGERATED x{factor} above {cutoff} Hz" if is_larger else "",
         close_up_notice=f"x{factor}" if is_larger else "",
     )
 
@@ -349,7 +349,7 @@ def limit_compared(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
     reference = [name for name in names if name == REFERENCE_NAME]
     first = [name for name in names if name not in reference and SampleName.parse(name).number == 1]
     fitting = [*first[: MAX_COMPARED - len(reference)], *reference]
-    told = f"Comparison and figure hold at most {MAX_COMPARED} motions; they show "
+    told = f"The comparison and the figures show at most {MAX_COMPARED} motions: "
     return fitting, (f"{told}{', '.join(fitting)}.",)
 
 

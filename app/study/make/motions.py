@@ -182,8 +182,8 @@ def stimulus_motions(
     bases = sorted({motion.expression_basis for motion in motions.values()})
     if plan.face == "moving" and len(bases) > 1:
         raise RunError(
-            f"Faces of {' and '.join(bases)} move differently on the same body, which would tell "
-            'the systems apart; set `face = "still"`.'
+            f"Faces of {' and '.join(bases)} move differently on the same body, which would reveal "
+            'the systems; set `face = "still"`.'
         )
     body = get_body(body_path)
     return {name: _normalised_body(motion, plan.face, body) for name, motion in motions.items()}

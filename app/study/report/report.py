@@ -242,9 +242,11 @@ def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
         "right_choices": (
             "Correct choices in per cent (ties count half) with 95 % confidence intervals."
         ),
-        "first_places": "First places in per cent, 95 % intervals.",
-        "share_of_all_votes": "Votes in all comparisons in per cent, 95 % intervals.",
-        "mean_rating": "Mean ratings, 95 % intervals.",
+        "first_places": "Share of first places in per cent, with 95 % confidence intervals.",
+        "share_of_all_votes": (
+            "Share of votes over all comparisons in per cent, with 95 % confidence intervals."
+        ),
+        "mean_rating": "Mean ratings, with 95 % confidence intervals.",
     }
     table = pd.DataFrame({"System": map(escaping.escape_latex, key.systems)})
     for result in results:

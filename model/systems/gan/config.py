@@ -45,7 +45,8 @@ class GanLoss:
 
     adversarial: float = 1.0
     geometric: float = 10.0
-    """Weight of the explicit loss on x_0, the paper's lambda; 0 leaves the adversarial loss."""
+    """Weight of the explicit loss on x_0, the paper's lambda; 0 leaves the adversarial loss alone.
+    """
     terms: GeometricWeights = field(
         default_factory=lambda: GeometricWeights(
             simple=1.0, position=5.0, velocity=15.0, acceleration=15.0, contact=0.25, rooted=True

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from model.generation.family import Family, FileFlag, FileReport
+from model.generation.family import Family, FileCheck, FileFlag
 from model.sampling.samplers import make_samplers
 from model.storage.cards import WeightsCard, load_card
 from model.systems.official.checkpoints import (
@@ -61,7 +61,7 @@ class OfficialFamily(Family):
         folder = official_folder()
         return () if folder is None else (folder,)
 
-    def file_reports(self) -> tuple[FileReport, ...]:
+    def check_files(self) -> tuple[FileCheck, ...]:
         """Check each network and their speech model."""
         from model.systems.official.networks import reports_of
 

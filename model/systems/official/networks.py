@@ -10,7 +10,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
-from model.generation.family import FileReport
+from model.generation.family import FileCheck
 from model.storage.checkpoint import check_tensors, read_tensors
 from model.systems.official.checkpoints import (
     BODY_CHANNELS,
@@ -244,7 +244,7 @@ def load_network(part: Part, path: Path) -> nn.Module:
 _ADVICE = "see docs/official.md"
 
 
-def reports_of(folder: Path) -> Iterator[FileReport]:
+def reports_of(folder: Path) -> Iterator[FileCheck]:
     """Yield a report on each network, and on their speech model."""
     for part in PARTS:
         name = f"official {part}"
@@ -252,13 +252,13 @@ def reports_of(folder: Path) -> Iterator[FileReport]:
             path = official_file(part)
             count = sum(each.numel() for each in load_network(part, path).parameters())
         except Exception as error:  # any fault of a file is reported
-            yield FileReport(name, error=error, advice=_ADVICE)
+            yield FileCheck(name, error=error, advice=_ADVICE)
         else:
             detail = f"{path.relative_to(folder)}, {count / 1e6:.1f} M parameters"
-            yield FileReport(name, detail)
+            yield FileCheck(name, detail)
     try:
         official_encoder()
     except Exception as error:  # as above, for transformers
-        yield FileReport("official speech", error=error, advice=_ADVICE)
+        yield FileCheck("official speech", error=error, advice=_ADVICE)
     else:
-        yield FileReport("official speech", "WavLM, HuBERT or features are there")
+        yield FileCheck("official speech", "WavLM, HuBERT or features are there")

@@ -25,7 +25,7 @@ class PlanTokens(AddedTokens):
         super().__init__(NUM_TRACKS + 2 * config.kind_dim, config.width, config.speech_context)
         self.kinds = nn.Embedding(config.num_kinds, config.kind_dim)
 
-    def plan_inputs(
+    def encoder_inputs(
         self, tracks: Float[Tensor, "B T_ctx tracks"], kinds: Int[Tensor, "B T_ctx 2"]
     ) -> Float[Tensor, "B T_ctx dim"]:
         """Concatenate the tracks of a plan and the embeddings of its gesture types."""
@@ -55,7 +55,7 @@ class PlannedNetwork(PriorNetwork):
 
         The plan's tracks, and the gesture types of both hands, are those of the speech's frames.
         """
-        plan = self.plan(self.plan.plan_inputs(tracks, kinds), has_plan)
+        plan = self.plan(self.plan.encoder_inputs(tracks, kinds), has_plan)
         return super().forward(x_t, t, extra_tokens=plan, **conditions)
 
 

@@ -30,7 +30,7 @@ does not flatten the rest."""
 MIN_TREMOR_MM = 0.1
 _FILTERED: dict[PostFilter, str] = {
     "none": "Raw motion, no filter.",
-    "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, on every curve alike).",
+    "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, applied to all curves).",
 }
 
 

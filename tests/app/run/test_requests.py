@@ -91,7 +91,7 @@ def test_factor_cut_off_and_length_of_a_trail_are_what_was_asked_for():
     display = Display(2.26, True, cutoff_hz=7.0, trail_frames=12)
     marks = marks_of(motion, display, TIP, BODY)
     assert marks is not None and marks.trail is not None
-    assert marks.notice == "EXAGGERATED x2.3: all above 7 Hz" and marks.trail.num_frames == 12
+    assert marks.notice == "EXAGGERATED x2.3 above 7 Hz" and marks.trail.num_frames == 12
     lower = displayed(motion, Display(2.26, cutoff_hz=3.0))
     assert np.abs(displayed(motion, display).poses - lower.poses).max() > 0.005
 
@@ -103,7 +103,7 @@ def test_what_cannot_be_shown_is_refused() -> None:
         (Display(exaggeration=float("nan")), "by a factor of 1 to 20; got nan"),
         (Display(cutoff_hz=2), "can be 3 to 8 Hz; got 2"),
         (Display(trail_frames=91), "5 to 90 frames long; got 91"),
-        (Display(jerk_m_s3=0), "end at 50 to 2000 m/s³; got 0"),
+        (Display(jerk_m_s3=0), "must be 50 to 2000 m/s³; got 0"),
         (Display(coloring="rainbow"), "no colouring 'rainbow'"),  # type: ignore[arg-type]
     ]:
         with pytest.raises(RunError, match=words):

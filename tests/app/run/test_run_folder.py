@@ -306,7 +306,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     result = run(anew)
     shown = read_run(tmp_path / "again")
     assert [each.name for each in shown.rows] == ["gan/5", "reference"]
-    assert "performed" in shown.rows[0].files and "measured anew" in shown.sentence
+    assert "performed" in shown.rows[0].files and "measured again" in shown.sentence
     words = json.loads((tmp_path / "again/timeline.json").read_text())["words"]
     assert words == [[0.2, 0.5, "<b>hello"]] and result.diagnostics.reference is not None
     kept, again = (

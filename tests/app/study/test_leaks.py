@@ -166,7 +166,7 @@ LEAKS: list[tuple[str, Plant, str]] = [
         told(lambda data: next(iter(data["trials"].values())).update(system="globalnet")),
         "JSON: the page's data hold 'globalnet'",
     ),
-    ("page", told(_order_of_trials), "JSON: the trials do not stand in the order"),
+    ("page", told(_order_of_trials), "JSON: the trials are not sorted"),
     ("page", told(lambda data: data.update(conditions=[1])), "JSON: the field `conditions` is"),
     (
         "page",
@@ -186,7 +186,7 @@ LEAKS: list[tuple[str, Plant, str]] = [
     (
         "metadata",
         changed("garden", "-c", "copy", "-metadata", "creation_time=2026-01-01T00:00:00"),
-        "{garden} holds the time at which it was made",
+        "{garden} contains its creation time",
     ),
     (
         "metadata",

@@ -198,8 +198,8 @@ def test_the_sentence_of_a_pair_follows_its_numbers():
 
 def test_the_sentence_of_a_match_follows_its_numbers():
     for wins, losses, told in (
-        (24, 4, "its motion fits its speech significantly better"),
-        (4, 24, "another's speech fits its motion significantly better"),
+        (24, 4, "the matching speech was picked significantly more often"),
+        (4, 24, "the mismatched speech was picked significantly more often"),
         (15, 13, "no significant preference for the matching speech"),
     ):
         assert told in plain(say("match", pair_of(wins, losses)))
@@ -214,7 +214,7 @@ def test_headline_and_power_say_who_came_first_and_how_surely():
     said = say(
         "power", share, strong.detectable_share_after_holm, strong.num_raters, strong.comparisons
     )
-    assert f"a preference of {percent(share)} of the participants; at Holm's strictest" in said
+    assert f"a preference of {percent(share)} of the participants; with Holm's correction" in said
     (weak,) = analyse_participants(made_participants(key, 4, UNIFORM_RATERS), key)
     assert headline(weak) == "realism: global, local and rival do not differ significantly."
 

@@ -111,7 +111,7 @@ def test_no_two_sentences_of_a_report_contradict_each_other(
         # Ten prefer it by six votes of ten each: the sign test is sure, the interval is not.
         (
             [6.0, 4.0, 10, 0, 0.002, 0.497, 0.697],
-            "the test reaches .05, but the interval includes 50 %",
+            "p is below .05, but the interval includes 50 %",
         ),
         (
             [24.0, 4.0, 5, 0, 0.06, 0.6, 0.9],

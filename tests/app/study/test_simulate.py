@@ -46,7 +46,7 @@ def test_a_seed_makes_the_same_answers_and_two_runs_do_not_mix(tmp_path):
         simulate(tmp_path / "study", 2, STRENGTHS, seed, tmp_path / name)
         texts.append((tmp_path / name / "simulated00001.json").read_text())
     assert texts[0] == texts[1] != texts[2]
-    with pytest.raises(RunError, match="holds answers already"):
+    with pytest.raises(RunError, match="already contains answers"):
         simulate(tmp_path / "study", 1, STRENGTHS, 2, tmp_path / "a")
 
 

@@ -309,7 +309,7 @@ def test_words_keep_their_letters_and_lose_what_is_around_them():
         found = pronounce_text(written, KNOWN.get)
         assert [word.text for word in found] == words
         assert all(
-            word.dictionary_form in KNOWN and word.phones == KNOWN[word.dictionary_form]
+            word.dictionary_key in KNOWN and word.phones == KNOWN[word.dictionary_key]
             for word in found
         )
 
@@ -323,7 +323,7 @@ def test_what_no_dictionary_has_is_said_by_rules_and_numbers_are_read_out():
         "phight": "F AY T",
     }.items():
         (word,) = pronounce_text(written, KNOWN.get)
-        assert (word.text, word.dictionary_form, word.phones) == (written, None, phones)
+        assert (word.text, word.dictionary_key, word.phones) == (written, None, phones)
     for digits, said in {
         "0": "zero",
         "13": "thirteen",

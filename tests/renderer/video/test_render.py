@@ -29,9 +29,9 @@ def test_stills_come_in_the_order_asked_for():
     assert (stills[0] != stills[1]).any()
     assert render_stills(body, motion, [], small()).shape == (0, 128, 128, 3)
     for frame in (-1, 10):
-        with pytest.raises(ValueError, match=f"Frame {frame} was asked for; the motion has 10"):
+        with pytest.raises(ValueError, match=f"Frame {frame} is outside the motion, which has 10"):
             render_stills(body, motion, [frame], small())
-    with pytest.raises(ValueError, match="other close-ups"):
+    with pytest.raises(ValueError, match="different close-ups"):
         stage = make_camera_setup(body, [motion])
         render_stills(body, motion, [0], beside("hands"), stage=stage)
 

@@ -185,7 +185,7 @@ movement.
 
 _TAIL = """## Gestures
 
-Every gesture type at the end of its stroke.
+Every gesture form at the end of its stroke.
 
 ![gestures](figures/corpus_gestures.png)
 

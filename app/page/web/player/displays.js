@@ -9,7 +9,7 @@ import { DISPLAYS } from "../stage/look.js";
 const CLOSE_UPS = { hands: "Hands", face: "Face", both: "Both", off: "None" };
 const SIDES = { Front: [0, 0], "Three quarters": [0.7, 0], Side: [Math.PI / 2, 0], Above: [0, 0.7] }; // yaw and pitch
 const STRONG = 20; // what the key makes of tremble
-const SMOOTHED = "Smoothed as in the papers (Savitzky-Golay filter, 7 frames)";
+const SMOOTHED = "Savitzky-Golay filter, 7 frames, as in the official GlobalDiff code. Also switches plots and metrics.";
 
 export class Displays {
   #look;
@@ -28,7 +28,7 @@ export class Displays {
     this.closeUp = this.#select("Close-up", () => stage?.closeUp, (value) => stage.setCloseUp(value));
     this.closeUp.append(...optionsOf(Object.entries(CLOSE_UPS)));
     const tremble = this.#input({ type: "range", min: 0, max: 1, step: "any", "aria-label": "Jitter exaggeration factor" }, "value", () => shareOf(look.get("factor")), (share) => look.set("factor", factorAt(Number(share))));
-    const factor = this.#button("", "factor", `Tremble ${STRONG} times as large`, () => this.press("e"));
+    const factor = this.#button("", "factor", `Show jitter ${STRONG} times as large`, () => this.press("e"));
     this.#shows.push(() => {
       const times = look.get("factor");
       factor.textContent = `×${times < 9.95 ? Math.round(10 * times) / 10 : Math.round(times)}`;
@@ -38,7 +38,7 @@ export class Displays {
       this.#toggle("Trail", "hasTrail", "Trajectory of the tracked point, coloured by speed"), this.#toggle("Jerk", "hasHeat", "Colour the bodies by jerk"));
     const rarer = Object.entries(DISPLAYS).filter(([name, told]) => (told.slider || told.choice || told.toggle) && !without.includes(name));
     const controls = rarer.map(([name, told]) => this.#control(name, told));
-    const smoothed = this.#checkbox("Smoothed", () => currentFilter() === "savgol", (is) => setFilter(is ? "savgol" : "raw")); // of the whole page
+    const smoothed = this.#checkbox("Filtered", () => currentFilter() === "savgol", (is) => setFilter(is ? "savgol" : "raw")); // of the whole page
     smoothed.title = SMOOTHED;
     controls.splice(1 + rarer.findLastIndex(([, { toggle }]) => toggle), 0, smoothed);
     if (stage && location.protocol.startsWith("http")) controls.push(bodyChoice(stage));

@@ -23,10 +23,10 @@ const MAX_FILE = 2_000_000;
 const LOOKS = { "Look left": 20, "Look right": -20 };
 /** @type {Record<string, [string, number, number, number, string, number]>} */
 const SLIDERS = {
-  gestures_per_min: ["Gesture rate", 0, 60, 1, "a minute", 1],
+  gestures_per_min: ["Gesture rate", 0, 60, 1, "per minute", 1],
   size_m: ["Gesture size", 0.05, 0.6, 0.01, "cm", 100],
   height_m: ["Gesture height", -0.4, 0.4, 0.01, "cm", 100],
-  stroke_s: ["Gesture speed", 0.2, 1, 0.02, "ms a stroke", 1000], // from right to left: short strokes are fast
+  stroke_s: ["Gesture speed", 0.2, 1, 0.02, "ms per stroke", 1000], // from right to left: short strokes are fast
   both: ["Two-handed gestures", 0, 1, 0.05, "%", 100],
   smile: ["Smile", 0, 1, 0.05, "%", 100],
 };
@@ -92,8 +92,8 @@ export class Editing {
     this.redo = button("Redo", () => this.#doAgain(), "Redo (Ctrl+Shift+Z)");
     this.takes = make("select", { "aria-label": "Version to edit", onchange: () => this.#goOnFrom(this.takes.value) });
     this.besides = make("select", { "aria-label": "Compare with", onchange: () => this.#putBeside(this.besides.value || null) });
-    const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "A plan from a file", onclick: () => (file.value = ""), onchange: () => file.files.length && this.#take(file.files[0]) });
-    const style = popUp("menu", make("summary", {}, "Style"), make("div", {}, ...this.#buildStyle(), make("label", { class: "file" }, "Plan from a file", file)));
+    const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "Import a plan", onclick: () => (file.value = ""), onchange: () => file.files.length && this.#take(file.files[0]) });
+    const style = popUp("menu", make("summary", {}, "Style and import"), make("div", {}, ...this.#buildStyle(), make("label", { class: "file" }, "Import a plan (.json, .TextGrid, .eaf)", file)));
     this.element = make("section", { class: "editing", hidden: true, "aria-label": "Edit the gestures" }, this.undo, this.redo, this.#buildAdding(button), style, make("label", {}, this.takes, "compared with", this.besides), this.said, this.offers);
     this.#buildPalette(button);
   }

@@ -19,7 +19,7 @@ export const TIERS = /** @type {const} */ ([
   { name: "Right hand", lists: ["right"], isHand: true },
   { name: "Head and gaze", lists: ["looks", "nods"], isHand: false },
   { name: "Face", lists: ["smiles", "brows", "blinks"], isHand: false },
-  { name: "Weight", lists: ["stands"], isHand: false },
+  { name: "Supporting leg", lists: ["stands"], isHand: false },
 ]);
 
 export const ORIGINS = { planned: "planned", found: "detected in the motion" };
@@ -170,10 +170,10 @@ function handTold(plan, side, index, said) {
   const what = stroke && strokeTold(plan, side, stroke, said);
   return {
     stroke: what,
-    preparation: `the ${side} hand gets ready${what ? ` for: ${what}` : ""}`,
-    hold: `the ${side} hand stays${what ? ` after: ${what}` : ""}`,
+    preparation: `preparation of the ${side} hand${what ? ` for: ${what}` : ""}`,
+    hold: `hold of the ${side} hand${what ? ` after: ${what}` : ""}`,
     beat: `a ${kindName(phases[index].kind === FOLLOWING ? FOLLOWING : "beat")} of the ${side} hand${onWord(plan, phases[index], said)}`,
-    retraction: `the ${side} hand goes back to rest`,
+    retraction: `retraction of the ${side} hand`,
   }[phase];
 }
 

@@ -633,7 +633,7 @@ export class Stage {
   #showNotices() {
     const factor = this.#look.get("factor");
     this.#notice.hidden = factor === 1;
-    this.#notice.textContent = factor === 1 ? "" : `EXAGGERATED x${round(factor)}: all above ${round(this.#look.get("cutoff"))} Hz`;
+    this.#notice.textContent = factor === 1 ? "" : `EXAGGERATED x${round(factor)} above ${round(this.#look.get("cutoff"))} Hz`;
     if (!this.#facts) return;
     const { speed } = this.#facts.scales;
     const scale = (colors, words) => {

@@ -237,7 +237,7 @@
       choices.forEach((choice) => (choice.disabled = true));
       if (index === quiet) {
         round += 1;
-        message.textContent = fill(words.progress.trial, { number: round + 1, total: ROUNDS });
+        message.textContent = fill(text.next, { number: round + 1, total: ROUNDS });
         if (round === ROUNDS) end("passed");
         return;
       }

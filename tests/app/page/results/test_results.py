@@ -352,9 +352,9 @@ def test_only_one_speech_plays_together(run, tmp_path):
     first, second, other, silent = (
         run(speech_sha256=each) for each in ("ab" * 32, "ab" * 32, OTHER, "")
     )
-    assert RunPair(first, second).has_one_speech
-    assert not RunPair(first, other).has_one_speech
-    assert not RunPair(silent, silent).has_one_speech
+    assert RunPair(first, second).has_same_speech
+    assert not RunPair(first, other).has_same_speech
+    assert not RunPair(silent, silent).has_same_speech
     runs = KeptRuns(3600.0)
     a, b = (keep(runs, tmp_path / name, "") for name in ("kept", "other"))
     assert address_of(a, b) == f"?run={a.token}&run={b.token}"

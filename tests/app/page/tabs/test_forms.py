@@ -133,7 +133,7 @@ def test_every_field_of_the_form_reaches_the_run(form):
         ({"samples": 7}, "2 systems with 7 samples each give 15 bodies"),
         ({"steps": "many"}, "Steps are a number, or numbers by system"),
         ({"start_frame": -1}, "got -1"),
-        ({"figure_frames": "0,x"}, "'0,x' is not 1 to 7 frames"),
+        ({"figure_frames": "0,x"}, "'0,x' is not a list of 1 to 7 frames"),
         ({"guidance": 11.0}, "0 to 10; got 11"),
         ({"sampler": ["euler"]}, "The field `sampler` cannot be"),
         ({"joint": ["right_middle"]}, "The field `joint` cannot be"),

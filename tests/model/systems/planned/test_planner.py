@@ -329,7 +329,7 @@ def test_what_performs_no_plans_is_led_by_nobody(weights):
     system = load_system("globaldiff/local", weights)
     live = LiveMotion(system, GenerateOptions("ann", steps=1), Pace(hop=10, look_ahead=12))
     assert live.ahead is None
-    with pytest.raises(ValueError, match="follows speech alone"):
+    with pytest.raises(ValueError, match="takes no condition besides speech"):
         live.set_style(LiveStyle())
-    with pytest.raises(ValueError, match="follows speech alone"):
+    with pytest.raises(ValueError, match="takes no condition besides speech"):
         system.condition_stream(first_window_spec(system, OPTIONS))

@@ -120,9 +120,9 @@ def test_what_cannot_be_planned_or_streamed_is_refused(system, weights):
     with pytest.raises(ValueError, match="2 conditions for 3 samples"):
         replace(OPTIONS, samples=3, conditions=(made_plan(), made_plan()))
     other = load_system("globaldiff/local", weights)
-    with pytest.raises(ValueError, match="follows speech alone"):
+    with pytest.raises(ValueError, match="takes no condition besides speech"):
         generate_motion(other, SPEECH, replace(OPTIONS, conditions=(made_plan(),)))
-    with pytest.raises(ValueError, match="follows speech alone"):
+    with pytest.raises(ValueError, match="takes no condition besides speech"):
         draw_conditions(other, SPEECH, OPTIONS)
 
 
