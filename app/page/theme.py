@@ -32,12 +32,30 @@ HEAD_CSS = (
     _FOLDER / "measures.css",
     _FOLDER / "live.css",
 )
+_PRELOADED = (
+    ("web/inter.woff2", "font"),
+    ("stage/facts.json", "fetch"),
+    ("live/body.glb", "fetch"),
+)
 
 
 def head_style() -> str:
-    """Return `HEAD_CSS` as HTML for the head of the page, where Gradio does not rewrite it."""
-    font = '<link rel="preload" href="web/inter.woff2" as="font" type="font/woff2" crossorigin>'
-    return font + "".join(f"<style>{path.read_text()}</style>" for path in HEAD_CSS)
+    """Return `HEAD_CSS` as HTML for the head of the page, where Gradio does not rewrite it.
+
+    The browser fetches what the first bodies need while Gradio's own scripts start.
+    """
+    links = [f'<link rel="modulepreload" href="web/{name}">' for name in _first_modules()]
+    links += [
+        f'<link rel="preload" href="{url}" as="{kind}" crossorigin>' for url, kind in _PRELOADED
+    ]
+    return "".join(links) + "".join(f"<style>{path.read_text()}</style>" for path in HEAD_CSS)
+
+
+def _first_modules() -> list[str]:
+    """Return the JavaScript modules of the first tab, relative to the folder of all."""
+    web = _FOLDER.with_name("web")
+    names = sorted(path.relative_to(web).as_posix() for path in web.rglob("*.js"))
+    return [name for name in names if not name.startswith("live/")]
 
 
 def make_theme() -> Base:

@@ -252,7 +252,7 @@ class GenerateRunner(RunRunner):
 
 
 class Opening:
-    """Updates of a page that opens, with the run of a link, a comparison or the example."""
+    """Updates of a page that opens, with the run of a link or a comparison."""
 
     def __init__(
         self, services: Services, tabs: gr.Tabs, places: Mapping[str, ResultParts], form: Fields
@@ -285,8 +285,6 @@ class Opening:
         if runs and len(tokens) == len(runs):
             return {**updates, **self._run_opened(runs[0], cookie)}
         parts = next(iter(self._places.values()))
-        if self.services.first_look is not None:
-            updates[parts.player] = self.services.first_look
         if tokens:
             gone = text.RUN_GONE.format(minutes=round(self.services.config.result_lifetime_s / 60))
             updates[parts.message] = shown(markup.note(gone))

@@ -4,7 +4,7 @@
  * stage; where a browser draws none, videos stand in its place.
  */
 
-import { make, wantsStillness } from "../dom.js";
+import { found, make, wantsStillness } from "../dom.js";
 import { FPS } from "../stage/motion.js";
 import { DISPLAYS, Look } from "../stage/look.js";
 import { saidOtherwise } from "../stage/reading.js";
@@ -362,7 +362,12 @@ function writeHash(params) {
 export function mountPlayer(element, props, watch) {
   const player = new Player(element.querySelector(".lockstep"));
   document.addEventListener("keydown", (event) => player.onKey(event));
-  const show = () => player.show(JSON.parse(JSON.stringify(props.value ?? {})));
+  let hasShown = false;
+  const show = () => {
+    hasShown = true;
+    player.show(JSON.parse(JSON.stringify(props.value ?? {})));
+  };
   watch("value", show);
-  show();
+  if (!new URLSearchParams(location.search).has("run")) show();
+  else found("html[data-ready]").then(() => hasShown || show()); // a link leads to a run, not to the page's example
 }

@@ -39,7 +39,15 @@ export class Arrival {
   }
 }
 
+const fetching = new Map(); // what several bodies want at once
+
 async function bytesOf(url, from, to) {
+  const key = `${url} ${from}-${to}`;
+  if (!fetching.has(key)) fetching.set(key, fetchBytes(url, from, to).finally(() => fetching.delete(key)));
+  return fetching.get(key);
+}
+
+async function fetchBytes(url, from, to) {
   const answer = await answered(url, { headers: { Range: `bytes=${from}-${to - 1}` }, cache: "no-store" });
   const content = await answer.arrayBuffer();
   return answer.status === 206 ? content : content.slice(from, to); // a proxy may send the whole

@@ -252,10 +252,9 @@ export class Stage {
     if (entry.isFollowed) return;
     entry.isFollowed = true;
     try {
-      const [body, told] = await Promise.all([theBody(), theFacts()]);
       for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.there; ) {
         ({ there } = entry.row);
-        const motion = await entry.arrival.next(there, this.#player.frame + SOON_FRAMES);
+        const [motion, body, told] = await Promise.all([entry.arrival.next(there, this.#player.frame + SOON_FRAMES), theBody(), theFacts()]);
         if (this.#rows.get(entry.row.name) !== entry) return; // another run is shown
         if (motion) this.#take(entry, motion, there, this.hasCharacter ? this.#mesh : body, told);
       }

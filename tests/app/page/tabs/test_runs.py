@@ -445,14 +445,13 @@ class Page:
         return self.opening.opened(browser(cookie, query=query))
 
 
-def test_every_visitor_sees_the_example_and_is_told_of_runs_in_each_tab(tmp_path):
+def test_each_tab_lists_the_visitors_runs_and_the_example_stays_without_one(tmp_path):
     page = Page(tmp_path)
-    told = replace(page.opening.services, first_look={"rows": []})
-    page.opening.services = told
     keep(page.runs, tmp_path / "job", "mine")
     for _ in range(2):
+        assert page.first.player not in page.opened("mine", "expired")
         updates = page.opened("mine")
-        assert updates[page.first.player] == {"rows": []}
+        assert page.first.player not in updates
         lists = [updates[parts.runs].pop("value") for parts in (page.first, page.own)]
         assert lists[0] == lists[1]
 
