@@ -127,7 +127,8 @@ def _redraw_form(contents: str) -> str:
         f"<details><summary>{text.REDRAW}</summary>"
         f'<form method="get" target="_blank" action="{escape(contents.partition("?")[0])}">'
         f'{panels}<label>Frames <input name="frames" placeholder="every 50" size="16"></label>'
-        f'<label>Width <select name="width">{widths}</select></label>{buttons}</form></details>'
+        f'<label>Width <select name="width">{widths}</select></label><span>{buttons}</span>'
+        "</form></details>"
     )
 
 

@@ -63,7 +63,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
     )
     token = gr.Textbox(visible=False)
     with gr.Row():
-        keep = gr.Button(KEEP, variant="primary", elem_id="live-keep", scale=0, min_width=220)
+        keep = gr.Button(KEEP, elem_id="live-keep", scale=0, min_width=220)
         cancel = gr.Button(
             text.CANCEL, visible=False, elem_id="live-cancel", scale=0, min_width=110
         )

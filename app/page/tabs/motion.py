@@ -160,7 +160,7 @@ def build_form(services: Services) -> FormParts:
         )
         gr.HTML(f'<p class="hint">{told}</p>')
         of["clips"] = services.file(
-            "clips", text.CLIPS_LABEL, ["audio"], "several", height=150, file_count="multiple"
+            "clips", text.CLIPS_LABEL, ["audio"], "several", file_count="multiple"
         )
     gr.HTML(markup.step(2, "Systems"))
     of["systems"] = gr.CheckboxGroup(
@@ -235,14 +235,12 @@ def build_form(services: Services) -> FormParts:
             info="The numerical sampler. Keep the default unless you compare samplers.",
         )
         of["reference"] = services.file(
-            "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference", height=150
+            "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference"
         )
         of["transcript"] = services.file(
-            "transcript", text.TRANSCRIPT_LABEL, list(WORD_ENDINGS), "transcript", height=150
+            "transcript", text.TRANSCRIPT_LABEL, list(WORD_ENDINGS), "transcript"
         )
-        of["plan"] = services.file(
-            "plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan", height=150
-        )
+        of["plan"] = services.file("plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan")
         of["words"] = gr.Checkbox(
             False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
         )

@@ -114,7 +114,6 @@ def build_own_form(services: Services) -> FormParts:
         "Motion files, speech and transcript",
         [".npz", ".npy", ".bvh", *WORD_ENDINGS, "audio", *SETS],
         "own-motions",
-        height=170,
         file_count="multiple",
     )
     gr.HTML(f'<p class="hint">{FILES_HELP}</p>')

@@ -205,14 +205,12 @@ def build_analysis(services: Services) -> None:
                 file_count="multiple",
                 file_types=[".json"],
                 type="filepath",
-                height=170,
                 elem_id="analysis-answers",
             )
             key = gr.File(
                 label="The key: key.json",
                 file_types=[".json"],
                 type="filepath",
-                height=120,
                 elem_id="analysis-key",
             )
             with gr.Row(elem_classes="actions"):

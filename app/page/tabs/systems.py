@@ -193,7 +193,7 @@ class FigureRunner(TabRunner):
 
 
 def _file(label: str, file_types: list[str]) -> gr.File:
-    return gr.File(label=label, file_types=file_types, type="filepath", height=110)
+    return gr.File(label=label, file_types=file_types, type="filepath")
 
 
 class MechanismRunner(FigureRunner):
