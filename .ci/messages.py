@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from app.page.parts.messages import PlayerValue  # noqa: E402
-from app.page.routes.media import stage_facts  # noqa: E402
+from app.page.routes.media import viewer_constants  # noqa: E402
 from app.run.plan_edits.edited_motion import PlanEditorData  # noqa: E402
 from app.run.timeline import Timeline  # noqa: E402
 from model.plan.plan import GesturePlan  # noqa: E402
@@ -46,7 +46,7 @@ def declarations() -> str:
         if kind.__name__ not in done:
             done.add(kind.__name__)
             interfaces.append("\n".join(declared(kind, todo)))
-    constants = f"export interface ViewerConstants {of_value(json.loads(stage_facts()))}"
+    constants = f"export interface ViewerConstants {of_value(json.loads(viewer_constants()))}"
     return "\n".join([HEAD, *interfaces, constants]) + "\n"
 
 

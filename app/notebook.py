@@ -55,7 +55,7 @@ from model.systems.registry import default_planner, family_of, list_systems
 
 drop_missing_backend()
 with without_proxies():  # it imports Gradio
-    from app.page.alone import player_alone
+    from app.page.html_export import standalone_html
 
 __all__ = [
     "Comparison",
@@ -221,16 +221,16 @@ def show(
         joint: tracked point for the timeline's jerk and speed curves.
     """
     if isinstance(motions, str | Path) and Path(motions).is_dir():
-        return Player(player_alone(Path(motions)), height)
+        return Player(standalone_html(Path(motions)), height)
     named = motions_by_name(motions, reference)
     heard = None if speech is None else read_speech(speech)
     tip = TrackedPoint(joint)
     record = RunRecord(kind="given", title="Co-speech motion", point=joint)
     with TemporaryDirectory() as folder:
-        with open_run_writer(Path(folder), record, is_kept=True) as run:
+        with open_run_writer(Path(folder), record, is_incremental=True) as run:
             run.write_timeline(run.write_viewer_files(named, heard, tip), EMPTY_TRANSCRIPT)
             run.finish("")
-        return Player(player_alone(Path(folder)), height)
+        return Player(standalone_html(Path(folder)), height)
 
 
 def diagnose(

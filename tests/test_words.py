@@ -43,19 +43,10 @@ def count_words() -> Counter[str]:
 
 
 MOST: dict[str, int] = {
-    "apart": 2,
-    "asked": 10,
-    "beside": 1,
-    "found": 9,
-    "given": 5,
-    "heard": 2,
-    "judge": 2,
-    "kept": 15,
-    "made": 11,
-    "said": 2,
-    "seen": 6,
-    "shown": 10,
-    "told": 26,
+    "apart": 1,
+    "heard": 1,
+    "made": 1,
+    "said": 1,
 }
 """How often each stands in public names today; lower a number where names were changed."""
 

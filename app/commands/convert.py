@@ -139,7 +139,7 @@ def _outs(request: ConvertRequest, names: Sequence[Path]) -> list[Path]:
 
 
 def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[str, Any]:
-    told: dict[str, Any] = {"file": printable(str(name))}
+    record: dict[str, Any] = {"file": printable(str(name))}
     try:
         if out.resolve() in {each.resolve() for each in request.files}:
             raise RunError(f"{out} would be written over; give another --out.")
@@ -148,8 +148,8 @@ def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[st
         sentence = message_for_user(error)
         if sentence is None:
             raise
-        return told | {"error": sentence}
-    return told | {
+        return record | {"error": sentence}
+    return record | {
         "out": str(out),
         "frames": reading.motion.num_frames,
         "assumptions": [each.as_json() for each in reading.assumptions],

@@ -49,7 +49,7 @@ from processes.pool import JobPool
 _DRAWS_PLANS = ("weights", "speaker", "seed", "guidance", "transcript", "words", "style")
 """Options that determine a plan sampled from speech."""
 _FIGURE = ("joint", "start_frame", "figure_forms", "figure_panels", "figure_frames", "figure_width")
-_OF_ONE = ("transcript", "words", "window", "overlap", *_FIGURE, "shown", "has_video")
+_OF_ONE = ("transcript", "words", "window", "overlap", *_FIGURE, "visible", "has_video")
 """Options of `diagnose` that apply to single motions and not to sets."""
 _METRICS = ("mean_speeds", "emage_weights", "genea_weights", "semantics", "expected")
 """Options of `diagnose` that apply to metrics."""

@@ -90,7 +90,7 @@ class SessionScheduler:
                 case "close" if session is not None:
                     self._leave(number)
                 case "keep":
-                    self._tell(number, self._kept(*content))
+                    self._tell(number, self._save_recording(*content))
         except Exception as error:
             self._end(number, visitor_message(error))
 
@@ -112,7 +112,7 @@ class SessionScheduler:
         self.open[number] = session
         self._tell(number, {"token": session.token, **session.ready()})
 
-    def _kept(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
+    def _save_recording(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
         for session in (*self.open.values(), *self.ended):
             is_it = secrets.compare_digest(session.token.encode(), token.encode())
             if is_it and session.cookie == cookie:

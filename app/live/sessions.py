@@ -19,7 +19,7 @@ from processes.child import Child, ChildExited
 NOT_THERE = "There is no live recording to save, or it has expired. Start a live session."
 SESSIONS_ENDED = "The process of live speech"
 MEMORY_ADVICE, RETRY_ADVICE = "choose a system that takes fewer steps", "start again"
-Tell = Callable[[object], None]
+MessageCallback = Callable[[object], None]
 
 
 MAX_SOUND_BYTES = 32_000
@@ -108,7 +108,7 @@ class LiveSessions:
         self._weights = weights
         self._lock = threading.RLock()
         self._numbers = itertools.count()
-        self._ears: dict[int, Tell] = {}
+        self._callbacks: dict[int, MessageCallback] = {}
         self._microphones: dict[int, AudioGuard] = {}
         self._child: Child | None = None
 
@@ -121,7 +121,7 @@ class LiveSessions:
                 )
                 threading.Thread(target=self._listen, args=(self._child,), daemon=True).start()
 
-    def open(self, message: object, cookie: str, tell: Tell, address: str = "") -> int:
+    def open(self, message: object, cookie: str, tell: MessageCallback, address: str = "") -> int:
         """Open a session for one browser, and return its number.
 
         Args:
@@ -151,7 +151,7 @@ class LiveSessions:
     def close(self, number: int) -> None:
         """Close a session when its visitor has stopped or left."""
         with self._lock:
-            self._ears.pop(number, None)
+            self._callbacks.pop(number, None)
             self._microphones.pop(number, None)
             self._send(number, "close")
 
@@ -178,11 +178,11 @@ class LiveSessions:
         if self._child is not None:
             self._child.end()
 
-    def _ask(self, tell: Tell, verb: str, content: object) -> int:
+    def _ask(self, tell: MessageCallback, verb: str, content: object) -> int:
         with self._lock:
             self.start_process()
             number = next(self._numbers)
-            self._ears[number] = tell
+            self._callbacks[number] = tell
             self._send(number, verb, content)
         return number
 
@@ -194,7 +194,7 @@ class LiveSessions:
         try:
             while True:
                 number, told = child.receive()
-                tell = self._ears.get(number)
+                tell = self._callbacks.get(number)
                 if tell is not None:
                     tell(told)
         except ChildExited:
@@ -203,7 +203,7 @@ class LiveSessions:
             )
         with self._lock:
             self._child = None
-            ears, self._ears = self._ears, {}
+            callbacks, self._callbacks = self._callbacks, {}
         child.end()
-        for tell in ears.values():
+        for tell in callbacks.values():
             tell(why)

@@ -128,10 +128,14 @@ def _replace(module: str, name: str, new: Any) -> None:
 
 def _parse_uploads(root: Path, min_free_bytes: int, quota: Quota) -> None:
     """Limit number and size of uploads, and delete interrupted ones, which Gradio keeps."""
-    from app.page.visitors.uploads import TidyParser
+    from app.page.visitors.uploads import LimitedUploadParser
 
-    TidyParser.root, TidyParser.min_free_bytes, TidyParser.quota = root, min_free_bytes, quota
-    _replace("gradio.route_utils", "GradioMultiPartParser", TidyParser)
+    LimitedUploadParser.root, LimitedUploadParser.min_free_bytes, LimitedUploadParser.quota = (
+        root,
+        min_free_bytes,
+        quota,
+    )
+    _replace("gradio.route_utils", "GradioMultiPartParser", LimitedUploadParser)
 
 
 def _limit_connections(proxies: Collection[str]) -> None:

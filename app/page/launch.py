@@ -50,7 +50,7 @@ FIRST_S = 6.0
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 CHECK_BYTES, CHECK_S = 2 * 10**9, 60.0
 """Memory (bytes) and time (s) for the check of an upload, or for the conversion of a motion."""
-PATIENT_S = 960.0
+BACKGROUND_TIMEOUT_S = 960.0
 """Longest time (s) without progress of videos rendered in the background."""
 END_WITHIN_S = 15.0
 """Time (s) from a signal to the forced exit; leftover files are then removed at the next start."""
@@ -114,13 +114,13 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     """Make the services of the page, and end them with this process; raises as `launch`."""
     from app.live.sessions import LiveSessions
     from app.page.parts.catalogue import read_catalogue
-    from app.page.results.kept_runs import KeptRuns, keep_own
-    from app.page.results.player import first_look
-    from app.page.routes.guard import quieten_sockets
+    from app.page.results.run_view import first_look
+    from app.page.results.saved_runs import SavedRuns, add_owner_run
+    from app.page.routes.guard import silence_socket_errors
     from app.page.routes.media import Media
     from app.page.tabs.runner import Services
     from app.page.visitors.characters import Characters
-    from app.page.visitors.files import Jobs, keep_swept
+    from app.page.visitors.files import Jobs, start_sweeper
     from app.page.visitors.quota import Quota
     from app.page.worker import Limits, Worker
 
@@ -133,29 +133,31 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     proxies = (*LOCAL_PROXIES, *config.proxies)
     quota = Quota(config.max_stored_bytes, config.result_lifetime_s, proxies)
     change_routes(config.temp, config.min_free_bytes, quota, proxies)
-    quieten_sockets()
+    silence_socket_errors()
     jobs = Jobs(config.jobs_folder, quota)
-    keep_swept(config.temp, config.result_lifetime_s, jobs.in_use, quota.forget_deleted)
+    start_sweeper(config.temp, config.result_lifetime_s, jobs.in_use, quota.forget_deleted)
     atexit.register(jobs.cancel)
 
     limits = Limits(config.max_run_bytes, config.max_run_s)
     warm = (config.weights, config.body) if is_warmed_up else None
     worker = Worker(limits, warm=warm)
-    videos = Worker(replace(limits, silent_s=PATIENT_S), niceness=19, is_kept=False)
-    gate = Worker(Limits(CHECK_BYTES, CHECK_S, CHECK_S))
-    for each in (worker, videos, gate):
+    video_worker = Worker(
+        replace(limits, silent_s=BACKGROUND_TIMEOUT_S), niceness=19, is_reused=False
+    )
+    upload_worker = Worker(Limits(CHECK_BYTES, CHECK_S, CHECK_S))
+    for each in (worker, video_worker, upload_worker):
         atexit.register(each.close)
-    media, kept, opened = Media(), KeptRuns(config.result_lifetime_s), ()
+    media, saved_runs, opened = Media(), SavedRuns(config.result_lifetime_s), ()
     if config.opened is not None:
-        opened = (keep_own(kept, config.opened, config.temp / "opened", media),)
+        opened = (add_owner_run(saved_runs, config.opened, config.temp / "opened", media),)
     return Services(
         config=config,
         catalogue=catalogue,
         jobs=jobs,
         worker=worker,
-        videos=videos,
-        gate=gate,
-        kept=kept,
+        video_worker=video_worker,
+        upload_worker=upload_worker,
+        saved_runs=saved_runs,
         live=LiveSessions(config.weights),
         characters=Characters(config.private_folder),
         media=media,
@@ -166,21 +168,21 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
 
 def _make_routes(services: Services) -> list[Any]:
     """Return the routes of the page besides those of Gradio."""
-    from app.page.alone import save_page
-    from app.page.results.kept_runs import saving_route
+    from app.page.html_export import write_html_page
+    from app.page.results.saved_runs import download_route
     from app.page.routes.live_route import live_routes
-    from app.page.routes.media import MadeFiles, media_routes, researcher_route
+    from app.page.routes.media import OnDemandFiles, media_routes, researcher_route
     from app.page.visitors.visitors import leaving_route, visitor_route
     from app.run.output.run_folder import save_run
 
-    made = MadeFiles(services.config.temp, services.gate.do)
+    exports = OnDemandFiles(services.config.temp, services.upload_worker.do)
     return [
-        saving_route(services.kept, made, ".zip", save_run),
-        saving_route(services.kept, made, ".html", save_page, "/page"),
+        download_route(services.saved_runs, exports, ".zip", save_run),
+        download_route(services.saved_runs, exports, ".html", write_html_page, "/page"),
         *media_routes(
-            services.media, made, services.characters, services.jobs.quota, services.config.body
+            services.media, exports, services.characters, services.jobs.quota, services.config.body
         ),
-        researcher_route(services.private),
+        researcher_route(services.private_files),
         visitor_route(),
         leaving_route(services.jobs),
         *live_routes(services.live),
@@ -189,7 +191,7 @@ def _make_routes(services: Services) -> list[Any]:
 
 def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
     """Serve the page with Gradio's and the given routes; raises OSError as `launch`."""
-    from app.page.routes.guard import HostNames, guarded
+    from app.page.routes.guard import HostNames, install_guard
     from app.page.theme import CSS, head_style, make_theme
 
     page.launch(
@@ -228,7 +230,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
         # They come before Gradio's own routes, and exist from the first request on.
         app_kwargs={
             "routes": [*routes],
-            "lifespan": guarded(
+            "lifespan": install_guard(
                 HostNames(config.host, config.host_names),
                 config.frame_ancestors,
                 has_proxy=bool(config.proxies),

@@ -6,16 +6,21 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.markup import AT_ONCE, mount
+from app.page.parts.markup import UNQUEUED_EVENT, mount
 from app.page.results.result_parts import ResultParts
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
 from app.page.tabs.motion import build_form
-from app.page.tabs.motion_run import GenerateRunner, Opening
+from app.page.tabs.motion_run import GenerateRunner, PageLoader
 from app.page.tabs.runner import Services
-from app.page.tabs.stage import SeenRunner, TakesRunner
+from app.page.tabs.stage import EditRunner, ViewerVideoRunner
 from app.page.tabs.study import build_analysis, build_study_tab
-from app.page.tabs.systems import HearingRunner, MechanismRunner, StepCurveRunner, build_systems_tab
+from app.page.tabs.systems import (
+    RotationNoiseRunner,
+    SpeechEffectRunner,
+    StepCurveRunner,
+    build_systems_tab,
+)
 from app.page.visitors.visitors import VISITOR_ROUTE, visitor_of
 
 _FORM_ID = "motion-form"
@@ -69,30 +74,30 @@ def build_app(services: Services) -> gr.Blocks:
                     if services.first_look is not None:
                         results.player.value = services.first_look
             with gr.Tab(live_tab.TAB) as tab:
-                tab.select(services.live.start_process, **AT_ONCE)
+                tab.select(services.live.start_process, **UNQUEUED_EVENT)
                 live_results = live_tab.build_live_tab(page, services)
             with gr.Tab(own_motion_tab.TAB, id="own_motion"):
-                own_results = own_motion_tab.build_own_motion_tab(page, services)
+                own_results = own_motion_tab.build_diagnose_tab(page, services)
             with gr.Tab(text.LADDER_TAB):
-                MechanismRunner(services)
+                RotationNoiseRunner(services)
                 build_systems_tab(services.catalogue.systems)
-                HearingRunner(services)
+                SpeechEffectRunner(services)
                 StepCurveRunner(services)
             with gr.Tab(text.STUDY_TAB):
                 build_study_tab(services)
                 build_analysis(services)
         gr.HTML(markup.about_paper())
         for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
-            SeenRunner(services, parts).wire(prefix)
-        TakesRunner(services, results).wire()
+            ViewerVideoRunner(services, parts).wire(prefix)
+        EditRunner(services, results).wire()
         GenerateRunner(services, form, results).wire(page, form.fields, api_name="generate")
         places = {"generate": results, "own_motion": own_results}
         page.load(None, js=_BEGIN_LOADING)
-        page.load(visitor_of, outputs=name_of_page, **AT_ONCE)
-        opening = Opening(services, tabs, places, form.fields)
+        page.load(visitor_of, outputs=name_of_page, **UNQUEUED_EVENT)
+        opening = PageLoader(services, tabs, places, form.fields)
         for parts in places.values():
-            opening.chooses(parts)
-        loading = page.load(opening.opened, outputs=opening.outputs, **AT_ONCE)
+            opening.on_clip_chosen(parts)
+        loading = page.load(opening.on_load, outputs=opening.outputs, **UNQUEUED_EVENT)
         for ended in (loading.then, loading.failure):
             ended(None, js=_END_LOADING)
     return page

@@ -29,9 +29,9 @@ from app.errors import (
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from processes.child import Child, ChildExited, parent_channel, receive_queue
 
-Asked = TypeVar("Asked")
-Found = TypeVar("Found")
-Task = Callable[[Asked, RunCallbacks], Found]
+RequestT = TypeVar("RequestT")
+ResultT = TypeVar("ResultT")
+Task = Callable[[RequestT, RunCallbacks], ResultT]
 
 GRACE_S = 10.0
 """Time (s) that a process has to react to a cancellation. It does not check while a figure is
@@ -74,7 +74,7 @@ class Worker:
         limits: Limits = Limits(),
         warm: tuple[Path, Path | None] | None = None,
         niceness: int = 0,
-        is_kept: bool = True,
+        is_reused: bool = True,
     ) -> None:
         """Configure the process, which is started at its first use.
 
@@ -82,12 +82,12 @@ class Worker:
             warm: weights and body to load before the first task; None loads them when a task needs
                 them.
             niceness: scheduling priority; 19 uses only idle time.
-            is_kept: whether the process is reused for the next task.
+            is_reused: whether the process is reused for the next task.
         """
         self._limits = limits
         self._warm = warm
         self._niceness = niceness
-        self._is_kept = is_kept
+        self._is_reused = is_reused
         self._is_closed = False
         self._turn = threading.Lock()
         self._child: Child | None = None
@@ -100,8 +100,11 @@ class Worker:
             self._ready()
 
     def do(
-        self, task: Task[Asked, Found], request: Asked, callbacks: RunCallbacks = NO_CALLBACKS
-    ) -> Found:
+        self,
+        task: Task[RequestT, ResultT],
+        request: RequestT,
+        callbacks: RunCallbacks = NO_CALLBACKS,
+    ) -> ResultT:
         """Do a task as soon as the previous one is done.
 
         Raises:
@@ -118,7 +121,7 @@ class Worker:
             return self._done_by(self._ready(), (task, request), callbacks)
         finally:
             try:
-                if self._is_closed or not self._is_kept:
+                if self._is_closed or not self._is_reused:
                     self._drop()
                 elif self._child is not None:
                     self._ready()  # now, so that the models are loaded for the next visitor
@@ -148,11 +151,11 @@ class Worker:
             child.end()
 
     def _done_by(
-        self, child: Child, work: tuple[Task[Any, Found], Any], callbacks: RunCallbacks
-    ) -> Found:
+        self, child: Child, work: tuple[Task[Any, ResultT], Any], callbacks: RunCallbacks
+    ) -> ResultT:
         limits, self._is_fit = self._limits, False
         child.clear_log()
-        started = told_at = time.monotonic()
+        started = news_at = time.monotonic()
         news: object = None
         stop_by: float | None = None
         try:
@@ -166,7 +169,7 @@ class Worker:
                     raise Cancelled
                 if now - started > limits.seconds:
                     raise RunError(TOO_LONG.format(minutes=limits.seconds / 60))
-                if now - told_at > limits.silent_s:
+                if now - news_at > limits.silent_s:
                     raise RunError(SILENT.format(seconds=limits.silent_s))
                 if not child.has_message(_POLL_S):
                     continue
@@ -178,7 +181,7 @@ class Worker:
                         return result
                     case event:
                         if event != news:
-                            news, told_at = event, now
+                            news, news_at = event, now
                         callbacks.on_event(event)
         except ChildExited as error:
             if stop_by is not None:
@@ -197,9 +200,9 @@ def main() -> None:
     works = receive_queue(channel)
     lock = threading.Lock()
 
-    def tell(told: object) -> None:
+    def tell(message: object) -> None:
         with lock:
-            channel.send(told)
+            channel.send(message)
 
     reading = _warming_up(*map(Path, needed)) if needed else iter(())
     while True:
@@ -211,13 +214,13 @@ def main() -> None:
             task, request = pickle.loads(work)
             result = task(request, RunCallbacks(tell, stop.is_set))
         except Exception as error:
-            result = _as_told(error)
+            result = _error_to_send(error)
         grown = _data_bytes() - before
         _limit_memory(None)
         tell((result, grown))
 
 
-def _as_told(error: Exception) -> Exception:
+def _error_to_send(error: Exception) -> Exception:
     """Convert an exception to a cancellation, a sentence or a fault for the page."""
     if isinstance(error, Cancelled):
         return error.with_traceback(None)  # which would keep the task's objects alive

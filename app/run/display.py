@@ -164,9 +164,11 @@ class ViewerState(BrowserMessage):
     """State of the viewer: bodies, camera and display options."""
 
     bodies: Annotated[tuple[ViewerBody, ...], Field(max_length=MAX_BODIES)]
-    """All bodies of the viewer, shown or hidden."""
-    shown: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=MAX_BODIES)]
-    """Indices of the shown bodies, from 0 on and in their order; for a pair, both of it."""
+    """All bodies of the viewer, visible or hidden."""
+    visible: Annotated[
+        tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=MAX_BODIES, alias="shown")
+    ]
+    """Indices of the visible bodies, from 0 on and in their order; for a pair, both of it."""
     size: tuple[Side, Side]
     """Width and height of one body's picture, or of the whole picture of a pair."""
     panels: Annotated[
@@ -210,17 +212,17 @@ class ViewerState(BrowserMessage):
         """Check that the viewer can have this state; raises RunError."""
         if not self.bodies:
             raise RunError("There is no body in the viewer yet. Wait until one is shown.")
-        if not 1 <= len(self.shown) <= MAX_SHOWN:
+        if not 1 <= len(self.visible) <= MAX_SHOWN:
             raise RunError(
-                f"A video shows 1 to {MAX_SHOWN} bodies; the stage shows {len(self.shown)}: "
+                f"A video shows 1 to {MAX_SHOWN} bodies; the stage shows {len(self.visible)}: "
                 "enlarge one, or compare two."
             )
         is_pair = self.mode != "grid"
-        fits = len(self.panels) == 1 + is_pair and not (is_pair and len(self.shown) != 2)
+        fits = len(self.panels) == 1 + is_pair and not (is_pair and len(self.visible) != 2)
         for picture in self.panels:
             views = [panel.view for panel in picture]
             fits = fits and views[:1] == [None] and len(set(views)) == len(views)
-        if not fits or max(self.shown) >= len(self.bodies):
+        if not fits or max(self.visible) >= len(self.bodies):
             raise RunError(
                 text.SEEN_DAMAGED.format(why="the displayed views do not match the bodies.")
             )

@@ -94,7 +94,7 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
     run.add_notes(*cut_notes)
     for row in run.record.rows:
         row.ending = safe_suffix(files[row.name])
-    if len(shown) < len(motions) and not request.motions.shown:
+    if len(shown) < len(motions) and not request.motions.visible:
         run.add_notes(
             f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
             " (--show)."
@@ -157,7 +157,7 @@ def _shown(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str,
     """
     others = [name for name in motions if name != REFERENCE_NAME]
     limit = MAX_COMPARED - (REFERENCE_NAME in motions)
-    asked = dict.fromkeys(map(printable, request.motions.shown))
+    asked = dict.fromkeys(map(printable, request.motions.visible))
     names = [name for name in asked if name != REFERENCE_NAME]
     unknown = [name for name in names if name not in others]
     if unknown:

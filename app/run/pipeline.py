@@ -145,7 +145,9 @@ def _open_run(
     output = request.output
     with (
         WordSearch(transcript, request.speech.words) as words,
-        open_run_writer(output.out, record_of(request), callbacks, is_kept=output.is_kept) as run,
+        open_run_writer(
+            output.out, record_of(request), callbacks, is_incremental=output.is_incremental
+        ) as run,
     ):
         yield run, words
 

@@ -129,10 +129,10 @@ def open_run_writer(
     record: RunRecord,
     callbacks: RunCallbacks = NO_CALLBACKS,
     *,
-    is_kept: bool = False,
+    is_incremental: bool = False,
 ) -> Iterator[RunWriter]:
     """Open a run's folder as `ResultFolder`; an error in the block is recorded in ``run.json``."""
-    with ResultFolder(out, is_kept=is_kept) as folder:
+    with ResultFolder(out, is_incremental=is_incremental) as folder:
         run = RunWriter(folder, record, callbacks)
         try:
             yield run

@@ -122,11 +122,11 @@ def _second_of(name: str, snap: Finding, gravest: Finding, duration_s: float) ->
 
 def _without_overlap(seconds: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Return the seconds that overlap none before them."""
-    kept: list[dict[str, Any]] = []
+    chosen: list[dict[str, Any]] = []
     for each in seconds:
-        if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
-            kept.append(dict(each))
-    return kept
+        if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in chosen):
+            chosen.append(dict(each))
+    return chosen
 
 
 def _means(jerk: Float[np.ndarray, " N"], num_frames: int) -> np.ndarray:
@@ -236,11 +236,11 @@ def make_timeline(
 
 
 def motion_curves(
-    motion: Motion, shown: FilterVersion, tip: TrackedPoint
+    motion: Motion, version: FilterVersion, tip: TrackedPoint
 ) -> dict[FilterVersion, dict[str, Curve]]:
     """Return the curves of one motion for ``raw`` and ``savgol``, see `make_timeline`."""
-    versions: dict[FilterVersion, Motion] = {shown: motion}
-    if shown == "raw":
+    versions: dict[FilterVersion, Motion] = {version: motion}
+    if version == "raw":
         versions["savgol"] = smooth_motion(motion)
     return {kind: point_curves(tip.track(each)) for kind, each in versions.items()}
 

@@ -56,17 +56,17 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     else:
         raise RunError(NO_KEY)
     jitter = read_jitter(request.diagnostics, key) if request.diagnostics else None
-    results = analyse_participants(screened.kept, key, jitter)
+    results = analyse_participants(screened.included, key, jitter)
     if not results:
-        left = (*screened.dropped, *screened.set_aside)
-        dropped = [f"{one.participant.source}: {one.why}." for one in left]
-        reasons = [*collected.left_out, *dropped][:MAX_ERRORS_SHOWN]
+        left = (*screened.excluded, *screened.set_aside)
+        sentences = [f"{one.participant.source}: {one.why}." for one in left]
+        reasons = [*collected.left_out, *sentences][:MAX_ERRORS_SHOWN]
         raise RunError(" ".join(["No answers are left to analyse.", *reasons]))
-    balance = balance_reached(screened.kept, key)
-    everyone = [*screened.kept, *(one.participant for one in screened.set_aside)]
+    balance = balance_reached(screened.included, key)
+    everyone = [*screened.included, *(one.participant for one in screened.set_aside)]
     with_all = analyse_participants(everyone, key) if screened.set_aside else []
     page = page_of(key, collected, screened, balance, results, with_all)
-    battles = battles_of(screened.kept, key)
+    battles = battles_of(screened.included, key)
     with ResultFolder(request.out) as folder:
         folder.path("report.html").write_text(page, "utf-8", errors="replace")  # for file names
         if len(battles):

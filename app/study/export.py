@@ -35,16 +35,16 @@ from renderer.video.workers import draw_jobs
 
 def export_planned(request: ExportRequest, callbacks: RunCallbacks) -> Workspace:
     """Export the study of a plan file and zip both folders, see `export_study`."""
-    asked = request.out, request.weights, request.body
-    return zipped(export_study(read_plan(request.plan), *asked, callbacks), request)
+    options = request.out, request.weights, request.body
+    return zipped(export_study(read_plan(request.plan), *options, callbacks), request)
 
 
-def zipped(made: Workspace, request: ExportRequest) -> Workspace:
+def zipped(workspace: Workspace, request: ExportRequest) -> Workspace:
     """Add the plan to the researcher's folder, and zip both folders."""
-    shutil.copyfile(request.plan, made.private / request.plan.name)
-    for folder, out in zip((made.bundle, made.private), request.zips, strict=True):
+    shutil.copyfile(request.plan, workspace.private / request.plan.name)
+    for folder, out in zip((workspace.bundle, workspace.private), request.zips, strict=True):
         zip_folder(folder, out)
-    return made
+    return workspace
 
 
 def export_study(
@@ -72,10 +72,10 @@ def export_study(
     design = make_design(plan)
     sources = read_sources(plan)
     workspace = Workspace(out)
-    made_of = _fingerprint(plan, sources, weights, body)
+    inputs_digest = _fingerprint(plan, sources, weights, body)
     with lock_folder(out):
         workspace.open()
-        key = _key(plan, design, workspace, made_of)
+        key = _key(plan, design, workspace, inputs_digest)
         maker = _Maker(plan, workspace, weights, body, draw, callbacks)
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
@@ -87,17 +87,17 @@ def export_study(
     return workspace
 
 
-def _key(plan: Plan, design: Design, workspace: Workspace, made_of: str) -> Key:
+def _key(plan: Plan, design: Design, workspace: Workspace, inputs_digest: str) -> Key:
     """Return the key of an earlier run, or write a new one before anything uses it."""
     if workspace.key.is_file():
         key = read_key(workspace.key)
-        if key.made_of != made_of:
+        if key.inputs_digest != inputs_digest:
             raise RunError(
                 f"{workspace.private.parent} holds the export of another plan, or the plan or a "
                 "file that it names has changed; export to a new folder."
             )
         return key
-    key = replace(make_key(plan, design), made_of=made_of)
+    key = replace(make_key(plan, design), inputs_digest=inputs_digest)
     write_key(key, workspace.key)
     return key
 

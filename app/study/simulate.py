@@ -145,27 +145,27 @@ def simulate_answers(
 def _value(
     key: Key,
     trial: Trial,
-    shown: tuple[str, ...],
-    seen: Mapping[str, float],
+    ids: tuple[str, ...],
+    strengths: Mapping[str, float],
     model: RaterModel,
     rng: np.random.Generator,
 ) -> Any:
     if trial.expected is not None:
         return "missed" if rng.random() < model.lapse else trial.expected.value
-    videos = [key.videos[video] for video in shown]
-    strength = np.array([seen[video.system] for video in videos])
+    videos = [key.videos[video] for video in ids]
+    strength = np.array([strengths[video.system] for video in videos])
     if trial.kind == "match":
         strength = strength * [video.is_matched for video in videos]
     if trial.kind in ("pair", "match"):
         chances = davidson(strength[0] - strength[1] + model.left_advantage, model.tie)
-        return (shown[0], TIE, shown[1])[rng.choice(3, p=chances)]
+        return (ids[0], TIE, ids[1])[rng.choice(3, p=chances)]
     if trial.kind == "rank":
-        order = np.argsort(-(strength + rng.gumbel(size=len(shown))))
-        return [shown[place] for place in order]
-    noise = rng.normal(0, RATING_NOISE_SD, len(shown))
+        order = np.argsort(-(strength + rng.gumbel(size=len(ids))))
+        return [ids[place] for place in order]
+    noise = rng.normal(0, RATING_NOISE_SD, len(ids))
     rating = HIGHEST_RATING / 2 + RATING_PER_LOG_STRENGTH * strength + noise
     rounded = np.clip(np.round(rating), 0, HIGHEST_RATING)
-    return {video: int(value) for video, value in zip(shown, rounded, strict=True)}
+    return {video: int(value) for video, value in zip(ids, rounded, strict=True)}
 
 
 def davidson(

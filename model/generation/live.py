@@ -118,19 +118,19 @@ class LiveMotion:
         """Generate the next window, and pass its condition to the constraint."""
         cut, start = self._cut, self.next_frame
         first, stop = start - cut.context, start + cut.frames + cut.context
-        heard = self._heard_from(first, stop)
+        features = self._speech_features(first, stop)
         if self._stream is None:
-            return self._chain.window(SpeechWindow(heard), hop)
+            return self._chain.window(SpeechWindow(features), hop)
         margin = 0 if self._constraint is None else self._constraint.margin
         final, ends = start + hop + margin, start + cut.frames + CONDITION_MARGIN
-        ahead = self.ahead = self._stream.advance(self._heard_from, first, final, ends)
-        heard, at = self._stream.conditioning(heard, ahead, first), start - ahead.origin
+        ahead = self.ahead = self._stream.advance(self._speech_features, first, final, ends)
+        features, at = self._stream.conditioning(features, ahead, first), start - ahead.origin
         if self._constraint is not None:
             self._constraint.go_on_with(ahead, at)
-        window = SpeechWindow(heard)
+        window = SpeechWindow(features)
         return self._chain.window(window, hop, ahead.condition, at)
 
-    def _heard_from(self, first: int, stop: int) -> Float[Tensor, "n dim"]:
+    def _speech_features(self, first: int, stop: int) -> Float[Tensor, "n dim"]:
         """Return features of frames ``first`` to ``stop``, extrapolated at both ends."""
         wanted = torch.arange(first, stop)
         mirrored = torch.where(

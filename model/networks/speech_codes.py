@@ -90,7 +90,7 @@ def load_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:
     return SpeechCodes(network.to(device), trained.normaliser.to(device), trained.sha256)
 
 
-SURE = 0.6
+ACCENT_THRESHOLD = 0.6
 """Smallest probability of an accent's peak."""
 MIN_ACCENT_DISTANCE = 4
 """Smallest distance between two accents (frames)."""
@@ -113,7 +113,7 @@ def _accents(codes: SpeechCodes, speech: Speech) -> tuple[Accent, ...]:
     told = codes.network(codes.normaliser.normalise(features[None])).label_logits[0]
     likely = torch.sigmoid(told[:, SPEECH_LABELS.index("accent")]).numpy()
     strength = told[:, SPEECH_LABELS.index("strength")].numpy()
-    peaks, _ = find_peaks(likely, height=SURE, distance=MIN_ACCENT_DISTANCE)
+    peaks, _ = find_peaks(likely, height=ACCENT_THRESHOLD, distance=MIN_ACCENT_DISTANCE)
     return tuple(
         Accent(round((int(k) + 0.5) / FPS, 4), round(float(np.clip(strength[k], 0, 1)), 3))
         for k in peaks

@@ -19,7 +19,7 @@ from jaxtyping import Float, Shaped, UInt8
 
 from conventions.rates import FPS
 from model.plan.annotation_files import Interval
-from model.plan.plan import GAP_S, SIDES, STILL, GesturePlan, HandPhase, Side, fill_gaps
+from model.plan.plan import GAP_S, SIDES, STILL_PHASES, GesturePlan, HandPhase, Side, fill_gaps
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -449,7 +449,7 @@ def _still_at(phases: Sequence[HandPhase], lands_s: float) -> int | None:
     begins_s = lands_s - STROKE_S - PREPARATION_S - MIN_REST_S
     for k, phase in enumerate(phases):
         if phase.start_s <= begins_s and lands_s + HOLD_S <= phase.end_s:
-            return k if phase.phase in STILL else None
+            return k if phase.phase in STILL_PHASES else None
     return None
 
 

@@ -26,7 +26,7 @@ Leg = Literal["left", "right", "both"]
 FORMAT = 1
 MAX_EVENTS = 200_000
 """Largest number of events of one kind; hours of speech have fewer."""
-STILL: tuple[str, ...] = ("rest", "hold")
+STILL_PHASES: tuple[str, ...] = ("rest", "hold")
 MAX_SECONDS = 24 * 3600.0
 MAX_NUMBER = 1e6
 """Largest absolute value of all numbers but times, to avoid overflow."""

@@ -20,7 +20,7 @@ from conventions.rates import FPS
 from model.plan.plan import (
     PHASES,
     SIDES,
-    STILL,
+    STILL_PHASES,
     Blink,
     Brow,
     FootContact,
@@ -130,7 +130,7 @@ def _of_hand(
     numbers = np.zeros((len(time_s), HAND_NUMBERS))
     numbers[:, _GOAL] = goal_path(phases, time_s)
     for phase in phases:
-        if phase.phase not in STILL:
+        if phase.phase not in STILL_PHASES:
             since = (time_s - phase.end_s) * FPS / PULSE_FRAMES
             numbers[:, _END] = np.maximum(numbers[:, _END], _bell(since))
         numbers[:, _PHASE.start + PHASES.index(phase.phase)] += _while(phase, time_s)

@@ -89,20 +89,20 @@ class MelEncoder:
         return average_over_frames(columns, num_frames, silence).astype(np.float32)
 
 
-_KEPT_HOPS = 60_000
+_MAX_CACHED_HOPS = 60_000
 """Size of the cache in hops: ten minutes, 33 MB."""
-_kept: OrderedDict[bytes, Float64[np.ndarray, "hops 68"]] = OrderedDict()
-_keeping = threading.Lock()
+_cache: OrderedDict[bytes, Float64[np.ndarray, "hops 68"]] = OrderedDict()
+_cache_lock = threading.Lock()
 
 
 def _clip_columns(waveform: Float32[np.ndarray, " N"]) -> Float64[np.ndarray, "hops 68"]:
     """Return features of each hop relative to the clip's voice, cached for the systems of a run."""
     key = hashlib.sha256(waveform.tobytes()).digest()
-    with _keeping:
-        columns = _kept.pop(key, None)
-        _kept[key] = columns = _columns(waveform) if columns is None else columns
-        while sum(map(len, _kept.values())) > _KEPT_HOPS:
-            _kept.popitem(last=False)
+    with _cache_lock:
+        columns = _cache.pop(key, None)
+        _cache[key] = columns = _columns(waveform) if columns is None else columns
+        while sum(map(len, _cache.values())) > _MAX_CACHED_HOPS:
+            _cache.popitem(last=False)
     return columns
 
 

@@ -14,7 +14,7 @@ from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript, TranscriptSour
 from processes.child import Child, ChildExited
 from processes.exit_report import ExitReport
 
-SURE = 0.5
+MIN_CONFIDENCE = 0.5
 """Confidence below which a word is left out. Of words recognised in clear speech about nine in ten
 above it are right, and six in ten below it (docs/words.md)."""
 LONGEST_WORD_S = 2.5
@@ -123,7 +123,7 @@ def _reason(ended: ExitReport) -> str:
 
 
 def _is_sure(word: Word) -> bool:
-    return word.confidence >= SURE and word.end_s - word.start_s <= LONGEST_WORD_S
+    return word.confidence >= MIN_CONFIDENCE and word.end_s - word.start_s <= LONGEST_WORD_S
 
 
 def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) -> RecognitionResult:

@@ -18,7 +18,7 @@ from app.config import AppConfig
 from app.errors import Cancelled
 from app.live.sessions import LiveSessions
 from app.page.parts.catalogue import Catalogue
-from app.page.results.kept_runs import KeptRuns
+from app.page.results.saved_runs import SavedRuns
 from app.page.tabs.runner import Services
 from app.page.visitors.characters import Characters
 from app.page.visitors.files import Jobs
@@ -94,9 +94,9 @@ def made_services(
         "catalogue": CATALOGUE,
         "jobs": Jobs(folder / "jobs"),
         "worker": worker,
-        "videos": worker,
-        "gate": worker,
-        "kept": KeptRuns(60.0),
+        "video_worker": worker,
+        "upload_worker": worker,
+        "saved_runs": SavedRuns(60.0),
         "live": LiveSessions(folder),
         "characters": Characters(folder / "private"),
     }
@@ -186,7 +186,7 @@ def make_generate(
         names, num_frames = row_names(request, request.sampling.systems), round(30 * seconds)
         systems = [name for name in names if name != REFERENCE_NAME]
         how = request.output.out, record_of(request), callbacks
-        with open_run_writer(*how, is_kept=request.output.is_kept) as run:
+        with open_run_writer(*how, is_incremental=request.output.is_incremental) as run:
             run.report_progress("speech", 1.0)
             run.report_progress("motion", 0.4, names[0])
             if error is not None:
@@ -243,7 +243,10 @@ def diagnose(request: AnyRun, callbacks: RunCallbacks) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
     callbacks.on_event(Progress("numbers", 0.5))
     with open_run_writer(
-        request.output.out, record_of(request), callbacks, is_kept=request.output.is_kept
+        request.output.out,
+        record_of(request),
+        callbacks,
+        is_incremental=request.output.is_incremental,
     ) as run:
         motions = {name: made_motion(30) for name in request.motions.names}
         run.declare_rows(motions)

@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import BrowserContext, Dialog, Page, expect
 
 from app.config import AppConfig
-from app.page.alone import player_alone
+from app.page.html_export import standalone_html
 from app.run.bodies import TrackedPoint
 from app.run.output.run_folder import FindingRecord, RunRecord, VerdictRecord, edit_record
 from app.run.timeline import make_timeline
@@ -149,7 +149,7 @@ def test_a_run_on_the_page_and_as_a_file(
         page.evaluate("for (const each of document.querySelectorAll('details')) each.open = true")
         sense.expect_harmless(page)
     alone = tmp_path / "alone.html"
-    alone.write_text(player_alone(run))
+    alone.write_text(standalone_html(run))
     page = watched(context.new_page())
     page.goto(alone.as_uri())
     expect(page.locator(".lockstep")).to_contain_text(HOSTILE[1])

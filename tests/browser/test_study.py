@@ -450,7 +450,7 @@ def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_q
     found = host.collected("ranking", tmp_path / "ranking")
     assert found.left_out == () and len(found.participants[0].answers) == 3
     for answer in found.participants[0].answers:
-        assert answer.value == list(answer.shown[::-1])
+        assert answer.value == list(answer.videos[::-1])
     assert asked and all(url.startswith(f"{bundle.as_uri()}/") for url in asked)
 
     rating, words = take_part("rating", "?p=3"), WORDS["headphones"]
@@ -485,7 +485,7 @@ def test_rankings_and_ratings_are_read_and_the_sound_check_tells_who_hears_the_q
     (participant,) = host.collected("rating", tmp_path / "rating").participants
     assert participant.headphones == "failed" and len(participant.answers) == 1
     for answer in participant.answers:
-        assert answer.value == {answer.shown[0]: 30, answer.shown[1]: 70}
+        assert answer.value == {answer.videos[0]: 30, answer.videos[1]: 70}
     rating.goto(rating.url.replace("?p=3", "?p=99"))
     expect(rating.get_by_role("alert")).to_contain_text("This link is not valid")
 

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from app.config import AppConfig
 from app.page.launch import launch
-from app.page.parts.asked import Fields, values_of
-from app.page.tabs.motion import ask_from_form, build_form
-from app.page.tabs.own_motion import build_own_form, own_ask
+from app.page.parts.form_values import Fields, values_of
+from app.page.tabs.motion import build_form, request_from_form
+from app.page.tabs.own_motion import build_own_form, own_motion_request
 from app.page.tabs.study import build_study_tab, plan_text
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from app.study.design.plan import Plan
@@ -69,9 +69,9 @@ def forms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[type, Fie
         "generate": (
             GenerateRequest,
             generate,
-            lambda told: ask_from_form(told, Path("/job"), CATALOGUE, config),
+            lambda told: request_from_form(told, Path("/job"), CATALOGUE, config),
         ),
-        "own": (DiagnoseRequest, own, lambda told: own_ask(told, Path("/job"), config)),
+        "own": (DiagnoseRequest, own, lambda told: own_motion_request(told, Path("/job"), config)),
         "study": (Plan, study, plan_text),
     }
 

@@ -37,7 +37,7 @@ class Catalogue:
     """Speech files that come with the app."""
     samplers: tuple[str, ...] = ()
     """Names of the samplers of all systems."""
-    usual_steps: str = ""
+    default_steps: str = ""
     """Default number of sampling steps of the systems, as text."""
 
     @property
@@ -46,14 +46,14 @@ class Catalogue:
         return [(label, name) for name, label in short_names(self.systems).items()]
 
 
-def about_systems(systems: Sequence[str]) -> dict[str, str]:
+def system_descriptions(systems: Sequence[str]) -> dict[str, str]:
     """Return a sentence about each system by its label."""
     return {
         label: family_of(name).about.get(name, "") for name, label in short_names(systems).items()
     }
 
 
-def groups_of(systems: Sequence[str]) -> dict[str, list[str]]:
+def system_groups(systems: Sequence[str]) -> dict[str, list[str]]:
     """Return the labels of the systems by title of their group."""
     ablations = [family.ablation for family in families() if family.ablation is not None]
     steps = {step.system for ablation in ablations for step in ablation.steps}
@@ -127,7 +127,7 @@ def default_systems(systems: Sequence[str]) -> list[str]:
     return [name for name in systems if name in chosen]
 
 
-def strength_choices(*values: float) -> list[tuple[str, float | str]]:
+def guidance_choices(*values: float) -> list[tuple[str, float | str]]:
     """Return labels and values of guidance scales, the default first."""
     named = ((text.GUIDANCE_NAMES.get(value, f"{value:g}"), value) for value in values)
     return [("default of each system", ""), *named]

@@ -38,14 +38,14 @@ MAX_NOTES = 3
 
 def explained(sentence: str) -> str:
     """Format a sentence as HTML, with an explanation (`help.js`) of each term at its first use."""
-    seen: set[str] = set()
+    used: set[str] = set()
 
-    def mark(found: re.Match[str]) -> str:
-        word = found[1].lower()
-        if WORDS[word] in seen:
-            return found[1]
-        seen.add(WORDS[word])
-        return f'<abbr title="{escape(WORDS[word])}" tabindex="0">{found[1]}</abbr>'
+    def mark(match: re.Match[str]) -> str:
+        word = match[1].lower()
+        if WORDS[word] in used:
+            return match[1]
+        used.add(WORDS[word])
+        return f'<abbr title="{escape(WORDS[word])}" tabindex="0">{match[1]}</abbr>'
 
     return _WORDS.sub(mark, escape(sentence))
 
@@ -78,7 +78,7 @@ def heading(title: str, explanation: str = "") -> str:
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
-def heads(labels: Mapping[str, str]) -> str:
+def table_head(labels: Mapping[str, str]) -> str:
     """Format the header cells of a table, with full names as tooltips."""
     return "".join(
         f'<th scope="col" title="{escape(name)}">{escape(label)}</th>'
@@ -86,7 +86,7 @@ def heads(labels: Mapping[str, str]) -> str:
     )
 
 
-def row(title: str, cells: Iterable[str]) -> str:
+def table_row(title: str, cells: Iterable[str]) -> str:
     told = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
     return f'<tr><th scope="row">{escape(title)}</th>{told}</tr>'
 
@@ -112,12 +112,12 @@ def status(
         fraction = fractions.get(stage)
         state = "todo" if fraction is None else "done" if fraction >= 1 else "doing"
         percent = round(100 * min(1.0, fraction or 0.0))
-        shown = f"{percent} %" if state == "doing" else ""
+        percent_text = f"{percent} %" if state == "doing" else ""
         detail = details.get(stage, "") if state == "doing" else ""
         rows.append(
             f'<li class="{state}"><i aria-hidden="true"></i>'
             f"<span>{escape(text.STAGE_NAMES[stage])}<small>{escape(detail)}</small></span>"
-            f"<em>{shown}</em>"
+            f"<em>{percent_text}</em>"
             f'<b style="width:{percent}%"></b></li>'
         )
     return (
@@ -188,7 +188,7 @@ def bars(
     )
 
 
-def notes_folded(notes: Sequence[str]) -> str:
+def collapsed_notes(notes: Sequence[str]) -> str:
     """Format the first notes of a successful run, folded; empty without any."""
     if not notes:
         return ""
@@ -227,7 +227,7 @@ def mount(module: str, function: str) -> str:
     )
 
 
-def arrange_chips(
+def group_choices(
     field: str, about: Mapping[str, str], groups: Mapping[str, Sequence[str]]
 ) -> None:
     """Arrange the choices of a field in groups with a tooltip for each.
@@ -269,13 +269,13 @@ def hidden_html(
     return gr.HTML("", visible=False, elem_id=elem_id, elem_classes=classes, **how)
 
 
-def shown(html: str) -> Any:
+def update_html(html: str) -> Any:
     """Return the update of an HTML component that is hidden while it is empty."""
     return gr.update(value=html, visible=bool(html))
 
 
-def player_part(prefix: str) -> gr.HTML:
-    """Make a player component with the value of a `Showing`; it is hidden without rows."""
+def player_component(prefix: str) -> gr.HTML:
+    """Make a player component with the value of a `RunView`; it is hidden without rows."""
     return gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',
@@ -285,9 +285,9 @@ def player_part(prefix: str) -> gr.HTML:
     )
 
 
-PRIVATE: dict[str, Any] = {"api_visibility": "private", "show_progress": "hidden"}
+PRIVATE_EVENT: dict[str, Any] = {"api_visibility": "private", "show_progress": "hidden"}
 """Event options of functions that only the page calls, without a progress indicator."""
-AT_ONCE: dict[str, Any] = {"queue": False, **PRIVATE}
+UNQUEUED_EVENT: dict[str, Any] = {"queue": False, **PRIVATE_EVENT}
 """Event options of functions that run outside of the queue."""
 Updates = dict[Any, Any]
 """New values by component."""

@@ -11,7 +11,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.markup import explained, hidden_html, player_part
+from app.page.parts.markup import explained, hidden_html, player_component
 from app.page.routes.media import Address
 from app.run.requests.parts import FIGURE_PANELS, FigureWidth
 from renderer.figures.style import CONTENTS_ENDING, FORMS
@@ -28,7 +28,7 @@ class ResultParts:
         self.clip = gr.Radio([], label="Shown below", visible=False, elem_id=prefix + "clip")
         """Selection of the clip shown below, by the token of its run."""
         self.verdict = hidden_html(prefix + "verdict")
-        self.player = player_part(prefix)
+        self.player = player_component(prefix)
         with gr.Row(elem_classes="seen-video"):
             self.seen = hidden_html(prefix + "seen")
             """Progress of recording the viewer as a video, then the link to the video."""
@@ -93,7 +93,7 @@ def _figure(
     contents: str,
 ) -> str:
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
-    links = "".join(saved_link(url, f"{stem}.{end}", end.upper()) for end, url in urls.items())
+    links = "".join(download_link(url, f"{stem}.{end}", end.upper()) for end, url in urls.items())
     said = "".join(
         f"<p>{explained(sentences[key])}</p>" for key in about.says if sentences.get(key)
     )
@@ -132,7 +132,7 @@ def _redraw_form(contents: str) -> str:
     )
 
 
-def saved_link(url: str, name: str, words: str = "") -> str:
+def download_link(url: str, name: str, words: str = "") -> str:
     """Format a link that downloads a file under a name."""
     return f'<a href="{escape(url)}" download="{escape(name)}">{escape(words or name)}</a>'
 
@@ -140,7 +140,8 @@ def saved_link(url: str, name: str, words: str = "") -> str:
 def files_listed(paths: Iterable[Path], address: Address) -> str:
     """Format links to single files, folded."""
     items = "".join(
-        f"<li>{saved_link(address(path), path.name)}<span>{_size(path.stat().st_size)}</span></li>"
+        f"<li>{download_link(address(path), path.name)}"
+        f"<span>{_size(path.stat().st_size)}</span></li>"
         for path in paths
     )
     return f"<details><summary>Single files</summary><ul>{items}</ul></details>"

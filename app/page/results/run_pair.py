@@ -12,10 +12,10 @@ from typing import Any
 from app import text
 from app.findings.comparison import point_title
 from app.page.parts import markup
-from app.page.parts.markup import Updates, shown
-from app.page.results.kept_runs import KeptRun, address_of
-from app.page.results.player import Showing
+from app.page.parts.markup import Updates, update_html
 from app.page.results.result_parts import ResultParts
+from app.page.results.run_view import RunView
+from app.page.results.saved_runs import SavedRun, address_of
 from app.page.results.tables import Column, beat_speeds_of, table_of
 from app.page.routes.media import Media
 from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing_settings
@@ -27,9 +27,11 @@ from conventions.names import REFERENCE_NAME, short_names
 MAX_VIDEOS = 12
 
 
-def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie: str) -> Updates:
+def comparison_updates(
+    a: SavedRun, b: SavedRun, parts: ResultParts, media: Media, cookie: str
+) -> Updates:
     """Return the updates of a tab that opens a comparison in the browser with this cookie."""
-    runs = a.showing, b.showing
+    runs = a.view, b.view
     pair = RunPair(*(run.for_browser(media.share(run.folder, cookie)) for run in runs))
     links = "".join(
         f'<li><b>{letter}</b><a href="{escape(address_of(run))}">{escape(run.record.title)}</a>'
@@ -37,18 +39,22 @@ def updates_of(a: KeptRun, b: KeptRun, parts: ResultParts, media: Media, cookie:
     )
     updates: Updates = {
         parts.status: markup.sentence_status("Two runs side by side."),
-        parts.verdict: shown(f'<div class="verdict pair-head"><ol>{links}</ol>{pair.head()}</div>'),
+        parts.verdict: update_html(
+            f'<div class="verdict pair-head"><ol>{links}</ol>{pair.head()}</div>'
+        ),
         parts.player: pair.player(),
-        parts.numbers: shown(pair.table()),
+        parts.numbers: update_html(pair.table()),
     }
-    return updates | {part: shown("") for part in (parts.message, parts.figures, parts.downloads)}
+    return updates | {
+        part: update_html("") for part in (parts.message, parts.figures, parts.downloads)
+    }
 
 
 class RunPair:
     """Comparison of two runs: A is the earlier one, B the later one."""
 
-    def __init__(self, a: Showing, b: Showing) -> None:
-        self.showings, self.runs = (a, b), (a.record, b.record)
+    def __init__(self, a: RunView, b: RunView) -> None:
+        self.run_views, self.runs = (a, b), (a.record, b.record)
         first, second = (run.speech_sha256 for run in self.runs)
         self.has_same_speech = bool(first) and first == second
         """True if both runs have the same speech file."""
@@ -58,7 +64,7 @@ class RunPair:
         names = [[row.name for row in run.rows] for run in self.runs]
         systems = [[name for name in own if name != REFERENCE_NAME] for own in names]
         in_a, in_b = (REFERENCE_NAME if REFERENCE_NAME in own else "" for own in names)
-        self.pairs = [*pairs_of(*systems), (in_a, "" if self.has_same_reference else in_b)]
+        self.pairs = [*match_motions(*systems), (in_a, "" if self.has_same_reference else in_b)]
         """Names of motions that are compared, the reference last; A has a shared one."""
 
     def name(self, name: str, letter: str) -> str:
@@ -69,11 +75,11 @@ class RunPair:
     def head(self) -> str:
         """Format the settings that differ, a sentence on the speech, and all settings."""
         return (
-            f"<b>{escape(told_settings(*self.runs))}</b><p>{escape(self.told_speech())}</p>"
+            f"<b>{escape(settings_sentence(*self.runs))}</b><p>{escape(self.speech_sentence())}</p>"
             f"{_settings_table(*self.runs)}"
         )
 
-    def told_speech(self) -> str:
+    def speech_sentence(self) -> str:
         """Return a sentence on whether the speech is the same, and what that means."""
         a, b = (run.settings for run in self.runs)
         first, second = a.get(SPEECH, NONE), b.get(SPEECH, NONE)
@@ -103,14 +109,14 @@ class RunPair:
             columns += found
             if len(found) == 2 and pair is not references:
                 named = f"{' and '.join(dict.fromkeys(labels.values()))}: {text.PAIR_DIFFERENCE}"
-                columns.append(found[1].less(found[0], named, text.PAIR_DIFFERENCE))
+                columns.append(found[1].minus(found[0], named, text.PAIR_DIFFERENCE))
         points = dict.fromkeys(point_title(run.point) for run in self.runs)
         return table_of(columns, " and ".join(points), text.PAIR_LEGEND)
 
     def player(self) -> dict[str, Any]:
         """Return the player's value for both runs, with one sound or a choice of two."""
-        values = [showing.value() for showing in self.showings]
-        lines = [showing.timeline() for showing in self.showings]
+        values = [run_view.player_value() for run_view in self.run_views]
+        lines = [run_view.timeline() for run_view in self.run_views]
         rows = self._rows(values)
         value = {"run": " ".join(value["run"] for value in values), "rows": rows}
         if not all(lines):
@@ -154,15 +160,19 @@ class RunPair:
         return [row | {"color": colors[row["name"]]} for row in rows][:MAX_VIDEOS]
 
     def _timeline(
-        self, lines: Sequence[dict[str, Any]], heard: int, names: Sequence[str], is_shared: bool
+        self,
+        lines: Sequence[dict[str, Any]],
+        sound_index: int,
+        names: Sequence[str],
+        is_shared: bool,
     ) -> dict[str, Any]:
         """Merge the timelines of both runs for motions that have a row, with the sound of one."""
         curves, worst = {}, []
         for line, letter in zip(lines, "AB", strict=True):
             curves |= {self.name(name, letter): curve for name, curve in line["curves"].items()}
             worst += [{**each, "name": self.name(each["name"], letter)} for each in line["worst"]]
-        words = [line["words"] for line in (lines[heard], *lines)[: 3 if is_shared else 1]]
-        return lines[heard] | {
+        words = [line["words"] for line in (lines[sound_index], *lines)[: 3 if is_shared else 1]]
+        return lines[sound_index] | {
             "curves": {name: curve for name, curve in curves.items() if name in names},
             "worst": worst_of_both([each for each in worst if each["name"] in names]),
             "point": " and ".join(dict.fromkeys(line["point"] for line in lines)),
@@ -170,23 +180,25 @@ class RunPair:
         }
 
 
-def told_settings(a: RunRecord, b: RunRecord) -> str:
+def settings_sentence(a: RunRecord, b: RunRecord) -> str:
     differ = differing_settings(a.settings, b.settings)
     brought = [name for name, run in (("A", a), ("B", b)) if MOTIONS in run.settings]
     if len(brought) != 1:
         return _against(differ) or text.PAIR_SAME_SETTINGS
     # Settings of systems do not apply to imported files.
     shared = a.settings.keys() & b.settings.keys()
-    told = _against({name: pair for name, pair in differ.items() if name in shared})
-    return f"{text.PAIR_BROUGHT.format(run=brought[0])} {told}".rstrip()
+    sentence = _against({name: pair for name, pair in differ.items() if name in shared})
+    return f"{text.PAIR_BROUGHT.format(run=brought[0])} {sentence}".rstrip()
 
 
 def _against(differ: Mapping[str, tuple[str, str]]) -> str:
-    told = "; ".join(f"{name} {first} against {second}" for name, (first, second) in differ.items())
-    return f"{told[:1].upper()}{told[1:]}." if told else ""
+    listed = "; ".join(
+        f"{name} {first} against {second}" for name, (first, second) in differ.items()
+    )
+    return f"{listed[:1].upper()}{listed[1:]}." if listed else ""
 
 
-def pairs_of(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
+def match_motions(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:
     """Pair the motions of two runs by name; a single remaining motion of each run is paired too.
 
     The name of a missing partner is empty.
@@ -212,15 +224,15 @@ def _as_address(timeline: Mapping[str, Any]) -> str:
 
 def worst_of_both(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the worst seconds without overlap."""
-    kept: list[dict[str, Any]] = []
+    chosen: list[dict[str, Any]] = []
 
     def badness_rank(second: Mapping[str, Any]) -> float:
         return -second.get("jerk_m_s3", math.inf if second.get("is_gravest") else 0.0)
 
     for each in sorted(seconds, key=badness_rank):
-        if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in kept):
-            kept.append(each)
-    return kept[:NUM_WORST_SECONDS]
+        if all(each["start_s"] >= k["end_s"] or each["end_s"] <= k["start_s"] for k in chosen):
+            chosen.append(each)
+    return chosen[:NUM_WORST_SECONDS]
 
 
 def _settings_table(a: RunRecord, b: RunRecord) -> str:

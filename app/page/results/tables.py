@@ -62,7 +62,7 @@ class Column:
     def of_kind(self) -> str:
         return f' class="{self.kind}"' if self.kind else ""
 
-    def less(self, other: Column, name: str, label: str) -> Column:
+    def minus(self, other: Column, name: str, label: str) -> Column:
         """Return the difference to another motion, in metrics of the same protocol, as a column."""
         differences: dict[FilterVersion, dict[str, float]] = {
             version: {
@@ -211,20 +211,20 @@ def _cell(measure: Metric, column: Column, near: Mapping[FilterVersion, Sequence
     return f"<td{column.of_kind}>{spans}</td>"
 
 
-def _finding(found: FindingRecord, label: str) -> str:
+def _finding(finding: FindingRecord, label: str) -> str:
     """Format a finding, with a button that shows its worst time and its body part."""
     go = ""
-    if found.at is not None or found.part:
-        at, where = "", f"the {found.part}"
-        if found.at is not None:
-            tenths = round(10 * found.at)
-            at, where = f"{found.at:.3f}", f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
+    if finding.at is not None or finding.part:
+        at, where = "", f"the {finding.part}"
+        if finding.at is not None:
+            tenths = round(10 * finding.at)
+            at, where = f"{finding.at:.3f}", f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
         go = (
-            f'<button type="button" class="go" data-at="{at}" data-name="{escape(found.name)}"'
-            f' data-part="{found.part}">{text.GO_THERE.format(where=where)}</button>'
+            f'<button type="button" class="go" data-at="{at}" data-name="{escape(finding.name)}"'
+            f' data-part="{finding.part}">{text.GO_THERE.format(where=where)}</button>'
         )
     who = f"<b>{escape(label)}:</b> " if label else ""
-    return f"<li>{who}{escape(found.sentence)}{go}</li>"
+    return f"<li>{who}{escape(finding.sentence)}{go}</li>"
 
 
 NORM = "Limits of the checks come from two recorded clips of one speaker and 90 procedural clips."
@@ -274,7 +274,7 @@ def _listed(title: str, items: Sequence[str], most: int, more: str) -> str:
     return f'<div class="findings">{title}{first}{folded}</div>'
 
 
-def title_of(records: Sequence[RunRecord]) -> str:
+def runs_title(records: Sequence[RunRecord]) -> str:
     """Return the title of a run, or of the runs of several clips."""
     if len(records) < 2:
         return records[0].title
@@ -305,9 +305,9 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
     cells = [ranged(*found, format_number) for found in means.values()]
-    head = markup.heads({name: names[name] for name in jerk})
+    head = markup.table_head({name: names[name] for name in jerk})
     title = f"{point_title(first.point)} jerk in m/s³, as generated, clip by clip"
-    foot = f"<tfoot>{markup.row(text.CLIPS_MEAN, cells)}</tfoot>"
+    foot = f"<tfoot>{markup.table_row(text.CLIPS_MEAN, cells)}</tfoot>"
     is_done = all(run.state == "done" for run in runs.values())
     return (
         f'<div class="measures all clips">{above}<details{"" if is_done else " open"}>'
@@ -319,7 +319,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
 
 def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
     if run.state not in ("failed", "cancelled"):
-        return markup.row(clip, cells)
+        return markup.table_row(clip, cells)
     why = escape(page_message(without_folders(run.sentence)) or text.STOPPED)
     return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
 
@@ -331,29 +331,27 @@ MOST_SHOWN = 5
 """Maximum number of worst clips that are not folded."""
 
 
-def sets_html(told: Mapping[str, Any], systems: Sequence[str], figure: str, links: str) -> str:
+def sets_html(summary: Mapping[str, Any], systems: Sequence[str], figure: str, links: str) -> str:
     """Format the results of sets (`app.run.tasks.SetResults.summary`) with figure and links.
 
     Args:
         systems: names of the systems, the reference last.
     """
-    clips = told["clips"]
-    told_count = COUNTED.format(
-        clips=pluralise(len(clips), "clip"), sets=pluralise(len(systems), "set")
-    )
+    clips = summary["clips"]
+    count = COUNTED.format(clips=pluralise(len(clips), "clip"), sets=pluralise(len(systems), "set"))
     return (
-        f'<div class="sets">{markup.heading("Results as sets", told_count)}'
-        f"{_worst(told['worst'])}{figure}{_sets_table(told['measures'], systems, len(clips))}"
+        f'<div class="sets">{markup.heading("Results as sets", count)}'
+        f"{_worst(summary['worst'])}{figure}{_sets_table(summary['measures'], systems, len(clips))}"
         f'<div class="downloads">{links}</div></div>'
     )
 
 
-def clip_choices(told: Mapping[str, Any]) -> list[tuple[str, str]]:
+def clip_choices(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return label and name of every clip, the worst first."""
     worst: dict[str, str] = {
-        each["clip"]: f"{each['clip']}: {format_kinds(each['kinds'])}" for each in told["worst"]
+        each["clip"]: f"{each['clip']}: {format_kinds(each['kinds'])}" for each in summary["worst"]
     }
-    clips: list[str] = told["clips"]
+    clips: list[str] = summary["clips"]
     return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *clips])]
 
 
@@ -372,11 +370,11 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
 
 def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips: int) -> str:
     firsts = {row.key for row in METRICS if row.is_primary} | {FGD}
-    head = markup.heads({name: name for name in systems})
+    head = markup.table_head({name: name for name in systems})
 
     def table(chosen: list[Mapping[str, Any]]) -> str:
         told = cells_of(list(systems), [dict(row) for row in chosen])
-        body = "".join(markup.row(title, cells) for title, cells in told.items())
+        body = "".join(markup.table_row(title, cells) for title, cells in told.items())
         return markup.table(SETS_TABLE, SETS_TABLE, head, body)
 
     star = f"<p>{escape(star_legend(systems, clips))}</p>" if len(systems) > 1 else ""

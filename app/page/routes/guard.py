@@ -101,20 +101,20 @@ def _name_of(host: str) -> str:
         return ""
 
 
-def guarded(
+def install_guard(
     names: HostNames, embedders: Collection[str] = (), *, has_proxy: bool = False
 ) -> Callable[[FastAPI], contextlib.AbstractAsyncContextManager[None]]:
     """Return a lifespan that puts the guard in front of an app, including its CORS headers.
 
     X-Forwarded-Host is trusted with a proxy if it is one of the page's names.
     """
-    is_believed = has_proxy or bool(os.environ.get("SPACE_HOST"))
+    trusts_proxy_host = has_proxy or bool(os.environ.get("SPACE_HOST"))
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
         app.middleware_stack = Guard(
-            PageCache(inner, app), app, names, framing(embedders), is_believed
+            PageCache(inner, app), app, names, framing(embedders), trusts_proxy_host
         )
         yield
 
@@ -129,7 +129,7 @@ class Guard:
     app: Any
     names: HostNames
     framing: Sequence[tuple[bytes, bytes]]
-    is_believed: bool
+    trusts_proxy_host: bool
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -165,7 +165,7 @@ class Guard:
             name = printable(_name_of(host))[:100] or "without a name"
             return UNKNOWN_HOST.format(name=name), 421
         origin = headers.get("origin")
-        is_foreign = origin is not None and not is_from_page(origin, host)
+        is_foreign = origin is not None and not is_same_origin(origin, host)
         changes = scope.get("method", "GET") not in SAFE_METHODS
         if is_foreign or (changes and headers.get("sec-fetch-site") == "cross-site"):
             return FOREIGN, 403
@@ -187,9 +187,9 @@ class Guard:
         def is_good(name: bytes, value: bytes) -> bool:
             if name == b"x-forwarded-host":
                 host = value.decode("latin-1").split(",")[0].strip()
-                return self.is_believed and host in self.names
+                return self.trusts_proxy_host and host in self.names
             if name == b"x-forwarded-proto":
-                return self.is_believed or is_https
+                return self.trusts_proxy_host or is_https
             return name != b"x-gradio-server"
 
         scope["headers"] = [
@@ -205,7 +205,7 @@ def _take_off_root_path(scope: Scope) -> None:
     scope["root_path"] = ""
 
 
-def is_from_page(origin: str | None, host: str | None) -> bool:
+def is_same_origin(origin: str | None, host: str | None) -> bool:
     """Check whether an Origin header names this server."""
     try:
         netloc = urlsplit(origin or "").netloc
@@ -232,7 +232,7 @@ async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: S
 _NO_TEXT = "Invalid UTF-8 sequence received from client."
 
 
-def quieten_sockets() -> None:
+def silence_socket_errors() -> None:
     """Prevent a traceback in the log for a WebSocket that sends invalid text."""
     logger = logging.getLogger("uvicorn.error")
     if _is_no_fault not in logger.filters:

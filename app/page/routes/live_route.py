@@ -19,7 +19,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from app.config import EXAMPLES
 from app.errors import RunError, visitor_message
 from app.live.sessions import LiveSessions
-from app.page.routes.guard import is_from_page
+from app.page.routes.guard import is_same_origin
 from app.page.visitors.visitors import COOKIE, address_of
 
 SPEAK_ROUTE = "/live/speak"
@@ -39,7 +39,7 @@ def live_routes(sessions: LiveSessions) -> list[BaseRoute]:
     """Return the routes of live sessions and of example speech."""
 
     async def speak(socket: WebSocket) -> None:
-        if not is_from_page(socket.headers.get("origin"), socket.headers.get("host")):
+        if not is_same_origin(socket.headers.get("origin"), socket.headers.get("host")):
             await socket.close(FOREIGN)
             return
         await socket.accept()
@@ -102,17 +102,17 @@ async def _hear(socket: WebSocket, sessions: LiveSessions, number: int) -> None:
             raise RunError(GONE.format(seconds=SILENT_S)) from None
         if message["type"] == "websocket.disconnect":
             raise WebSocketDisconnect(message.get("code", 1000))
-        told = _object(message.get("text") or "")
-        if isinstance(told, dict) and "manner" in told:
-            sessions.set_style(number, told)
+        style = _object(message.get("text") or "")
+        if isinstance(style, dict) and "manner" in style:
+            sessions.set_style(number, style)
         else:
             sessions.add_audio(number, message.get("bytes") or b"")
 
 
-def _object(told: str) -> object:
+def _object(json_text: str) -> object:
     """Parse JSON from a browser; None for anything else."""
     try:
-        return json.loads(told) if len(told) <= MAX_ASK_BYTES else None
+        return json.loads(json_text) if len(json_text) <= MAX_ASK_BYTES else None
     except (ValueError, RecursionError):
         return None
 

@@ -37,7 +37,7 @@ from app.page.parts.catalogue import point_choices
 from app.page.routes.bodies import CHARACTER_ROUTE
 from app.page.visitors.characters import FILE, Characters
 from app.page.visitors.quota import Quota
-from app.page.visitors.visitors import Kept, cookie_of
+from app.page.visitors.visitors import TokenStore, cookie_of
 from app.run.frame_packets import body_glb, body_shapes_bytes, encode_camera_bound_poses, face_names
 from app.run.requests.convert import parse_field, request_from
 from app.run.requests.parts import FigureWidth, VideoOptions, check_choice
@@ -50,7 +50,7 @@ WEB_ROUTE = "/web"
 MAX_CHARACTER_BYTES = 50_000_000
 WEB_FOLDER = Path(__file__).parents[1] / "web"
 GONE = "File not found, or expired."
-SHOWN_TYPES: Mapping[str, str] = {
+INLINE_TYPES: Mapping[str, str] = {
     ".mp4": "video/mp4",
     ".wav": "audio/wav",
     ".frames": "application/octet-stream",
@@ -75,10 +75,10 @@ class _Shared(NamedTuple):
     types: Mapping[str, str]
 
 
-class Media(Kept[_Shared]):
+class Media(TokenStore[_Shared]):
     """Store of folders with files that a browser may fetch."""
 
-    def share(self, folder: Path, cookie: str, types: Mapping[str, str] = SHOWN_TYPES) -> Address:
+    def share(self, folder: Path, cookie: str, types: Mapping[str, str] = INLINE_TYPES) -> Address:
         """Return a function that gives the current and later files of a folder their URLs.
 
         The URL of a file changes when the file is replaced. A browser without a cookie needs only
@@ -116,7 +116,7 @@ class Media(Kept[_Shared]):
         return (path, shared.types.get(path.suffix)) if is_there else None
 
 
-class MadeFiles:
+class OnDemandFiles:
     """Exports made on request, one at a time as each takes memory, and sent as downloads."""
 
     def __init__(self, temp: Path, do: Callable[[Callable[..., object], Any], object]) -> None:
@@ -203,7 +203,7 @@ def redraw_request(
 
 def media_routes(
     media: Media,
-    made: MadeFiles,
+    exports: OnDemandFiles,
     characters: Characters,
     quota: Quota,
     body: Path | None = None,
@@ -223,7 +223,7 @@ def media_routes(
         if kind == "character":
             return await moving_character(path, cookie_of(request))
         if kind is not None:
-            return await made_of(path, kind, request.query_params)
+            return await export(path, kind, request.query_params)
         return FileResponse(
             path,
             media_type=media_type or "application/octet-stream",
@@ -236,37 +236,37 @@ def media_routes(
         if body is None or path.suffix != ".npz":
             return PlainTextResponse(CHARACTER_GONE, status_code=404)
         video, name = VideoOptions(body=body), f"{path.stem}-character.glb"
-        return await made.answer(
+        return await exports.answer(
             RENDER, lambda out: RenderRequest(motion=path, out=out, video=video), name
         )
 
-    async def made_of(path: Path, kind: str, query: QueryParams) -> Response:
-        def asked(out: Path) -> RenderRequest:
+    async def export(path: Path, kind: str, query: QueryParams) -> Response:
+        def render_request(out: Path) -> RenderRequest:
             return RenderRequest(motion=path, out=out)
 
         is_redrawn = kind in FORMS and REDRAWN.keys() & query.keys()
         if is_redrawn and path.name == f"figure6{CONTENTS_ENDING}":
             run = path.parents[1]
             redrawn = partial(redraw_request, run, query, kind, body=body)
-            return await made.answer(REDRAW_FIGURE, redrawn, f"figure6.{kind}")
+            return await exports.answer(REDRAW_FIGURE, redrawn, f"figure6.{kind}")
 
         for suffix, endings, task, request in (
-            (PLAN_SUFFIX, PLAN_ENDINGS, WRITE_PLAN, asked),
+            (PLAN_SUFFIX, PLAN_ENDINGS, WRITE_PLAN, render_request),
             (CONTENTS_ENDING, FIGURE_ENDINGS, DRAW_FIGURE, lambda out: (path, out)),
-            (".npz", ENDINGS, RENDER, asked),
+            (".npz", ENDINGS, RENDER, render_request),
         ):
             if path.name.endswith(suffix):
                 if kind not in endings:
                     break
                 name = f"{path.name.removesuffix(suffix)}{endings[kind]}"
-                return await made.answer(task, request, name)
+                return await exports.answer(task, request, name)
         return PlainTextResponse(GONE, status_code=404)
 
     return [
         APIRoute(MEDIA_ROUTE + "/{token}/{name:path}", file, methods=["GET", "HEAD"]),
         Mount(WEB_ROUTE, _Modules(directory=WEB_FOLDER)),
-        character_route(characters, made, quota),
-        *(_route(f"/{name}", make, kind) for name, (make, kind) in OF_STAGES.items()),
+        character_route(characters, exports, quota),
+        *(_route(f"/{name}", make, kind) for name, (make, kind) in VIEWER_ASSETS.items()),
     ]
 
 
@@ -277,7 +277,7 @@ NO_COOKIE = "Allow this page's cookie, which keeps your character for your brows
 _MAX_CHARACTERS_AT_ONCE, _MAX_OF_OWNER = 16, 4
 
 
-def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> APIRoute:
+def character_route(characters: Characters, exports: OnDemandFiles, quota: Quota) -> APIRoute:
     """Make the route that takes a visitor's character and answers with the viewer's mesh of it.
 
     The file is a request's body; its name is not sent. It is kept for this browser alone, which
@@ -297,14 +297,14 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
         of_owner = [*reading.values()].count(owner)
         if len(reading) >= _MAX_CHARACTERS_AT_ONCE or of_owner >= _MAX_OF_OWNER:
             return PlainTextResponse(TOO_MANY_CHARACTERS, status_code=429)
-        folder = Path(tempfile.mkdtemp(dir=made.temp))
+        folder = Path(tempfile.mkdtemp(dir=exports.temp))
         reading[folder] = owner
         try:
             source = folder / FILE
             if request.method == "GET":
                 if characters.link(cookie, folder) is None:
                     return PlainTextResponse(CHARACTER_GONE, status_code=404)
-                return await made.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
+                return await exports.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
             size = 0
             with source.open("wb") as file:
                 async for piece in request.stream():
@@ -314,7 +314,7 @@ def character_route(characters: Characters, made: MadeFiles, quota: Quota) -> AP
                         return PlainTextResponse(told, status_code=413)
                     file.write(piece)
             quota.require(owner, size)
-            answer = await made.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
+            answer = await exports.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
             if answer.status_code == 200:
                 characters.keep(cookie, source)
                 quota.set_upload(owner, characters.folder(cookie), FILE, size)
@@ -337,7 +337,7 @@ FETCHED = (
 )
 
 
-def researcher_route(private: Kept[Path]) -> APIRoute:
+def researcher_route(private: TokenStore[Path]) -> APIRoute:
     """Make the route that serves the researcher's part once, to the browser that made the study.
 
     It is never an output of Gradio, which serves files to all clients with the URL, and it is
@@ -376,11 +376,11 @@ def _route(path: str, make: Callable[[], bytes], media_type: str) -> APIRoute:
 def warm_caches() -> None:
     """Make the data that the first page would wait for."""
     body_glb()
-    stage_facts()
+    viewer_constants()
 
 
 @functools.cache
-def stage_facts() -> bytes:
+def viewer_constants() -> bytes:
     """Return the viewer's constants as JSON."""
     from app.run.display import FULL_SPEED_M_S
     from app.run.requests.parts import DEFAULT_TRACKED_POINT
@@ -403,9 +403,9 @@ def stage_facts() -> bytes:
     return json.dumps(told, separators=(",", ":")).encode()
 
 
-OF_STAGES: Mapping[str, tuple[Callable[[], bytes], str]] = {
+VIEWER_ASSETS: Mapping[str, tuple[Callable[[], bytes], str]] = {
     "live/body.glb": (body_glb, "model/gltf-binary"),
-    "stage/facts.json": (stage_facts, "application/json"),
+    "stage/facts.json": (viewer_constants, "application/json"),
     "stage/builds.bin": (body_shapes_bytes, "application/octet-stream"),
 }
 """Functions that make the data which every viewer fetches once, and MIME types, by route."""

@@ -28,17 +28,17 @@ class LiveRunner(RunRunner):
 
     tab = "live"
 
-    def asked(self, job: Job, values: Sequence[Any]) -> GenerateRequest:
+    def make_request(self, job: Job, values: Sequence[Any]) -> GenerateRequest:
         """Write the last minute into the job's folder, and return its request.
 
         Raises:
             RunError: if there is nothing to keep.
         """
         token = values[0] if isinstance(values[0], str) else ""
-        kept = self.services.live.save_recording(token[:_MAX_TOKEN], job.cookie, job.folder)
+        recording = self.services.live.save_recording(token[:_MAX_TOKEN], job.cookie, job.folder)
         config = self.services.config_for(job)
-        shown = {**PAGE_DISPLAY, "figure_forms": ("png",)}
-        return replace_fields(kept, weights=config.weights, body=config.body, **shown)
+        display = {**PAGE_DISPLAY, "figure_forms": ("png",)}
+        return replace_fields(recording, weights=config.weights, body=config.body, **display)
 
 
 TAB = "Live"
@@ -55,7 +55,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
     """Lay out and wire the tab in the current context; return its result components."""
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     gr.HTML(
-        offered(services.catalogue),
+        live_choices(services.catalogue),
         html_template='<div class="live"></div>',
         js_on_load=mount("live/live.js", "mountLive"),
         apply_default_css=False,
@@ -73,7 +73,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
     return results
 
 
-def offered(catalogue: Catalogue) -> dict[str, Any]:
+def live_choices(catalogue: Catalogue) -> dict[str, Any]:
     """Return the choices of the browser's live form, defaults first."""
     live = [name for name in catalogue.systems if name not in family_of(name).offline_only]
     usual = representatives("streaming")

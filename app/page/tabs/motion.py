@@ -16,17 +16,17 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import Fields
 from app.page.parts.catalogue import (
     Catalogue,
-    about_systems,
     default_systems,
     example_title,
-    groups_of,
+    guidance_choices,
     point_choices,
-    strength_choices,
+    system_descriptions,
+    system_groups,
 )
-from app.page.parts.markup import AT_ONCE, arrange_chips
+from app.page.parts.form_values import Fields
+from app.page.parts.markup import UNQUEUED_EVENT, group_choices
 from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
 from app.run.batch.saved_run import SPEECH_FOLDER
 from app.run.batch.speech_batch import ENDINGS
@@ -37,80 +37,80 @@ from conventions.names import file_stem, pluralise, printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.systems.registry import sampler_title
 
-FIGURE = ("figure_panels", "figure_frames", "figure_width")
-ORDER = (
+FIGURE_FIELDS = ("figure_panels", "figure_frames", "figure_width")
+API_FIELDS = (
     *("speech", "systems", "speaker", "seed", "samples", "steps", "sampler", "post_filter"),
     *("reference", "joint", "start_frame", "transcript", "guidance", "words"),
-    *("has_video", "plan", "clips", *FIGURE),
+    *("has_video", "plan", "clips", *FIGURE_FIELDS),
 )
 """Order of the form's fields in the API."""
 SEED_LIMIT = 2**31 - 1
 LAST_FRAME = 10**6
 """Limit of the first frame of a figure; motions are shorter."""
-PAGE_VIDEOS = 12
+MAX_PAGE_BODIES = 12
 
 
-def ask_from_form(
-    told: Mapping[str, Any], folder: Path, catalogue: Catalogue, config: AppConfig
+def request_from_form(
+    values: Mapping[str, Any], folder: Path, catalogue: Catalogue, config: AppConfig
 ) -> GenerateRequest:
     """Make the request of a form from the result of `values_of`; raises RunError."""
-    told = with_panels(told)
-    speeches = (*filter(None, [told["speech"]]), *told.pop("clips"))
+    values = with_panels(values)
+    speeches = (*filter(None, [values["speech"]]), *values.pop("clips"))
     if not speeches:
         raise RunError(text.NO_SPEECH)
     if len(speeches) > 1:
-        _check_clips(speeches, told)
-        told["has_video"] = False
-    told["speech"] = speeches[0] if len(speeches) == 1 else folder / SPEECH_FOLDER
-    if not told["systems"]:
+        _check_clips(speeches, values)
+        values["has_video"] = False
+    values["speech"] = speeches[0] if len(speeches) == 1 else folder / SPEECH_FOLDER
+    if not values["systems"]:
         raise RunError("Select at least one system.")
     # In the catalogue's order, so that rows have the same order in every run; an unknown system is
     # reported by the run.
     order = {name: number for number, name in enumerate(catalogue.systems)}
-    systems = tuple(sorted(set(told["systems"]), key=lambda name: (order.get(name, -1), name)))
-    count = len(systems) * told["samples"] + (told["reference"] is not None)
-    if count > PAGE_VIDEOS:
+    systems = tuple(sorted(set(values["systems"]), key=lambda name: (order.get(name, -1), name)))
+    count = len(systems) * values["samples"] + (values["reference"] is not None)
+    if count > MAX_PAGE_BODIES:
         raise RunError(
             text.TOO_MANY_VIDEOS.format(
                 systems=pluralise(len(systems), "system"),
-                samples=pluralise(told["samples"], "sample"),
+                samples=pluralise(values["samples"], "sample"),
                 count=count,
-                limit=PAGE_VIDEOS,
+                limit=MAX_PAGE_BODIES,
             )
         )
-    steps, named = told["steps"], dict(catalogue.system_choices)
+    steps, named = values["steps"], dict(catalogue.system_choices)
     if isinstance(steps, dict):  # by name, whole or as the form shows it
         steps = {named.get(name, name): count for name, count in steps.items()}
-    told |= {"systems": systems, "steps": steps, **PAGE_DISPLAY}
-    request = page_request(GenerateRequest, told, config, folder)
+    values |= {"systems": systems, "steps": steps, **PAGE_DISPLAY}
+    request = page_request(GenerateRequest, values, config, folder)
     request.check()
     return request
 
 
-def kept_values(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, Any]:
+def values_to_save(form: Fields, values: Sequence[Any], folder: Path) -> dict[str, Any]:
     """Return the values that fill the form in when the run's link is opened.
 
     Files are omitted, except for speech, which is copied into the run's folder under its name.
     """
     sent = dict(zip(form, values, strict=False))
-    kept = {
+    saved = {
         name: value
         for name, value in sent.items()
         if not isinstance(form[name], gr.File | gr.Audio)
     }
-    beside = folder / SPEECH_FOLDER
-    beside.mkdir(exist_ok=True)
+    speech_folder = folder / SPEECH_FOLDER
+    speech_folder.mkdir(exist_ok=True)
     speeches = [Path(path) for path in (sent["speech"], *(sent.get("clips") or ())) if path]
-    copies = [str(shutil.copyfile(path, beside / path.name)) for path in speeches]
+    copies = [str(shutil.copyfile(path, speech_folder / path.name)) for path in speeches]
     is_one = len(copies) == 1
-    return kept | {"speech": copies[0] if is_one else None, "clips": None if is_one else copies}
+    return saved | {"speech": copies[0] if is_one else None, "clips": None if is_one else copies}
 
 
-def _check_clips(speeches: Sequence[Path], told: Mapping[str, Any]) -> None:
+def _check_clips(speeches: Sequence[Path], values: Mapping[str, Any]) -> None:
     """Check several speeches, and that no field is set that needs a single one; raises RunError."""
     if len(speeches) > MAX_CLIPS:
         raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
-    if any(told[name] is not None for name in ("reference", "transcript", "plan")):
+    if any(values[name] is not None for name in ("reference", "transcript", "plan")):
         raise RunError(text.OF_ONE_CLIP)
     names = [file_stem(path.stem) for path in speeches]
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -170,8 +170,8 @@ def build_form(services: Services) -> FormParts:
         info="All systems have the same noise seed. The tab “Systems” describes them.",
         elem_id="systems",
     )
-    about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)
-    arrange_chips("systems", about, groups)
+    about, groups = system_descriptions(catalogue.systems), system_groups(catalogue.systems)
+    group_choices("systems", about, groups)
     gr.HTML(markup.step(3, "Settings"))
     with gr.Row(elem_classes="pair"):
         of["speaker"] = gr.Dropdown(
@@ -203,7 +203,7 @@ def build_form(services: Services) -> FormParts:
         buttons=[],
     )
     of["guidance"] = gr.Dropdown(
-        choices=strength_choices(1.0, 1.5, 2.0, 2.5, 3.0, 4.0),
+        choices=guidance_choices(1.0, 1.5, 2.0, 2.5, 3.0, 4.0),
         value="",
         label=text.GUIDANCE_LABEL,
         info=text.GUIDANCE_HELP,
@@ -221,7 +221,7 @@ def build_form(services: Services) -> FormParts:
                 "Leave empty for each system's default. One number for all systems, or full=20, "
                 "local=5, …"
             ),
-            placeholder=catalogue.usual_steps,
+            placeholder=catalogue.default_steps,
             max_lines=1,
             elem_id="steps",
         )
@@ -253,7 +253,7 @@ def build_form(services: Services) -> FormParts:
         cancel = gr.Button(
             text.CANCEL, variant="secondary", size="lg", visible=False, elem_id="cancel", scale=0
         )
-    return FormParts({name: of[name] for name in ORDER}, start, cancel)
+    return FormParts({name: of[name] for name in API_FIELDS}, start, cancel)
 
 
 def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
@@ -276,9 +276,9 @@ def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
     return of
 
 
-def with_panels(told: Mapping[str, Any]) -> dict[str, Any]:
+def with_panels(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a form's values, with all panels of Figure 6 if none is ticked."""
-    return {**told, "figure_panels": told["figure_panels"] or tuple(FIGURE_PANELS)}
+    return {**values, "figure_panels": values["figure_panels"] or tuple(FIGURE_PANELS)}
 
 
 def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) -> None:
@@ -298,12 +298,12 @@ def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) ->
     def copy_example(index: object) -> str:
         if type(index) is not int or not 0 <= index < len(examples):
             raise RunError("There is no such example; load the page again.")
-        return str(fresh_copy(examples[index], folder))
+        return str(copy_as_upload(examples[index], folder))
 
-    offered.click(copy_example, offered, speech, **AT_ONCE)
+    offered.click(copy_example, offered, speech, **UNQUEUED_EVENT)
 
 
-def fresh_copy(path: Path, folder: Path) -> Path:
+def copy_as_upload(path: Path, folder: Path) -> Path:
     """Copy a file, so that its age is that of an upload, and return the copy."""
     folder.mkdir(parents=True, exist_ok=True)
     copy = folder / path.name

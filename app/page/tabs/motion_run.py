@@ -15,25 +15,25 @@ import gradio as gr
 from app import text
 from app.errors import Cancelled, visitor_message
 from app.page.parts import markup
-from app.page.parts.asked import Fields, values_of
-from app.page.parts.markup import AT_ONCE, Updates, reveal_on_click, shown
-from app.page.results.kept_runs import PARAMETER, KeptRun, told_so_far
-from app.page.results.player import NOTHING, showings_in
+from app.page.parts.form_values import Fields, values_of
+from app.page.parts.markup import UNQUEUED_EVENT, Updates, reveal_on_click, update_html
 from app.page.results.result_parts import ResultParts
-from app.page.results.run_pair import updates_of
+from app.page.results.run_pair import comparison_updates
+from app.page.results.run_view import EMPTY_VALUE, run_views_in
+from app.page.results.saved_runs import RUN_QUERY_PARAMETER, SavedRun, progress_updates
 from app.page.results.tables import clips_html
-from app.page.tabs.motion import FormParts, ask_from_form, kept_values
+from app.page.tabs.motion import FormParts, request_from_form, values_to_save
 from app.page.tabs.runner import Services, TabRunner
-from app.page.tabs.stage import VideosBehind
+from app.page.tabs.stage import BackgroundVideos
 from app.page.visitors.files import Job
-from app.page.visitors.visitors import cookie_of, is_same, visitor_of
+from app.page.visitors.visitors import cookie_of, equal_in_constant_time, visitor_of
 from app.run.batch.saved_run import OPENED, run_in_folder
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent, RunStage
 from app.run.output.run_folder import end_run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest
 
-STAGES_OF_STAGE: tuple[RunStage, ...] = ("speech", "motion", "numbers", "figure")
+STAGES_WITHOUT_VIDEO: tuple[RunStage, ...] = ("speech", "motion", "numbers", "figure")
 """Stages that a run shows; videos are rendered in the background."""
 
 
@@ -41,7 +41,7 @@ STAGES_OF_STAGE: tuple[RunStage, ...] = ("speech", "motion", "numbers", "figure"
 class StageLine:
     """Progress of a run by stage, formatted as a status line with bars."""
 
-    stages: Sequence[RunStage] = STAGES_OF_STAGE
+    stages: Sequence[RunStage] = STAGES_WITHOUT_VIDEO
     started: float = field(default_factory=time.monotonic)
     fractions: dict[RunStage, float] = field(default_factory=dict)
     details: dict[RunStage, str] = field(default_factory=dict)
@@ -75,7 +75,7 @@ class RunRunner(TabRunner):
 
     def __init__(self, services: Services, form: FormParts, parts: ResultParts) -> None:
         super().__init__(services, parts.status)
-        self.videos = VideosBehind(services, parts, self.tab)
+        self.videos = BackgroundVideos(services, parts, self.tab)
         self.form = form
         self.parts = parts
         self.outputs: list[Any] = [*parts.all, form.start, form.cancel]
@@ -94,22 +94,22 @@ class RunRunner(TabRunner):
         reveal_on_click(form.start, self.status)
         # Listeners of a click run in order: this one before the run.
         waits = [self.status, form.start, form.cancel]
-        form.start.click(self.waits, outputs=waits, **AT_ONCE)
+        form.start.click(self.waits, outputs=waits, **UNQUEUED_EVENT)
         # The button is enabled while figures are drawn; its next run is queued behind them.
         begun = [self.after(form.start.click, fields, trigger_mode="multiple", **how)]
-        begun[0].failure(self.refused, outputs=waits, **AT_ONCE)  # also if the queue is full
+        begun[0].failure(self.refused, outputs=waits, **UNQUEUED_EVENT)  # also if the queue is full
         begun += [self.after(event, [*form.fields.values()]) for event in also]
-        self.ends_on(form.cancel, begun, self.outputs)
+        self.cancel_on(form.cancel, begun, self.outputs)
         page.unload(self.videos.left)
 
     def after(self, event: Any, fields: Fields | Sequence[Any], **how: Any) -> Any:
         """Attach a run to an event, followed by the rendering of videos in the background."""
-        run = self.begins_on(event, fields, outputs=self.outputs, **how)
+        run = self.start_on(event, fields, outputs=self.outputs, **how)
         self.videos.follow(run)
         return run
 
     @abstractmethod
-    def asked(self, job: Job, values: Sequence[Any]) -> AnyRun:
+    def make_request(self, job: Job, values: Sequence[Any]) -> AnyRun:
         """Return the request of a form; raises RunError if it is invalid."""
 
     def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
@@ -117,10 +117,10 @@ class RunRunner(TabRunner):
         yield from super().run(request, *values)
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        request = self.asked(job, values)
+        request = self.make_request(job, values)
         self.videos.give_up(job.visitor)
         fields = self.form.fields
-        form = kept_values(fields, values, job.folder) if "speech" in fields else {}
+        form = values_to_save(fields, values, job.folder) if "speech" in fields else {}
         yield self.blank()
         yield from self.perform(job, request, form)
 
@@ -134,13 +134,13 @@ class RunRunner(TabRunner):
         """
         services, parts = self.services, self.parts
         address = services.media.share(job.folder, job.cookie)
-        showings = partial(
-            showings_in, request.output.out, address, job.folder.name, request.output.has_video
+        run_views = partial(
+            run_views_in, request.output.out, address, job.folder.name, request.output.has_video
         )
         line = StageLine(
             [
                 each
-                for each in STAGES_OF_STAGE
+                for each in STAGES_WITHOUT_VIDEO
                 if isinstance(request, GenerateRequest) or each != "motion"
             ]
         )
@@ -149,13 +149,13 @@ class RunRunner(TabRunner):
         def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {parts.status: line.html(events)}
             if any(isinstance(event, FolderUpdated) for event in events):
-                begun = showings()
+                begun = run_views()
                 moving = [each for each in begun.values() if each.record.has_motion]
-                updates |= told_so_far(moving[0], parts) if moving else {}
+                updates |= progress_updates(moving[0], parts) if moving else {}
                 records = {clip: each.record for clip, each in begun.items()}
-                updates[parts.clips] = shown(clips_html(records))
+                updates[parts.clips] = update_html(clips_html(records))
                 if len(records) > 1:
-                    updates[parts.verdict] = shown("")
+                    updates[parts.verdict] = update_html("")
                 if [*records] == [""] and records[""].numbers:  # figures do not need the form
                     updates[self.form.start] = gr.update(interactive=True)
             new = {part: each for part, each in updates.items() if so_far.get(part) != each}
@@ -163,37 +163,37 @@ class RunRunner(TabRunner):
             return new
 
         try:
-            asked = replace_fields(request, has_video=False, is_kept=True)
+            without_video = replace_fields(request, has_video=False, is_incremental=True)
 
             def do(callbacks: RunCallbacks) -> None:
                 try:
-                    services.worker.do(run_in_folder, asked, callbacks)
+                    services.worker.do(run_in_folder, without_video, callbacks)
                 finally:  # after the end of its process, maybe later than that of the generator
                     opened = request.output.out.with_name(OPENED)
                     shutil.rmtree(opened, ignore_errors=True)
 
-            yield from self.followed(job, do, updates_of)
+            yield from self.run_with_updates(job, do, updates_of)
         except Cancelled:
             raise
         except Exception as error:
-            begun, sentence = showings().values(), visitor_message(error)
+            begun, sentence = run_views().values(), visitor_message(error)
             undone = [each.folder for each in begun if each.record.state != "done"]
             has_left = [end_run(folder, sentence) for folder in undone]
             if not any(has_left) and len(undone) == len(begun):
                 raise
-        kept = services.kept.keep_run(job, showings(), form)
-        if request.output.has_video and kept.record.state == "done" and not kept.clips:
-            self.videos.want(kept, request.video)
+        saved = services.saved_runs.add_run(job, run_views(), form)
+        if request.output.has_video and saved.record.state == "done" and not saved.clips:
+            self.videos.want(saved, request.video)
         yield {
-            **kept.updates(parts, begins=True),
-            parts.runs: shown(services.kept.html(job.cookie, kept)),
+            **saved.updates(parts, begins=True),
+            parts.runs: update_html(services.saved_runs.html(job.cookie, saved)),
             **self.button_updates(is_running=job.visitor in self._waiting),
         }
 
     def blank(self) -> Updates:
         return {
             **self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), ""),
-            self.parts.runs: shown(""),
+            self.parts.runs: update_html(""),
             **self.button_updates(is_running=True),
         }
 
@@ -201,15 +201,15 @@ class RunRunner(TabRunner):
         return {
             **self._without_results(),
             self.parts.status: status,
-            self.parts.message: shown(message),
+            self.parts.message: update_html(message),
             **self.button_updates(is_running=False),
         }
 
     def _without_results(self) -> Updates:
         parts = self.parts
-        told = (parts.clips, parts.verdict, parts.seen, parts.figures, parts.numbers)
-        hidden = {parts.player: NOTHING, parts.clip: gr.update(visible=False)}
-        return {**hidden, **{part: shown("") for part in (*told, parts.downloads)}}
+        outputs = (parts.clips, parts.verdict, parts.seen, parts.figures, parts.numbers)
+        hidden = {parts.player: EMPTY_VALUE, parts.clip: gr.update(visible=False)}
+        return {**hidden, **{part: update_html("") for part in (*outputs, parts.downloads)}}
 
     def waits(self, request: gr.Request) -> Updates:
         """Show that the run waits for its turn."""
@@ -245,13 +245,15 @@ class GenerateRunner(RunRunner):
 
     tab = "generate"
 
-    def asked(self, job: Job, values: Sequence[Any]) -> AnyRun:
+    def make_request(self, job: Job, values: Sequence[Any]) -> AnyRun:
         services = self.services
-        told = values_of(GenerateRequest, self.form.fields, values)
-        return ask_from_form(told, job.folder, services.catalogue, services.config_for(job))
+        form_values = values_of(GenerateRequest, self.form.fields, values)
+        return request_from_form(
+            form_values, job.folder, services.catalogue, services.config_for(job)
+        )
 
 
-class Opening:
+class PageLoader:
     """Updates of a page that opens, with the run of a link or a comparison."""
 
     def __init__(
@@ -264,7 +266,7 @@ class Opening:
             form: fields of the first tab, filled in with the values of an opened run.
         """
         self.services = services
-        self._kept = services.kept
+        self._saved_runs = services.saved_runs
         self._tabs = tabs
         self._places = places
         self.form = form
@@ -274,12 +276,12 @@ class Opening:
         parts = [part for parts in self._places.values() for part in parts.all]
         return [self._tabs, *parts, *self.form.values()]
 
-    def opened(self, request: gr.Request) -> Updates:
+    def on_load(self, request: gr.Request) -> Updates:
         cookie = cookie_of(request)
-        listed = self._kept.html(cookie)  # but an update each: Gradio modifies them
-        updates: Updates = {parts.runs: shown(listed) for parts in self._places.values()}
-        tokens = request.query_params.getlist(PARAMETER)[:2] or self.services.opened
-        runs = [run for run in map(self._kept.find, tokens) if run is not None]
+        listed = self._saved_runs.html(cookie)  # but an update each: Gradio modifies them
+        updates: Updates = {parts.runs: update_html(listed) for parts in self._places.values()}
+        tokens = request.query_params.getlist(RUN_QUERY_PARAMETER)[:2] or self.services.opened
+        runs = [run for run in map(self._saved_runs.find, tokens) if run is not None]
         if len(runs) == 2 and runs[0] != runs[1]:
             return {**updates, **self._pair_opened(runs, cookie)}
         if runs and len(tokens) == len(runs):
@@ -287,39 +289,41 @@ class Opening:
         parts = next(iter(self._places.values()))
         if tokens:
             gone = text.RUN_GONE.format(minutes=round(self.services.config.result_lifetime_s / 60))
-            updates[parts.message] = shown(markup.note(gone))
+            updates[parts.message] = update_html(markup.note(gone))
         return updates
 
-    def _pair_opened(self, runs: Sequence[KeptRun], cookie: str) -> Updates:
+    def _pair_opened(self, runs: Sequence[SavedRun], cookie: str) -> Updates:
         parts = next(iter(self._places.values()))
         a, b = sorted(runs, key=lambda run: run.ended)
         return {
-            **updates_of(a, b, parts, self.services.media, cookie),
-            parts.runs: shown(self._kept.html(cookie, a, b)),
+            **comparison_updates(a, b, parts, self.services.media, cookie),
+            parts.runs: update_html(self._saved_runs.html(cookie, a, b)),
         }
 
-    def chooses(self, parts: ResultParts) -> None:
+    def on_clip_chosen(self, parts: ResultParts) -> None:
         """Attach the selection of another clip of an opened run."""
 
         def choose(token: str, request: gr.Request) -> Updates:
-            run = self._kept.find(token)
+            run = self._saved_runs.find(token)
             return self._shown(run, parts, cookie_of(request)) if run else {parts.clip: gr.skip()}
 
-        parts.clip.input(choose, parts.clip, parts.all, **AT_ONCE)
+        parts.clip.input(choose, parts.clip, parts.all, **UNQUEUED_EVENT)
 
-    def _run_opened(self, run: KeptRun, cookie: str) -> Updates:
+    def _run_opened(self, run: SavedRun, cookie: str) -> Updates:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))
         return {
             **self._shown(run, self._places[tab], cookie),
-            **{self.form[name]: gr.update(value=sent) for name, sent in run.form.items()},
+            **{self.form[name]: gr.update(value=sent) for name, sent in run.form_values.items()},
             self._tabs: gr.Tabs(selected=tab),
         }
 
-    def _shown(self, run: KeptRun, parts: ResultParts, cookie: str) -> Updates:
-        showing = run.showing
-        if run.job.visitor and not is_same(run.job.cookie, cookie):  # no visitor: public
-            showing = showing.for_browser(self.services.media.share(run.folder, cookie))
+    def _shown(self, run: SavedRun, parts: ResultParts, cookie: str) -> Updates:
+        run_view = run.view
+        if run.job.visitor and not equal_in_constant_time(
+            run.job.cookie, cookie
+        ):  # no visitor: public
+            run_view = run_view.for_browser(self.services.media.share(run.folder, cookie))
         return {
-            **run.updates(parts, showing),
-            parts.runs: shown(self._kept.html(cookie, run)),
+            **run.updates(parts, run_view),
+            parts.runs: update_html(self._saved_runs.html(cookie, run)),
         }

@@ -14,16 +14,23 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import values_of
 from app.page.parts.catalogue import point_choices
-from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, hidden_html, reveal_on_click, shown
+from app.page.parts.form_values import values_of
+from app.page.parts.markup import (
+    PRIVATE_EVENT,
+    UNQUEUED_EVENT,
+    Updates,
+    hidden_html,
+    reveal_on_click,
+    update_html,
+)
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.results.tables import clip_choices, sets_html
-from app.page.tabs.motion import FIGURE, LAST_FRAME, FormParts, figure_fields, with_panels
+from app.page.tabs.motion import FIGURE_FIELDS, LAST_FRAME, FormParts, figure_fields, with_panels
 from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
 from app.page.visitors.files import Job
-from app.page.visitors.visitors import Kept
+from app.page.visitors.visitors import TokenStore
 from app.run.batch.archives import UNPACKED, is_packed, stem_of
 from app.run.batch.saved_run import is_saved_run
 from app.run.callbacks import RunCallbacks
@@ -37,9 +44,9 @@ from conventions.names import REFERENCE_NAME, pluralise, printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 
 TAB = "Your motion"
-ORDER = (
+API_FIELDS = (
     *("motions", "recorded", "joint", "start_frame", "window", "overlap", "shown", "has_video"),
-    *("words", "told", "channel", *FIGURE),
+    *("words", "told", "channel", *FIGURE_FIELDS),
 )
 """Order of the form's fields in the API."""
 SETS = (".zip", ".tgz", ".gz", ".tar")
@@ -71,7 +78,7 @@ INTRODUCTION = (
 )
 
 
-def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
+def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
     """Lay out and wire the tab in the current context; return its result components."""
     gr.HTML(f'<p class="hint">{INTRODUCTION}</p>')
     with gr.Row(elem_classes="columns"):
@@ -84,13 +91,13 @@ def build_own_motion_tab(page: gr.Blocks, services: Services) -> ResultParts:
                 gr.Dropdown([], label=CLIP_LABEL, visible=False, elem_id="own-sets-clip"),
             )
             parts = ResultParts("own-")
-    runner = OwnMotionRunner(services, form, parts, of_sets)
+    runner = DiagnoseRunner(services, form, parts, of_sets)
     motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
     reveal_on_click(planted, parts.status)
     filled = planted.click(
         lambda: (write_faulty_example(services.config.temp / "planted"), RECORDED),
         outputs=[motions, recorded],
-        **PRIVATE,
+        **PRIVATE_EVENT,
         trigger_mode="once",
     )
     # Clicked by the assumption chips of a row, to change one assumption and measure again.
@@ -143,7 +150,7 @@ def build_own_form(services: Services) -> FormParts:
         visible=False,
     )
     chosen = [of[name] for name in ("recorded", "shown", "channel")]
-    of["motions"].change(_choices, of["motions"], chosen, **AT_ONCE)
+    of["motions"].change(_choices, of["motions"], chosen, **UNQUEUED_EVENT)
     of["words"] = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
     of["joint"] = gr.Dropdown(
         choices=point_choices(), value=DEFAULT_TRACKED_POINT, label=text.POINT_LABEL
@@ -166,12 +173,12 @@ def build_own_form(services: Services) -> FormParts:
     with gr.Row(elem_classes="actions"):
         start = gr.Button("Measure and compare", variant="primary", elem_id="own-start")
         cancel = gr.Button(text.CANCEL, elem_id="own-cancel", visible=False, min_width=110)
-    return FormParts({name: of[name] for name in ORDER}, start, cancel)
+    return FormParts({name: of[name] for name in API_FIELDS}, start, cancel)
 
 
 def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
     """Update the choices of files: the recorded motion by its name, shown motions, and channels."""
-    paths = list(dict.fromkeys(paths or ()))[: MAX_FILES + len(ONE_EACH)]
+    paths = list(dict.fromkeys(paths or ()))[: MAX_FILES + len(SINGLE_FILE_KINDS)]
     kinds = {path: kind_of(path) for path in map(Path, paths)}
     names = display_names([stem_of(path) for path, kind in kinds.items() if kind == "motions"])
     recorded = next(filter(_IS_RECORDED.search, names), "")
@@ -183,7 +190,7 @@ def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
     )
 
 
-ONE_EACH: Mapping[FileKind, str] = {"sounds": "speech file", "transcript": "transcript"}
+SINGLE_FILE_KINDS: Mapping[FileKind, str] = {"sounds": "speech file", "transcript": "transcript"}
 """Kinds of files of which there is one for all motions."""
 ONE_FILE = "Only one {what} can be used; {count} were added."
 NO_REFERENCE = "The reference {name!r} is no longer among the files. Please choose it again."
@@ -193,41 +200,41 @@ SetsParts = tuple[gr.HTML, gr.Dropdown]
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions can be shown side by side; {count} are selected."
-SHOWN: dict[str, Any] = {**PAGE_DISPLAY, "size": 512, "max_frames": 108_000}
+DIAGNOSE_DEFAULTS: dict[str, Any] = {**PAGE_DISPLAY, "size": 512, "max_frames": 108_000}
 """Fields of every request of this tab; the limit is an hour of frames, which the command line
 lacks."""
 MAX_NAME = 60
 """Maximum length of a file's name in figures and tables (characters)."""
 
 
-def own_ask(told: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRequest:
+def own_motion_request(values: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRequest:
     """Make the request of a form from the result of `values_of`; raises RunError."""
-    told = with_panels(told)
-    told |= sort_files_by_kind(told["motions"], told.pop("recorded"))
-    motions, reference, speech = told["motions"], told["reference"], told["speech"]
+    values = with_panels(values)
+    values |= sort_files_by_kind(values["motions"], values.pop("recorded"))
+    motions, reference, speech = values["motions"], values["reference"], values["speech"]
     if not motions:
         raise RunError("Choose at least one motion file (.npz, .npy or .bvh), or a zip of many.")
     if is_saved_run(motions):
-        return asked_of({"run": motions[0]}, None, job, config)
+        return request_for_motions({"run": motions[0]}, None, job, config)
     limit = MAX_COMPARED - (reference is not None)
     if has_sets(motions):
         if len(motions) > limit:
             raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(motions)))
-        beside = ("motions", "names", "reference", "speech", "told", "channel")
-        values = {name: told[name] for name in beside} | {"out": job / "results"}
-        return request_from(DiagnoseRequest, values)
+        of_sets = ("motions", "names", "reference", "speech", "told", "channel")
+        chosen = {name: values[name] for name in of_sets} | {"out": job / "results"}
+        return request_from(DiagnoseRequest, chosen)
     if len(motions) > MAX_FILES:
         raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(motions)))
-    names = told["names"]
-    chosen = tuple(name for name in told["shown"] if name in names)
+    names = values["names"]
+    chosen = tuple(name for name in values["shown"] if name in names)
     if len(chosen) > limit:
         raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(chosen)))
     files = [*motions, *filter(None, [reference])]
     if any(map(is_packed, [*files, *filter(None, [speech])])):
         raise RunError(NO_SETS)
-    told["shown"] = chosen if len(motions) > limit else ()
-    told["told"] = told["told"].restricted_to(files, *names)
-    return page_request(DiagnoseRequest, {**SHOWN, **told}, config, job)
+    values["shown"] = chosen if len(motions) > limit else ()
+    values["told"] = values["told"].restricted_to(files, *names)
+    return page_request(DiagnoseRequest, {**DIAGNOSE_DEFAULTS, **values}, config, job)
 
 
 def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str, Any]:
@@ -236,12 +243,12 @@ def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str,
     Args:
         recorded: name of the recorded motion, if there is one.
     """
-    if len(files) > MAX_FILES + len(ONE_EACH):
+    if len(files) > MAX_FILES + len(SINGLE_FILE_KINDS):
         raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(files)))
     by_kind: dict[FileKind, list[Path]] = {"motions": [], "sounds": [], "transcript": []}
     for path in files:
         by_kind[kind_of(path)].append(path)
-    for kind, what in ONE_EACH.items():
+    for kind, what in SINGLE_FILE_KINDS.items():
         if len(by_kind[kind]) > 1:
             raise RunError(ONE_FILE.format(what=what, count=len(by_kind[kind])))
     names = display_names([stem_of(path) for path in by_kind["motions"]])
@@ -249,7 +256,7 @@ def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str,
     if recorded and recorded not in motions:
         raise RunError(NO_REFERENCE.format(name=printable(recorded)))
     reference = motions.pop(recorded) if recorded else None
-    speech, transcript = (next(iter(by_kind[kind]), None) for kind in ONE_EACH)
+    speech, transcript = (next(iter(by_kind[kind]), None) for kind in SINGLE_FILE_KINDS)
     return {
         "motions": tuple(motions.values()),
         "names": tuple(motions),
@@ -278,7 +285,7 @@ def display_names(stems: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-class OwnMotionRunner(RunRunner):
+class DiagnoseRunner(RunRunner):
     """Runner that measures motion files of a visitor, or archives of many."""
 
     tab = "own_motion"
@@ -289,11 +296,11 @@ class OwnMotionRunner(RunRunner):
         super().__init__(services, form, parts)
         self._of_sets = of_sets
         self.outputs += of_sets
-        self.sets: Kept[SetResults] = Kept()
+        self.sets: TokenStore[SetResults] = TokenStore()
 
-    def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
-        told = values_of(DiagnoseRequest, self.form.fields, values)
-        return own_ask(told, job.folder, self.services.config_for(job))
+    def make_request(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
+        fields = values_of(DiagnoseRequest, self.form.fields, values)
+        return own_motion_request(fields, job.folder, self.services.config_for(job))
 
     def perform(
         self, job: Job, request: AnyRun, form: Mapping[str, Any]
@@ -310,27 +317,31 @@ class OwnMotionRunner(RunRunner):
                 shutil.rmtree(request.output.out / UNPACKED, ignore_errors=True)
                 raise
 
-        found = yield from self.followed(job, do, "Measuring clips: {share:.0%}")
+        results = yield from self.run_with_updates(job, do, "Measuring clips: {share:.0%}")
         address = self.services.media.share(job.folder, job.cookie)
-        token = self.sets.keep(found, job.folder, job.cookie or None)
-        figures, files = figures_html(found.files, address), files_listed(found.files, address)
-        choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(found.summary)]
+        token = self.sets.keep(results, job.folder, job.cookie or None)
+        figures, files = figures_html(results.files, address), files_listed(results.files, address)
+        choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(results.summary)]
         line = "Measured {clips} of {sets}. Choose one to show it in the viewer.".format(
             clips=pluralise(len(choices), "clip"),
-            sets=pluralise(len(found.clips), "set"),
+            sets=pluralise(len(results.clips), "set"),
         )
-        told, clip = self._of_sets
+        summary, clip = self._of_sets
         yield {
             self.status: markup.sentence_status(line),
-            self.parts.message: shown(markup.notes_folded(list(found.notes))),
-            told: shown(sets_html(found.summary, list(found.clips), figures, files)),
+            self.parts.message: update_html(markup.collapsed_notes(list(results.notes))),
+            summary: update_html(sets_html(results.summary, list(results.clips), figures, files)),
             clip: gr.update(choices=choices, value=None, visible=True),
             **self.button_updates(is_running=False),
         }
 
     def _without_results(self) -> Updates:
-        told, clip = self._of_sets
-        return {**super()._without_results(), told: shown(""), clip: gr.update(visible=False)}
+        summary, clip = self._of_sets
+        return {
+            **super()._without_results(),
+            summary: update_html(""),
+            clip: gr.update(visible=False),
+        }
 
 
 class ClipRunner(RunRunner):
@@ -339,12 +350,12 @@ class ClipRunner(RunRunner):
     tab = "own_motion"
 
     def __init__(
-        self, services: Services, form: FormParts, parts: ResultParts, of: OwnMotionRunner
+        self, services: Services, form: FormParts, parts: ResultParts, of: DiagnoseRunner
     ) -> None:
         super().__init__(services, form, parts)
         self._sets, self.videos = of.sets, of.videos
 
-    def asked(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
+    def make_request(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
         token, _, clip = str(values[0] if values else "").partition("/")
         sets, config = self._sets.find(token, job.cookie), self.services.config_for(job)
         if sets is None:
@@ -352,21 +363,21 @@ class ClipRunner(RunRunner):
         if clip not in sets.summary["clips"]:
             raise RunError("This clip is not in the uploaded sets. Please reload the page.")
         motions = {name: files[clip] for name, files in sets.clips.items()}
-        asked = asked_of(motions, sets.audio_files.get(clip), job.folder, config)
-        names, overrides = asked.motions.names, sets.request.imports.import_overrides
+        request = request_for_motions(motions, sets.audio_files.get(clip), job.folder, config)
+        names, overrides = request.motions.names, sets.request.imports.import_overrides
         return replace_fields(
-            asked,
-            import_overrides=overrides.restricted_to(asked.motions.motions, *names),
+            request,
+            import_overrides=overrides.restricted_to(request.motions.motions, *names),
             channel=sets.request.speech.channel,
             title=f"{clip} of {', '.join(names)}",
         )
 
 
-def asked_of(
+def request_for_motions(
     files: Mapping[str, Path], speech: Path | None, job: Path, config: AppConfig
 ) -> DiagnoseRequest:
     """Make the request for motions with known names, including the reference."""
     motions = {name: path for name, path in files.items() if name != REFERENCE_NAME}
     values = {"motions": tuple(motions.values()), "names": tuple(motions), "speech": speech}
     values |= {"reference": files.get(REFERENCE_NAME), "has_video": True}
-    return page_request(DiagnoseRequest, {**SHOWN, **values}, config, job)
+    return page_request(DiagnoseRequest, {**DIAGNOSE_DEFAULTS, **values}, config, job)

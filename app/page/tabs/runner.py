@@ -21,14 +21,14 @@ from app.config import AppConfig
 from app.errors import Cancelled, RunError, visitor_message
 from app.live.sessions import LiveSessions
 from app.page.parts import markup
-from app.page.parts.asked import Fields, named_fields
 from app.page.parts.catalogue import Catalogue
-from app.page.parts.markup import AT_ONCE, PRIVATE, Updates, shown
-from app.page.results.kept_runs import KeptRuns
+from app.page.parts.form_values import Fields, with_named_parameters
+from app.page.parts.markup import PRIVATE_EVENT, UNQUEUED_EVENT, Updates, update_html
+from app.page.results.saved_runs import SavedRuns
 from app.page.routes.media import Media
 from app.page.visitors.characters import Characters
 from app.page.visitors.files import Job, Jobs
-from app.page.visitors.visitors import CHECKS, RUNS, Kept, cookie_of, visitor_of
+from app.page.visitors.visitors import CHECKS, RUNS, TokenStore, cookie_of, visitor_of
 from app.page.worker import Task, Worker
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from app.run.display import Display
@@ -70,16 +70,16 @@ class Services:
     jobs: Jobs
     worker: Worker
     """Worker of all runs."""
-    videos: Worker
+    video_worker: Worker
     """Worker of videos in the background."""
-    gate: Worker
+    upload_worker: Worker
     """Worker that checks uploads, so that no check waits for a run."""
-    kept: KeptRuns
+    saved_runs: SavedRuns
     live: LiveSessions
     characters: Characters
     """Characters of visitors."""
     media: Media = field(default_factory=Media)
-    private: Kept[Path] = field(default_factory=Kept)
+    private_files: TokenStore[Path] = field(default_factory=TokenStore)
     """Folders of researchers' parts that have not been fetched yet."""
     first_look: dict[str, Any] | None = None
     """Player's value of the example before the first run."""
@@ -105,10 +105,10 @@ class Services:
         """Check files put into a field, and show errors below it; call this right after it."""
         refusal = gr.HTML("", visible=False, elem_id=f"{field.elem_id}-refusal")
         field.change(
-            lambda value: shown(markup.refusal(self._refusal(kind, value))),
+            lambda value: update_html(markup.refusal(self._refusal(kind, value))),
             field,
             refusal,
-            **PRIVATE,
+            **PRIVATE_EVENT,
             concurrency_id=CHECKS,
             concurrency_limit=1,
         )
@@ -118,24 +118,24 @@ class Services:
         paths = [Path(path) for path in dict.fromkeys(given)]  # without duplicates
         try:
             given = Upload(kind, paths, self.config.max_speech_s)
-            sentence = self.gate.do(rejection_reason, given) if paths else ""
+            sentence = self.upload_worker.do(rejection_reason, given) if paths else ""
         except Exception as error:  # the check itself failed or timed out
             log.warning("an upload could not be checked: %s", error)
             return ""
         return visitor_message(RunError(sentence)) if sentence else ""
 
 
-Asked = TypeVar("Asked")
-Found = TypeVar("Found")
+RequestT = TypeVar("RequestT")
+ResultT = TypeVar("ResultT")
 _REFRESH_S = 0.25
 _SOON_S = 0.05
-Told = Callable[[list[RunEvent]], Updates]
+EventsToUpdates = Callable[[list[RunEvent]], Updates]
 """Function from a batch of events to updates; empty ones leave the tab unchanged."""
 
 
 def follow(
-    do: Callable[[RunCallbacks], Found], job: Job, told: Told, as_it_is: Updates
-) -> Generator[Updates, None, Found]:
+    do: Callable[[RunCallbacks], ResultT], job: Job, to_updates: EventsToUpdates, as_it_is: Updates
+) -> Generator[Updates, None, ResultT]:
     """Do a run in a thread, and yield updates several times a second until its end.
 
     Returns the result, or raises the run's exception. Closing the generator, as Gradio does when
@@ -157,7 +157,7 @@ def follow(
     has_ended = False
     while not has_ended:
         batch, has_ended = _batch(events)
-        yield told(batch) or as_it_is
+        yield to_updates(batch) or as_it_is
     thread.join()
     if "error" in outcome:
         raise outcome["error"]
@@ -181,7 +181,7 @@ def _batch(events: queue.SimpleQueue[RunEvent | None]) -> tuple[list[RunEvent], 
     return batch, False
 
 
-def last_share(events: Sequence[RunEvent]) -> float | None:
+def last_fraction(events: Sequence[RunEvent]) -> float | None:
     """Return the fraction done of a run with one stage; None without any progress event."""
     shares = [event.fraction for event in events if isinstance(event, Progress)]
     return shares[-1] if shares else None
@@ -191,7 +191,7 @@ class TabRunner(ABC):
     """Runner of a tab's tasks, each a queued click that becomes a run with updates of the tab."""
 
     tab: ClassVar[str]
-    is_told: ClassVar[bool] = True
+    shows_errors: ClassVar[bool] = True
     """True if the tab itself shows the reason for a failure."""
     outlives: ClassVar[bool] = False
     """True if a run is listed among the visitor's runs, and continues when its page loses the
@@ -203,7 +203,7 @@ class TabRunner(ABC):
         self._unfinished: set[str] = set()
         """Visitors with an unfinished run in their tab."""
 
-    def begins_on(
+    def start_on(
         self, event: Callable[..., Any], fields: Fields | Sequence[Any], **how: Any
     ) -> Any:
         """Attach queued runs to an event, such as ``button.click``, and return Gradio's dependency.
@@ -213,7 +213,7 @@ class TabRunner(ABC):
         """
         run: Any = self.run
         if isinstance(fields, Mapping):
-            run, fields = named_fields(run, fields), [*fields.values()]
+            run, fields = with_named_parameters(run, fields), [*fields.values()]
         if "api_name" not in how:
             how["api_visibility"] = "private"
         # Runs of all visitors are queued; the status shows the place in the queue. Another click of
@@ -222,11 +222,11 @@ class TabRunner(ABC):
         usual |= {"trigger_mode": "once", "concurrency_id": RUNS}
         return event(run, fields, **{**usual, **how})
 
-    def ends_on(self, button: gr.Button, runs: Any, outputs: Sequence[Any]) -> Any:
+    def cancel_on(self, button: gr.Button, runs: Any, outputs: Sequence[Any]) -> Any:
         """Cancel runs with a button, and return Gradio's dependency."""
-        return button.click(self.cancel, outputs=outputs, cancels=runs, **AT_ONCE)
+        return button.click(self.cancel, outputs=outputs, cancels=runs, **UNQUEUED_EVENT)
 
-    def begins_and_ends_on(
+    def start_and_cancel_on(
         self,
         start: gr.Button,
         cancel: gr.Button,
@@ -235,10 +235,10 @@ class TabRunner(ABC):
         **how: Any,
     ) -> None:
         """Attach runs to two buttons, of which the second is visible only during a run."""
-        start.click(lambda: gr.update(visible=True), outputs=cancel, **AT_ONCE)
-        run = self.begins_on(start.click, fields, outputs=outputs, **how)
-        for ended in (run, self.ends_on(cancel, run, outputs)):
-            ended.then(lambda: gr.update(visible=False), outputs=cancel, **AT_ONCE)
+        start.click(lambda: gr.update(visible=True), outputs=cancel, **UNQUEUED_EVENT)
+        run = self.start_on(start.click, fields, outputs=outputs, **how)
+        for ended in (run, self.cancel_on(cancel, run, outputs)):
+            ended.then(lambda: gr.update(visible=False), outputs=cancel, **UNQUEUED_EVENT)
 
     def run(self, request: gr.Request, *values: Any) -> Iterator[Updates]:
         """Yield updates of the tab during the run of one visitor.
@@ -249,7 +249,7 @@ class TabRunner(ABC):
         cookie, visitor, jobs = cookie_of(request), visitor_of(request), self.services.jobs
         try:
             with (
-                jobs.opened(
+                jobs.open_job(
                     visitor,
                     self.tab,
                     cookie,
@@ -275,7 +275,7 @@ class TabRunner(ABC):
             sentence = visitor_message(error)
             yield self.stopped(markup.sentence_status(text.STOPPED), markup.error_message(sentence))
             # Otherwise only for API clients, as the tab shows it already.
-            visible = not self.is_told
+            visible = not self.shows_errors
             raise gr.Error(sentence, visible=visible, print_exception=False) from error
 
     def cancel(self, request: gr.Request) -> Updates:
@@ -299,20 +299,30 @@ class TabRunner(ABC):
     def stopped(self, status: str, message: str) -> Updates:
         """Return the updates after a cancelled or failed run, with status and message as HTML."""
 
-    def done(
-        self, job: Job, task: Task[Asked, Found], asked: Asked, told: Told | str = ""
-    ) -> Generator[Updates, None, Found]:
-        """Run a task in the worker with updates from ``told``, or a sentence with ``share``."""
-        return self.followed(job, partial(self.services.worker.do, task, asked), told)
+    def run_task(
+        self,
+        job: Job,
+        task: Task[RequestT, ResultT],
+        request: RequestT,
+        to_updates: EventsToUpdates | str = "",
+    ) -> Generator[Updates, None, ResultT]:
+        """Run a task in the worker.
 
-    def followed(
-        self, job: Job, do: Callable[[RunCallbacks], Found], told: Told | str
-    ) -> Generator[Updates, None, Found]:
+        Args:
+            to_updates: function of the events, or the text of the status with a ``share``.
+        """
+        return self.run_with_updates(
+            job, partial(self.services.worker.do, task, request), to_updates
+        )
+
+    def run_with_updates(
+        self, job: Job, do: Callable[[RunCallbacks], ResultT], to_updates: EventsToUpdates | str
+    ) -> Generator[Updates, None, ResultT]:
         def line(events: list[RunEvent]) -> Updates:
-            share = last_share(events) if told else None
+            share = last_fraction(events) if to_updates else None
             if share is None:
                 return {}
-            return {self.status: markup.sentence_status(str(told).format(share=share))}
+            return {self.status: markup.sentence_status(str(to_updates).format(share=share))}
 
-        shown = line if isinstance(told, str) else told
-        return follow(do, job, shown, {self.status: gr.skip()})
+        function = line if isinstance(to_updates, str) else to_updates
+        return follow(do, job, function, {self.status: gr.skip()})

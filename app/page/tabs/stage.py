@@ -16,11 +16,11 @@ from pydantic import BaseModel, Field, ValidationError
 from app import text
 from app.errors import Cancelled, RunError, page_message, visitor_message
 from app.page.parts import markup
-from app.page.parts.markup import PRIVATE, Updates, shown
-from app.page.results.kept_runs import KeptRun
-from app.page.results.result_parts import ResultParts, saved_link
+from app.page.parts.markup import PRIVATE_EVENT, Updates, update_html
+from app.page.results.result_parts import ResultParts, download_link
+from app.page.results.saved_runs import SavedRun
 from app.page.routes.media import CHARACTER_GONE
-from app.page.tabs.runner import Services, TabRunner, follow, last_share
+from app.page.tabs.runner import Services, TabRunner, follow, last_fraction
 from app.page.visitors.files import Job
 from app.page.visitors.visitors import visitor_of
 from app.run.callbacks import FolderUpdated, RunEvent
@@ -32,12 +32,12 @@ from app.run.requests.requests import RunVideosRequest, ViewerVideoRequest
 from app.run.tasks import DRAW_VIDEOS, DRAW_VIEWER_VIDEO, REGENERATE_EDITED
 from conventions.rates import FPS
 
-MAX_ASKED = MAX_PLAN_CHARACTERS + 100_000
+MAX_MESSAGE_CHARACTERS = MAX_PLAN_CHARACTERS + 100_000
 """Maximum length of an edit request (characters)."""
 MAX_NAME = 200
 
 
-class Asked(BaseModel):
+class EditMessage(BaseModel):
     """Request of the plan editor, as written by app/page/web/player/editing.js."""
 
     run: Annotated[str, Field(max_length=MAX_NAME)]
@@ -47,19 +47,23 @@ class Asked(BaseModel):
     """Edits as for `parse_edits`; an empty list only prepares the row for editing."""
 
     @classmethod
-    def of(cls, told: object) -> Asked:
+    def of(cls, message: object) -> EditMessage:
         """Parse the JSON of the plan editor; raises RunError if it is invalid."""
         try:
-            json = told if isinstance(told, str) and len(told) <= MAX_ASKED else ""
+            json = (
+                message
+                if isinstance(message, str) and len(message) <= MAX_MESSAGE_CHARACTERS
+                else ""
+            )
             return cls.model_validate_json(json)
         except ValidationError as error:
             raise RunError(text.EDITS_DAMAGED) from error
 
 
-class TakesRunner(TabRunner):
+class EditRunner(TabRunner):
     """Runner that generates takes of one tab's runs, with messages in the plan editor."""
 
-    tab, is_told = "takes", False
+    tab, shows_errors = "takes", False
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
         super().__init__(services, parts.player)
@@ -67,7 +71,7 @@ class TakesRunner(TabRunner):
 
     def wire(self) -> None:
         """Attach runs to the hidden button of the plan editor."""
-        self.begins_on(
+        self.start_on(
             self.parts.take_start.click,
             [gr.Textbox(visible=False)],  # which the script fills in
             outputs=[self.parts.player],
@@ -77,49 +81,51 @@ class TakesRunner(TabRunner):
         )
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        asked = Asked.of(values[0])
-        run = self.services.kept.edited(asked.run, job.cookie)
+        message = EditMessage.of(values[0])
+        run = self.services.saved_runs.edited(message.run, job.cookie)
         if run is None:
             raise RunError(text.EDITS_GONE)
-        job.beside.append(run.job.folder)
-        showing = run.showing
+        job.extra_paths.append(run.job.folder)
+        run_view = run.view
 
-        def said(sentence: str, **how: Any) -> Updates:
-            showing.say(sentence, **how)
-            return {self.parts.player: showing.value() | {"begins": False}}
+        def message_update(sentence: str, **how: Any) -> Updates:
+            run_view.set_editor_message(sentence, **how)
+            return {self.parts.player: run_view.player_value() | {"begins": False}}
 
         def coming(events: list[RunEvent]) -> Updates:
             if not any(isinstance(event, FolderUpdated) for event in events):
                 return {}
-            number = max(row.take.number for row in showing.record.rows if row.take)
-            return said(text.TAKE_COMING.format(number=number), state="working")
+            number = max(row.take.number for row in run_view.record.rows if row.take)
+            return message_update(text.TAKE_COMING.format(number=number), state="working")
 
-        drop_unfinished(showing.folder)  # left by closed pages
-        yield said(text.TAKE_BEGINS if asked.edits else text.EDITOR_BEGINS, state="working")
+        drop_unfinished(run_view.folder)  # left by closed pages
+        yield message_update(
+            text.TAKE_BEGINS if message.edits else text.EDITOR_BEGINS, state="working"
+        )
         try:
             wanted = PlanEditRequest(
-                run=showing.folder,
+                run=run_view.folder,
                 weights=self.services.config.weights,
-                start=asked.start,
-                edits=parse_edits(asked.edits),
+                start=message.start,
+                edits=parse_edits(message.edits),
                 body=self.services.config.body,
             )
-            take = yield from self.done(job, REGENERATE_EDITED, wanted, coming)
+            take = yield from self.run_task(job, REGENERATE_EDITED, wanted, coming)
         except Exception as error:
-            drop_unfinished(showing.folder)
-            yield said(visitor_message(error), is_refused=True)
+            drop_unfinished(run_view.folder)
+            yield message_update(visitor_message(error), is_refused=True)
             return
         if take.offers:
-            yield said(page_message(take.notes[0]), is_refused=True, offers=take.offers)
+            yield message_update(page_message(take.notes[0]), is_refused=True, offers=take.offers)
             return
         done = text.TAKE_DONE.format(number=take.number) if take.number else text.EDITOR_READY
-        yield said(" ".join((done, *take.notes)))
+        yield message_update(" ".join((done, *take.notes)))
 
     def stopped(self, status: str, message: str) -> Updates:
         return {self.parts.player: gr.skip()}
 
 
-class SeenRunner(TabRunner):
+class ViewerVideoRunner(TabRunner):
     """Runner that renders videos of one tab's viewer."""
 
     tab = "seen"
@@ -132,51 +138,53 @@ class SeenRunner(TabRunner):
         """Attach runs to the viewer's hidden button; ``prefix`` is that of the element ids."""
         parts = self.parts
         outputs = [parts.seen, parts.seen_cancel]
-        run = self.begins_on(
+        run = self.start_on(
             parts.seen_start.click,
             [gr.Textbox(visible=False)],  # which the script fills in
             outputs=outputs,
             js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
             show_progress_on=parts.status,
         )
-        self.ends_on(parts.seen_cancel, run, outputs)
+        self.cancel_on(parts.seen_cancel, run, outputs)
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        seen = ViewerState.parse(values[0])
+        viewer = ViewerState.parse(values[0])
         body = self.services.config.body
-        if seen.has_character:
+        if viewer.has_character:
             body = self.services.characters.link(job.cookie, job.folder)
             if body is None:
                 raise RunError(CHARACTER_GONE)
         request = ViewerVideoRequest(
-            seen=seen,
-            motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in seen.bodies),
+            viewer=viewer,
+            motions=tuple(self._file(body.motion, job.cookie, ".npz") for body in viewer.bodies),
             out=job.folder / "results",
-            speech=self._file(seen.sound, job.cookie, ".wav") if seen.sound else None,
+            speech=self._file(viewer.sound, job.cookie, ".wav") if viewer.sound else None,
             body=body,
         )
         yield {
-            self.parts.seen: shown(line_of(text.SEEN_STARTING)),
+            self.parts.seen: update_html(status_line(text.SEEN_STARTING)),
             self.parts.seen_cancel: gr.update(visible=True),
         }
 
         def updates_of(events: list[RunEvent]) -> Updates:
-            share = last_share(events)
+            share = last_fraction(events)
             if share is None:
                 return {}
-            return {self.status: shown(line_of(text.SEEN_COMING.format(share=share), share))}
+            return {
+                self.status: update_html(status_line(text.SEEN_COMING.format(share=share), share))
+            }
 
-        video = yield from self.done(job, DRAW_VIEWER_VIDEO, request, updates_of)
-        count = len(seen.shown)
+        video = yield from self.run_task(job, DRAW_VIEWER_VIDEO, request, updates_of)
+        count = len(viewer.visible)
         line = text.SEEN_DONE.format(
             bodies="one body" if count == 1 else f"{count} bodies",
             seconds=video.num_frames / FPS,
             megabytes=video.path.stat().st_size / 1e6,
         )
         address = self.services.media.share(job.folder, job.cookie)(video.path)
-        link = saved_link(address, video.path.name, "Save the video")
+        link = download_link(address, video.path.name, "Save the video")
         yield {
-            self.parts.seen: shown(line_of(" ".join((line, *video.notes)), more=link)),
+            self.parts.seen: update_html(status_line(" ".join((line, *video.notes)), more=link)),
             self.parts.seen_cancel: gr.update(visible=False),
         }
 
@@ -189,12 +197,12 @@ class SeenRunner(TabRunner):
 
     def stopped(self, status: str, message: str) -> Updates:
         return {
-            self.parts.seen: shown(message or status),
+            self.parts.seen: update_html(message or status),
             self.parts.seen_cancel: gr.update(visible=False),
         }
 
 
-def line_of(line: str, share: float | None = None, more: str = "") -> str:
+def status_line(line: str, share: float | None = None, more: str = "") -> str:
     """Format a status line below the viewer, with a progress bar and further HTML."""
     bar = "" if share is None else f'<progress value="{share:.3f}" max="1"></progress>'
     return f'<div class="seen-told" role="status"><p>{escape(line)}</p>{bar}{more}</div>'
@@ -228,20 +236,20 @@ class Remaining:
         return f", ready in about {5 * max(1, round(seconds / 5.0))} s"
 
 
-class VideosBehind:
+class BackgroundVideos:
     """Background rendering, with low priority, of the videos of each visitor's newest run."""
 
     def __init__(self, services: Services, parts: ResultParts, tab: str) -> None:
         self.services = services
         self.parts = parts
         self._tab = f"{tab} videos"
-        self._wanted: dict[str, tuple[KeptRun, VideoOptions]] = {}
+        self._wanted: dict[str, tuple[SavedRun, VideoOptions]] = {}
 
-    def want(self, run: KeptRun, video: VideoOptions) -> None:
+    def want(self, run: SavedRun, video: VideoOptions) -> None:
         """Request the videos of a run, which start with the next event of its visitor's page."""
-        expect_videos(run.showing.folder, video.views)
-        kept = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
-        self._wanted = kept | {run.job.visitor: (run, video)}
+        expect_videos(run.view.folder, video.views)
+        wanted = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
+        self._wanted = wanted | {run.job.visitor: (run, video)}
 
     def give_up(self, visitor: str) -> None:
         """Cancel the videos of a visitor's previous run."""
@@ -258,7 +266,7 @@ class VideosBehind:
         run.then(
             self.run,
             outputs=[parts.status, parts.player, parts.downloads],
-            **PRIVATE,
+            **PRIVATE_EVENT,
             trigger_mode="multiple",
             concurrency_id="videos",
             concurrency_limit=1,
@@ -274,36 +282,36 @@ class VideosBehind:
         run, video = wanted
         try:
             jobs = self.services.jobs
-            with jobs.opened(visitor, self._tab, owner=jobs.quota.owner_of(request)) as job:
-                job.beside.append(run.job.folder)  # the videos are added to it
+            with jobs.open_job(visitor, self._tab, owner=jobs.quota.owner_of(request)) as job:
+                job.extra_paths.append(run.job.folder)  # the videos are added to it
                 yield from self._drawn(job, run, video)
         except Cancelled:
             return  # replaced by another run of the visitor
         except Exception as error:  # the finished run stays, with the error
             yield self._line(run, f"The videos could not be rendered: {visitor_message(error)}")
 
-    def _drawn(self, job: Job, run: KeptRun, video: VideoOptions) -> Iterator[Updates]:
+    def _drawn(self, job: Job, run: SavedRun, video: VideoOptions) -> Iterator[Updates]:
         remaining = Remaining()
 
         def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
             if any(isinstance(event, FolderUpdated) for event in events):
-                updates[self.parts.player] = run.showing.value()
-                updates[self.parts.downloads] = shown(run.downloads(run.showing))
-            share = last_share(events)
+                updates[self.parts.player] = run.view.player_value()
+                updates[self.parts.downloads] = update_html(run.downloads(run.view))
+            share = last_fraction(events)
             if share is not None:
                 when = remaining.sentence(share, time.monotonic())
                 drawn = f"Rendering videos in the background: {share:.0%}{when}."
                 updates |= self._line(run, drawn)
             return updates
 
-        request = RunVideosRequest(run=run.showing.folder, out=job.folder / "drawn", video=video)
-        do = partial(self.services.videos.do, DRAW_VIDEOS, request)
+        request = RunVideosRequest(run=run.view.folder, out=job.folder / "drawn", video=video)
+        do = partial(self.services.video_worker.do, DRAW_VIDEOS, request)
         yield from follow(do, job, updates_of, {self.parts.status: gr.skip()})
-        downloads = shown(run.downloads(run.showing))
+        downloads = update_html(run.downloads(run.view))
         yield {self.parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
 
-    def _line(self, run: KeptRun, sentence: str) -> Updates:
+    def _line(self, run: SavedRun, sentence: str) -> Updates:
         """Append a sentence to the run's final status message."""
         line = markup.sentence_status(f"{run.record.sentence} {sentence}")
         return {self.parts.status: line}

@@ -16,12 +16,12 @@ import gradio as gr
 from app import text
 from app.errors import Cancelled, RunError
 from app.page.parts import markup
-from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, default_systems
-from app.page.parts.markup import PRIVATE, Updates, hidden_html, reveal_on_click, shown
-from app.page.results.result_parts import files_listed, saved_link
+from app.page.parts.form_values import Fields, values_of
+from app.page.parts.markup import PRIVATE_EVENT, Updates, hidden_html, reveal_on_click, update_html
+from app.page.results.result_parts import download_link, files_listed
 from app.page.routes.media import PAGE_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
-from app.page.tabs.motion import SEED_LIMIT, fresh_copy
+from app.page.tabs.motion import SEED_LIMIT, copy_as_upload
 from app.page.tabs.runner import Services, TabRunner
 from app.page.visitors.files import Job
 from app.page.visitors.uploads import MAX_FILES
@@ -63,13 +63,13 @@ def build_study_tab(services: Services) -> Fields:
         fields[name] for name in ("protocol", "speeches", "systems", "changed")
     )
 
-    def examples(given: list[str] | None) -> list[str] | None:
+    def examples(paths: list[str] | None) -> list[str] | None:
         """Return the speech files, or copies of the examples if there are none."""
         folder = services.config.cache_folder / "examples"
-        return given or [str(fresh_copy(path, folder)) for path in catalogue.examples] or None
+        return paths or [str(copy_as_upload(path, folder)) for path in catalogue.examples] or None
 
     for button in ready:
-        asked, changes = QUESTIONS[button.value]
+        asked, changes = STUDY_PRESETS[button.value]
         filled = json.dumps([asked, [default_planner()], changes])
         # In the browser, so that a click on "Make the study" right after it uses these values.
         button.click(
@@ -78,14 +78,14 @@ def build_study_tab(services: Services) -> Fields:
             js=f"() => {filled}",
             api_visibility="private",
         )
-        button.click(examples, speeches, speeches, **PRIVATE)
+        button.click(examples, speeches, speeches, **PRIVATE_EVENT)
     outputs = [status, made]
     only_plan = PlanRunner(services, fields, status, made)
     at_once: dict[str, Any] = {"concurrency_id": "plan", "show_progress": "hidden"}
-    only_plan.begins_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
+    only_plan.start_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
     runner = StudyRunner(services, fields, status, made)
     reveal_on_click(start, status)
-    runner.begins_and_ends_on(start, cancel, fields, outputs, api_name="study")
+    runner.start_and_cancel_on(start, cancel, fields, outputs, api_name="study")
     return fields
 
 
@@ -95,7 +95,7 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
         return []
     gr.HTML('<p class="hint">Example studies, with the example speech unless you upload yours:</p>')
     with gr.Row(elem_id="study-ready"):
-        return [gr.Button(name, size="sm", min_width=110) for name in QUESTIONS]
+        return [gr.Button(name, size="sm", min_width=110) for name in STUDY_PRESETS]
 
 
 def _build_materials(services: Services) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
         info="Every additional system adds one video per clip and more comparisons.",
     )
     of["changed"] = gr.CheckboxGroup(
-        list(CHANGES),
+        list(PLAN_MODIFICATIONS),
         value=[],
         label="Modified gestures",
         info=f"Each adds one condition: {planner} with a modified gesture plan.",
@@ -221,7 +221,7 @@ def build_analysis(services: Services) -> None:
     fields = {"answers": answers, "key": key}
     reveal_on_click(start, status)
     runner = AnalysisRunner(services, fields, status, report)
-    runner.begins_on(start.click, [answers, key], outputs=[status, report])
+    runner.start_on(start.click, [answers, key], outputs=[status, report])
 
 
 SEPARATOR = "--"
@@ -231,14 +231,14 @@ PROTOCOLS = {
     "Ranking of all systems (three questions)": "ranking",
     "Slider ratings of all systems: human-likeness, with sound": "rating",
 }
-CHANGES = {
+PLAN_MODIFICATIONS = {
     "strokes on other words": "{ wrong_words = true }",
     "half as many gestures": "{ times = { gestures_per_min = 0.5 } }",
     "smaller": "{ times = { size_m = 0.6 } }",
     "larger": "{ times = { size_m = 1.5 } }",
 }
 """Plan edits of the system with plans, as styles of `model.plan.style`."""
-QUESTIONS = {
+STUDY_PRESETS = {
     "Do strokes have to match the words?": ("ranking", ["strokes on other words"]),
     "Effect of the gesture rate": ("rating", ["half as many gestures"]),
     "Effect of the gesture size": ("rating", ["smaller", "larger"]),
@@ -250,27 +250,31 @@ MAX_VIDEO_S = 1800.0
 """Maximum total length (s) of a study's videos on the page."""
 
 
-def plan_text(told: Mapping[str, Any]) -> str:
+def plan_text(values: Mapping[str, Any]) -> str:
     """Format the study plan as TOML, with relative file names.
 
     Raises:
         RunError: if something is missing that only an error message of the page can explain.
     """
-    clips, length_s = told["speeches"], told["length_s"]
+    clips, length_s = values["speeches"], values["length_s"]
     if not clips:
         raise RunError(
             "There is no speech yet: upload at least one file. For a study of your own motion "
             "without sound, use the command line (docs/user-study.md)."
         )
-    if len(clips) + len(told["motions"]) > MAX_UPLOADS:
+    if len(clips) + len(values["motions"]) > MAX_UPLOADS:
         raise RunError(TOO_MANY_UPLOADS.format(limit=MAX_UPLOADS))
     if not length_s:
         raise RunError("The length of the videos is missing: give it in seconds.")
-    others, changed = _by_system(told["motions"]), told["changed"]
-    unknown = next((name for name in changed if name not in CHANGES), None)
+    others, changed = _by_system(values["motions"]), values["changed"]
+    unknown = next((name for name in changed if name not in PLAN_MODIFICATIONS), None)
     if unknown is not None:
-        raise RunError(f"Unknown modification {unknown!r}; choose from {', '.join(CHANGES)}.")
-    count = len(clips) * (len(told["systems"]) + len(others) + len(changed)) * len(told["views"])
+        raise RunError(
+            f"Unknown modification {unknown!r}; choose from {', '.join(PLAN_MODIFICATIONS)}."
+        )
+    count = (
+        len(clips) * (len(values["systems"]) + len(others) + len(changed)) * len(values["views"])
+    )
     if count * length_s > MAX_VIDEO_S:
         raise RunError(
             f"This study has {count * length_s / 60:.0f} minutes of video; this page renders at "
@@ -278,26 +282,26 @@ def plan_text(told: Mapping[str, Any]) -> str:
             "length."
         )
     lines = [
-        f"title = {_text(told['title'] or 'Co-speech motion')}",
-        f"protocol = {_text(told['protocol'] or '')}",
-        f"participants = {told['participants']}",
-        f"seed = {told['seed']}",
-        f"views = [{', '.join(_text(view) for view in told['views'])}]",
+        f"title = {_text(values['title'] or 'Co-speech motion')}",
+        f"protocol = {_text(values['protocol'] or '')}",
+        f"participants = {values['participants']}",
+        f"seed = {values['seed']}",
+        f"views = [{', '.join(_text(view) for view in values['views'])}]",
         f"length_s = {length_s:g}",
     ]
     for name in ("post_to", "return_to", "researchers", "contact", "ethics", "consent"):
-        if told[name]:
-            lines.append(f"{name} = {_text(told[name])}")
-    if panel_ids := (told.get("panel_ids") or "").replace(",", " ").split():
+        if values[name]:
+            lines.append(f"{name} = {_text(values[name])}")
+    if panel_ids := (values.get("panel_ids") or "").replace(",", " ").split():
         lines.append(f"panel_ids = [{', '.join(map(_text, panel_ids))}]")
     for clip in clips:
         lines += ["", "[[clips]]", f"name = {_text(clip.stem)}", f"speech = {_text(clip.name)}"]
-    for system in told["systems"]:
+    for system in values["systems"]:
         lines += ["", "[[systems]]", f"name = {_text(system)}"]
     for name in changed:
         planner = default_planner()
         lines += ["", "[[systems]]", f"name = {_text(f'{planner} {name}')}"]
-        lines += [f"system = {_text(planner)}", f"style = {CHANGES[name]}"]
+        lines += [f"system = {_text(planner)}", f"style = {PLAN_MODIFICATIONS[name]}"]
     for system, motions in others.items():
         lines += ["", "[[systems]]", f"name = {_text(system)}", "[systems.motion]"]
         lines += [f"{_text(clip)} = {_text(path.name)}" for clip, path in motions.items()]
@@ -359,30 +363,32 @@ class StudyRunner(TabRunner):
 
     tab = "study"
 
-    def __init__(self, services: Services, fields: Fields, status: gr.HTML, made: gr.HTML) -> None:
+    def __init__(
+        self, services: Services, fields: Fields, status: gr.HTML, exports: gr.HTML
+    ) -> None:
         super().__init__(services, status)
         self.fields = fields
-        self.made_part = made
+        self.made_part = exports
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        told = values_of(Plan, self.fields, values)
+        fields = values_of(Plan, self.fields, values)
         path = job.folder / "plan.toml"
-        path.write_text(plan_text(told), "utf-8")
+        path.write_text(plan_text(fields), "utf-8")
         plan = read_plan(path)
         size = study_size(plan, make_design(plan))[1]
-        yield {self.status: markup.sentence_status(text.STARTING), self.made_part: shown("")}
+        yield {self.status: markup.sentence_status(text.STARTING), self.made_part: update_html("")}
         address = self.services.media.share(job.folder, job.cookie)
-        yield from self._made(job, told, path, size, address)
+        yield from self._made(job, fields, path, size, address)
 
     def _made(
-        self, job: Job, told: Mapping[str, Any], plan: Path, size: str, address: Address
+        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: Address
     ) -> Generator[Updates, None, None]:
         """Create the study, the participants' part with the job, the researcher's in private."""
         if not job.cookie:
             raise RunError(NO_COOKIE)
         services, config = self.services, self.services.config_for(job)
         work, waiting = (config.private_folder / secrets.token_hex(16) for _ in "ab")
-        job.beside += [work, waiting]
+        job.extra_paths += [work, waiting]
         bundle, key = job.folder / "participant_bundle.zip", waiting / RESEARCHER_FILE
 
         def make(callbacks: RunCallbacks) -> Path:
@@ -391,7 +397,7 @@ class StudyRunner(TabRunner):
                 for folder in (work, waiting):
                     folder.mkdir(parents=True, mode=0o700)
                 written = Path(shutil.copyfile(plan, work / plan.name))
-                collect_files((*told["speeches"], *told["motions"]), work)
+                collect_files((*fields["speeches"], *fields["motions"]), work)
                 asked = ExportRequest(
                     plan=written,
                     out=work / "study",
@@ -410,23 +416,23 @@ class StudyRunner(TabRunner):
                 shutil.rmtree(work, ignore_errors=True)
 
         try:
-            pages = yield from self.followed(job, make, "Making the videos: {share:.0%}")
+            pages = yield from self.run_with_updates(job, make, "Making the videos: {share:.0%}")
         except BaseException:
             job.cancel()
             shutil.rmtree(waiting, ignore_errors=True)  # if the task ended before that
             raise
-        token = services.private.keep(waiting, waiting, job.cookie)
+        token = services.private_files.keep(waiting, waiting, job.cookie)
         look = services.media.share(pages, job.cookie, PAGE_TYPES)(pages / "index.html")
         files = (
             _link("study-participants", address(bundle), bundle.name, PARTICIPANTS),
             _link("study-plan", address(job.folder / plan.name), plan.name, PLAN),
         )
-        made = (
+        html = (
             f"{_key(token, config.result_lifetime_s)}{_preview(f'{look}&preview')}{''.join(files)}"
         )
         yield {
             self.status: markup.sentence_status(f"{MADE} {size}"),
-            self.made_part: shown(f'<div class="downloads">{made}</div>'),
+            self.made_part: update_html(f'<div class="downloads">{html}</div>'),
         }
 
     def stopped(self, status: str, message: str) -> Updates:
@@ -437,17 +443,17 @@ class PlanRunner(StudyRunner):
     """Runner that only writes the study plan."""
 
     def _made(
-        self, job: Job, told: Mapping[str, Any], plan: Path, size: str, address: Address
+        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: Address
     ) -> Generator[Updates, None, None]:
         link = _link("study-plan", address(plan), plan.name, PLAN)
         yield {
             self.status: markup.sentence_status(f"The plan is written. {size}"),
-            self.made_part: shown(f'<div class="downloads">{link}</div>'),
+            self.made_part: update_html(f'<div class="downloads">{link}</div>'),
         }
 
 
 def _link(elem_id: str, url: str, name: str, words: str) -> str:
-    link = saved_link(url, name, words)
+    link = download_link(url, name, words)
     return f'<p id="{elem_id}">{link}</p>'
 
 
@@ -475,20 +481,20 @@ class AnalysisRunner(StudyRunner):
     tab = "analysis"
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        told = values_of(AnalysisRequest, self.fields, values)
-        answers, key = told["answers"], told["key"]
+        fields = values_of(AnalysisRequest, self.fields, values)
+        answers, key = fields["answers"], fields["key"]
         if not answers:
             raise RunError(NO_ANSWERS)
         if not key:
             raise RunError(NO_KEY)
         if len(answers) > MAX_FILES:
             raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(answers)))
-        yield {self.status: markup.sentence_status(text.STARTING), self.made_part: shown("")}
+        yield {self.status: markup.sentence_status(text.STARTING), self.made_part: update_html("")}
         asked = AnalysisRequest(answers, key, job.folder / "results")
-        files = yield from self.done(job, analyse, asked)
+        files = yield from self.run_task(job, analyse, asked)
         links = files_listed(files, self.services.media.share(job.folder, job.cookie))
         html = f'{framed(files[0].read_text("utf-8"))}<div class="downloads">{links}</div>'
-        yield {self.status: markup.sentence_status(ANALYSED), self.made_part: shown(html)}
+        yield {self.status: markup.sentence_status(ANALYSED), self.made_part: update_html(html)}
 
 
 def framed(report: str) -> str:

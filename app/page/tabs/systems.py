@@ -12,12 +12,18 @@ import gradio as gr
 from app import text
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.asked import Fields, values_of
-from app.page.parts.catalogue import Catalogue, about_systems, groups_of, strength_choices
-from app.page.parts.markup import Updates, hidden_html, player_part, reveal_on_click, shown
-from app.page.results.player import NOTHING, Showing, with_noise
+from app.page.parts.catalogue import Catalogue, guidance_choices, system_descriptions, system_groups
+from app.page.parts.form_values import Fields, values_of
+from app.page.parts.markup import (
+    Updates,
+    hidden_html,
+    player_component,
+    reveal_on_click,
+    update_html,
+)
 from app.page.results.result_parts import figures_html
-from app.page.tabs.runner import Services, TabRunner, last_share, page_request
+from app.page.results.run_view import EMPTY_VALUE, RunView, with_noise
+from app.page.tabs.runner import Services, TabRunner, last_fraction, page_request
 from app.page.visitors.files import Job
 from app.run.callbacks import FolderUpdated, RunEvent
 from app.run.examples import FIRST_MOTION
@@ -52,23 +58,27 @@ def build_systems_tab(systems: Sequence[str]) -> None:
 def ablations_html(systems: Sequence[str]) -> str:
     """Format the ablation steps as cards, and mark those without weights."""
     ablations = [family.ablation for family in families() if family.ablation is not None]
-    told = "".join(_ablation(each, systems) for each in ablations)
+    cards = "".join(_ablation(each, systems) for each in ablations)
     explained = [name for each in ablations for name in each.systems]
     others = _others([name for name in systems if name not in explained])
-    return f'<section class="ladder">{told}{others}</section>'
+    return f'<section class="ladder">{cards}{others}</section>'
 
 
-def _ablation(told: Ablation, systems: Sequence[str]) -> str:
-    cards = "".join(_card(number, step, systems) for number, step in enumerate(told.steps, start=1))
-    extra = "".join(_extra(each, systems) for each in told.extra)
-    return f"<h2>{escape(told.title)}</h2><p>{escape(told.introduction)}</p><ol>{cards}</ol>{extra}"
+def _ablation(ablation: Ablation, systems: Sequence[str]) -> str:
+    cards = "".join(
+        _card(number, step, systems) for number, step in enumerate(ablation.steps, start=1)
+    )
+    extra = "".join(_extra(each, systems) for each in ablation.extra)
+    title, introduction = escape(ablation.title), escape(ablation.introduction)
+    return f"<h2>{title}</h2><p>{introduction}</p><ol>{cards}</ol>{extra}"
 
 
-def _extra(told: ExtraSystem, systems: Sequence[str]) -> str:
-    missing = "" if told.system in systems else f"<em>{NOT_HERE}</em>"
+def _extra(system: ExtraSystem, systems: Sequence[str]) -> str:
+    missing = "" if system.system in systems else f"<em>{NOT_HERE}</em>"
     return (
-        f'<div class="own"><h3>{escape(told.title)}</h3><code>{escape(told.system)}</code>{missing}'
-        f"<p>{escape(told.meaning)}</p></div>"
+        f'<div class="own"><h3>{escape(system.title)}</h3>'
+        f"<code>{escape(system.system)}</code>{missing}"
+        f"<p>{escape(system.meaning)}</p></div>"
     )
 
 
@@ -103,7 +113,7 @@ MOTION_TYPES = [".npz", ".npy", ".bvh"]
 class FigureRunner(TabRunner):
     """Runner of an experiment: a part of the tab with a form and a figure."""
 
-    preview: dict[str, Any] = NOTHING
+    preview: dict[str, Any] = EMPTY_VALUE
     """Player's value before a run."""
     title: ClassVar[str]
     introduction: ClassVar[str]
@@ -125,21 +135,21 @@ class FigureRunner(TabRunner):
                     )
             with gr.Column(scale=9, min_width=320, elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id=f"{self.tab}-status")
-                self.player = player_part(f"{self.tab}-")
+                self.player = player_component(f"{self.tab}-")
                 self.message = hidden_html(f"{self.tab}-says")
                 self.figure = hidden_html(f"{self.tab}-figures")
         super().__init__(services, status)
         reveal_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]
-        self.begins_and_ends_on(start, cancel, self.fields, outputs, api_name=self.tab)
+        self.start_and_cancel_on(start, cancel, self.fields, outputs, api_name=self.tab)
 
     def systems(self, catalogue: Catalogue, topic: Topic) -> gr.CheckboxGroup:
         """Make a field of systems, with the representatives of a topic selected."""
         ticked = [name for name in representatives(topic) if name in catalogue.systems]
         choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
         chips = gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
-        about, groups = about_systems(catalogue.systems), groups_of(catalogue.systems)
-        markup.arrange_chips(elem_id, about, groups)
+        about, groups = system_descriptions(catalogue.systems), system_groups(catalogue.systems)
+        markup.group_choices(elem_id, about, groups)
         return chips
 
     @abstractmethod
@@ -147,48 +157,50 @@ class FigureRunner(TabRunner):
         """Make the fields of the form."""
 
     @abstractmethod
-    def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
+    def request_fields(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Convert form values to fields of the request; raises RunError for the visitor."""
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        wanted = self.given(values_of(self.asks, self.fields, values)) | {"is_kept": True}
-        asked = page_request(self.asks, wanted, self.services.config_for(job), job.folder)
-        asked.check()
+        wanted = self.request_fields(values_of(self.asks, self.fields, values)) | {
+            "is_incremental": True
+        }
+        request = page_request(self.asks, wanted, self.services.config_for(job), job.folder)
+        request.check()
         yield self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), "")
         address = self.services.media.share(job.folder, job.cookie)
-        showing = Showing(asked.output.out, address, job.folder.name)
+        run_view = RunView(request.output.out, address, job.folder.name)
 
         def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
             has_grown = any(isinstance(event, FolderUpdated) for event in events)
-            if has_grown and showing.has_begun and showing.record.has_motion:
-                updates[self.player] = self.played(showing, wanted)
-            share = last_share(events)
+            if has_grown and run_view.has_begun and run_view.record.has_motion:
+                updates[self.player] = self.played(run_view, wanted)
+            share = last_fraction(events)
             if share is not None:
                 updates[self.status] = markup.sentence_status(f"Measuring: {share:.0%}")
             return updates
 
-        yield from self.done(job, self.measure, asked, updates_of)
-        record = showing.record
+        yield from self.run_task(job, self.measure, request, updates_of)
+        record = run_view.record
         lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
-        files = (asked.output.out / name for name in record.result_files)
+        files = (request.output.out / name for name in record.result_files)
         yield {
             self.status: markup.sentence_status(record.sentence),
-            self.player: self.played(showing, wanted),
-            self.message: shown(f'<ul class="hint">{lines}</ul>'),
-            self.figure: shown(figures_html(files, address)),
+            self.player: self.played(run_view, wanted),
+            self.message: update_html(f'<ul class="hint">{lines}</ul>'),
+            self.figure: update_html(figures_html(files, address)),
         }
 
-    def played(self, showing: Showing, wanted: Mapping[str, Any]) -> dict[str, Any]:
+    def played(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
         """Return the player's value of a run."""
-        return showing.value() | {"plays": True}
+        return run_view.player_value() | {"plays": True}
 
     def stopped(self, status: str, message: str) -> Updates:
         return {
             self.status: status,
             self.player: self.preview,
-            self.message: shown(message),
-            self.figure: shown(""),
+            self.message: update_html(message),
+            self.figure: update_html(""),
         }
 
 
@@ -196,7 +208,7 @@ def _file(label: str, file_types: list[str]) -> gr.File:
     return gr.File(label=label, file_types=file_types, type="filepath")
 
 
-class MechanismRunner(FigureRunner):
+class RotationNoiseRunner(FigureRunner):
     """Runner of the paper's argument on two bodies, without a network.
 
     The page adds the noise, so that its slider acts at once; a run measures and draws the error
@@ -234,18 +246,18 @@ class MechanismRunner(FigureRunner):
         )
         return {"noise_rad": noise, "motion": _file("Motion of your own (optional)", MOTION_TYPES)}
 
-    def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
+    def request_fields(self, values: Mapping[str, Any]) -> dict[str, Any]:
         return {
-            "motion": told["motion"] or FIRST_MOTION,
-            "noise_rad": told["noise_rad"],
+            "motion": values["motion"] or FIRST_MOTION,
+            "noise_rad": values["noise_rad"],
             "has_video": False,
         }
 
-    def played(self, showing: Showing, wanted: Mapping[str, Any]) -> dict[str, Any]:
-        value = showing.value()
+    def played(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
+        value = run_view.player_value()
         clean = next((row for row in value["rows"] if row["name"] == WITHOUT_NOISE), {})
         if "there" not in clean:
-            return NOTHING
+            return EMPTY_VALUE
         return _without_slider(with_noise(value, clean, wanted["noise_rad"]))
 
 
@@ -253,7 +265,7 @@ def _without_slider(value: dict[str, Any]) -> dict[str, Any]:
     return {**value, "noise": {**value["noise"], "has_slider": False}}
 
 
-class HearingRunner(FigureRunner):
+class SpeechEffectRunner(FigureRunner):
     """Runner that measures the effect of speech and of the noise seed on motion."""
 
     tab, verb, title = "hearing", "Compare", "Does the motion follow the speech?"
@@ -271,7 +283,7 @@ class HearingRunner(FigureRunner):
             for name, letter in (("first", "A"), ("second", "B"))
         }
         strength = gr.Radio(
-            strength_choices(1.0, 2.0, 3.0),
+            guidance_choices(1.0, 2.0, 3.0),
             value="",
             label=text.GUIDANCE_LABEL,
             elem_id="hearing-strength",
@@ -284,20 +296,20 @@ class HearingRunner(FigureRunner):
         )
         return {"systems": systems, **speeches, "guidance": strength, "speakers": speakers}
 
-    def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        asked = dict(told)
-        if not asked["systems"]:
+    def request_fields(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        fields = dict(values)
+        if not fields["systems"]:
             raise RunError("Select at least one system to compare.")
-        given = [path for path in (asked.pop("first"), asked.pop("second")) if path is not None]
-        missing = 2 - len(given)
-        spare = [path for path in self.examples if path.stem not in {p.stem for p in given}]
+        uploads = [path for path in (fields.pop("first"), fields.pop("second")) if path is not None]
+        missing = 2 - len(uploads)
+        spare = [path for path in self.examples if path.stem not in {p.stem for p in uploads}]
         if len(spare) < missing:
             raise RunError(
                 "Upload two speech recordings to compare; this installation has fewer than two "
                 "examples."
             )
-        speakers = DEFAULT_SPEAKER_PAIR if asked["speakers"] else None
-        return {**asked, "speeches": (*given, *spare[:missing]), "speakers": speakers}
+        speakers = DEFAULT_SPEAKER_PAIR if fields["speakers"] else None
+        return {**fields, "speeches": (*uploads, *spare[:missing]), "speakers": speakers}
 
 
 class StepCurveRunner(FigureRunner):
@@ -315,10 +327,10 @@ class StepCurveRunner(FigureRunner):
         systems = self.systems(catalogue, "sampling_steps")
         return {"systems": systems, "speech": _file(label, ["audio"])}
 
-    def given(self, told: Mapping[str, Any]) -> dict[str, Any]:
-        speech = told["speech"] or next(iter(self.examples), None)
-        if not told["systems"]:
+    def request_fields(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        speech = values["speech"] or next(iter(self.examples), None)
+        if not values["systems"]:
             raise RunError("Select at least one system to measure.")
         if speech is None:
             raise RunError("Upload speech to measure with; this installation has no examples.")
-        return {**told, "speech": speech}
+        return {**values, "speech": speech}

@@ -59,13 +59,13 @@ def _is_held(lock: Path) -> bool:
 
 def uploads_of(values: Iterable[Any], cache: Path) -> list[Path]:
     """Return Gradio's folders of the uploads among a form's values."""
-    found: list[Path] = []
+    folders: list[Path] = []
     for value in values:
         if isinstance(value, list):
-            found += uploads_of(value, cache)
+            folders += uploads_of(value, cache)
         elif isinstance(value, str) and value.startswith(f"{cache}{os.sep}"):
-            found += [cache / part for part in Path(value).relative_to(cache).parts[:1]]
-    return found
+            folders += [cache / part for part in Path(value).relative_to(cache).parts[:1]]
+    return folders
 
 
 def touch(folders: Iterable[Path]) -> None:
@@ -90,7 +90,7 @@ def sweep(root: Path, keep_s: float, in_use: Iterable[Path] = ()) -> None:
             log.warning("%s could not be deleted: %s", entry, error)
 
 
-def keep_swept(
+def start_sweeper(
     root: Path,
     keep_s: float,
     in_use: Callable[[], Iterable[Path]],
@@ -139,7 +139,7 @@ class Job:
     """Cookie of the visitor's browser; empty without one."""
     outlives: bool = False
     """True if the run continues when its page loses the connection, as it can be opened later."""
-    beside: list[Path] = field(default_factory=list)
+    extra_paths: list[Path] = field(default_factory=list)
     """Further paths that the run uses, such as uploads."""
     _stopped: threading.Event = field(default_factory=threading.Event)
 
@@ -161,7 +161,7 @@ class Jobs:
         self._lock = threading.Lock()
 
     @contextmanager
-    def opened(
+    def open_job(
         self,
         visitor: str,
         tab: str,
@@ -185,7 +185,7 @@ class Jobs:
         folder = self._root / secrets.token_hex(16)
         job = Job(visitor, tab, folder, cookie, outlives, uploads)
         job.folder.mkdir(parents=True, mode=0o700)
-        touch(job.beside)
+        touch(job.extra_paths)
         with self._lock:
             self._jobs.append(job)
         try:
@@ -194,7 +194,7 @@ class Jobs:
             job.cancel()
             with self._lock:
                 self._jobs.remove(job)
-            touch([job.folder, *job.beside])
+            touch([job.folder, *job.extra_paths])
             self.quota.measure_runs(owner, job.folder)
 
     def cancel(self, visitor: str = "", tab: str = "") -> None:
@@ -220,4 +220,4 @@ class Jobs:
     def in_use(self) -> list[Path]:
         """Return folders and uploads of unfinished runs."""
         with self._lock:
-            return [path for job in self._jobs for path in (job.folder, *job.beside)]
+            return [path for job in self._jobs for path in (job.folder, *job.extra_paths)]

@@ -31,7 +31,7 @@ TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; send the oth
 FIELD_TOO_LONG = "A form field of this upload is larger than {limit} bytes."
 
 
-class TidyParser(route_utils.GradioMultiPartParser):
+class LimitedUploadParser(route_utils.GradioMultiPartParser):
     """Gradio's upload parser with limits, which removes interrupted uploads."""
 
     root: ClassVar[Path]

@@ -68,7 +68,7 @@ def user_of(app: Any, request: HTTPConnection) -> str | None:
     return next((user for user in users if user is not None), None)
 
 
-def is_same(first: str, second: str) -> bool:
+def equal_in_constant_time(first: str, second: str) -> bool:
     """Check in constant time whether two cookies are equal; an empty one equals none."""
     return bool(first) and secrets.compare_digest(first.encode(), second.encode())
 
@@ -105,11 +105,11 @@ Thing = TypeVar("Thing")
 _TOKEN_BYTES = 32
 
 
-class Kept(Generic[Thing]):
+class TokenStore(Generic[Thing]):
     """Thread-safe store of objects behind random tokens."""
 
     def __init__(self) -> None:
-        self._kept: dict[str, tuple[Path, str | None, Thing]] = {}
+        self._entries: dict[str, tuple[Path, str | None, Thing]] = {}
         self._lock = threading.Lock()
 
     def keep(self, thing: Thing, files: Path, cookie: str | None) -> str:
@@ -120,17 +120,19 @@ class Kept(Generic[Thing]):
         """
         entry = files, cookie, thing
         with self._lock:
-            self._kept = {each: kept for each, kept in self._kept.items() if kept[0].exists()}
+            self._entries = {
+                each: other for each, other in self._entries.items() if other[0].exists()
+            }
             new = secrets.token_urlsafe(_TOKEN_BYTES)
-            token = next((each for each, kept in self._kept.items() if kept == entry), new)
-            self._kept[token] = entry
+            token = next((each for each, other in self._entries.items() if other == entry), new)
+            self._entries[token] = entry
         return token
 
     def find(self, token: str, cookie: str = "") -> Thing | None:
         """Return the object of a token; None without access, or when its files are gone."""
         with self._lock:
-            files, owner, thing = self._kept.get(token, (Path(), "", None))
-        if not files.exists() or not (owner is None or is_same(owner, cookie)):
+            files, owner, thing = self._entries.get(token, (Path(), "", None))
+        if not files.exists() or not (owner is None or equal_in_constant_time(owner, cookie)):
             return None
         return thing
 
@@ -138,10 +140,10 @@ class Kept(Generic[Thing]):
         """Remove and return the object of a token; with a wrong cookie, the token stays valid."""
         found = self.find(token, cookie)
         with self._lock:
-            return found if self._kept.pop(token if found else "", None) else None
+            return found if self._entries.pop(token if found else "", None) else None
 
     def all(self) -> list[Thing]:
         """Return the stored objects of all browsers."""
         with self._lock:
-            kept = list(self._kept.values())
-        return [thing for files, _, thing in kept if files.exists()]
+            entries = list(self._entries.values())
+        return [thing for files, _, thing in entries if files.exists()]

@@ -205,16 +205,16 @@ def least_codes(numbers: int) -> int:
 
 
 def _codes_of(
-    judge: int, records: Sequence[Path], name: str, variation: str = PLAIN
+    encoder: int, records: Sequence[Path], name: str, variation: str = PLAIN
 ) -> Iterator[np.ndarray]:
     """Yield the features of one set, clip by clip."""
     for record in records:
         with np.load(codes_path(record), allow_pickle=False) as file:
-            yield file[_key(judge, name, variation)].astype(np.float64)
+            yield file[_key(encoder, name, variation)].astype(np.float64)
 
 
 def _rows(
-    judge: FeatureEncoder,
+    encoder: FeatureEncoder,
     systems: Sequence[str],
     num_clips: int,
     clips: Callable[[str], Iterator[Float[np.ndarray, "codes C"]]],
@@ -222,14 +222,14 @@ def _rows(
     recorded = _drawn(clips(REFERENCE_NAME), num_clips)
     values = {
         name: np.array([
-            frechet_from_moments(real, other, judge.offset)
+            frechet_from_moments(real, other, encoder.offset)
             for real, other in zip(recorded, _drawn(clips(name), num_clips), strict=True)
         ])
         for name in systems
         if name != REFERENCE_NAME
     }  # fmt: skip
     counts = dict.fromkeys(values, num_clips)
-    return interval_rows((judge.metric, ""), values, counts, judge.protocol)
+    return interval_rows((encoder.metric, ""), values, counts, encoder.protocol)
 
 
 def _drawn(clips: Iterator[Float[np.ndarray, "codes C"]], num_clips: int) -> list[FeatureMoments]:

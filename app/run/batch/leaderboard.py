@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import jinja2
-from pydantic import AfterValidator, BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from app.errors import RunError
 from app.findings.comparison import format_kinds
@@ -38,7 +38,13 @@ FORMAT = 2
 MAX_BYTES = 32 * 2**20
 MAX_NAME = 100
 MAX_NOTE = 400
-_CONFIG = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, str_max_length=MAX_NOTE)
+_CONFIG = ConfigDict(
+    strict=True,
+    extra="forbid",
+    allow_inf_nan=False,
+    str_max_length=MAX_NOTE,
+    validate_by_name=True,
+)
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ class Entry:
     files: str
     """Digest of the motion files."""
     clips: int
-    made_at: str
+    measured_at: Annotated[str, Field(alias="made_at")]
     """Time of the measurement in ISO 8601."""
     project: str
     """Version of this program that measured."""
@@ -157,7 +163,7 @@ def _entry(results: dict[str, Any], where: dict[str, Any], name: str, note: str)
         test=_test_of(where),
         files=where["systems"][name],
         clips=len(results["clips"]),
-        made_at=where["made_at"],
+        measured_at=where["made_at"],
         project=where["project"],
         measures={
             row["measure"]: MetricValue(
@@ -188,16 +194,17 @@ def merge_entries(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
             if known is None:
                 merged[entry.key] = entry
                 continue
-            newer, older = sorted((entry, known), key=lambda one: one.made_at, reverse=True)
+            newer, older = sorted((entry, known), key=lambda one: one.measured_at, reverse=True)
             merged[entry.key] = replace(newer, note=newer.note or older.note)
     return sorted(
-        merged.values(), key=lambda one: (one.test, one.is_recorded, one.system, one.made_at)
+        merged.values(), key=lambda one: (one.test, one.is_recorded, one.system, one.measured_at)
     )
 
 
 def write_leaderboard(entries: Iterable[Entry], path: Path) -> None:
     """Write a leaderboard atomically; raises WriteError."""
-    write_atomically(path, f"{Leaderboard(entries=list(entries)).model_dump_json(indent=1)}\n")
+    board = Leaderboard(entries=list(entries))
+    write_atomically(path, f"{board.model_dump_json(indent=1, by_alias=True)}\n")
 
 
 def read_leaderboard(path: Path) -> list[Entry]:
@@ -269,7 +276,7 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
     }
     recorded = next((entry.measures for entry in entries if entry.is_recorded), {})
 
-    def apart(key: str, value: MetricValue) -> float | None:
+    def distance(key: str, value: MetricValue) -> float | None:
         """Return the distance to the recorded motion; None if the metric has no target."""
         name = names[key]
         if name in _TO_RECORDED:
@@ -288,5 +295,5 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
         "protocols": protocols,
         "definitions": {key: definition_of(names[key], protocols[key]) for key in keys},
         "rare": {key for key in keys if names[key] not in _OF_SETS | _FIRST},
-        "apart": apart,
+        "apart": distance,
     }

@@ -112,7 +112,7 @@ def diagnose_folders(
         JobsError: if the workers are lost.
     """
     check_weights(with_paths(request, Path.absolute).metrics, request.imports.reference)
-    with ResultFolder(request.output.out, is_kept=True) as results:
+    with ResultFolder(request.output.out, is_incremental=True) as results:
         folders = unpack_archives(sets_of(request), results.scratch("sets"))
         return _diagnose_sets(in_folders(request, folders), on_progress, pool or JobPool(1))
 
@@ -363,10 +363,10 @@ class _ClipJob:
     def is_measured(self) -> bool:
         """Check whether there is a complete record of these files."""
         try:
-            is_kept = json.loads(self.record.read_text()).get("stamp") == self._stamp()
+            is_current = json.loads(self.record.read_text()).get("stamp") == self._stamp()
         except (OSError, ValueError, AttributeError):
             return False
-        return is_kept and all(path(self.record).is_file() for path in (codes_path, sums_path))
+        return is_current and all(path(self.record).is_file() for path in (codes_path, sums_path))
 
     def measure(self) -> None:
         """Measure all systems and the reference over their common frames, with means over samples.
@@ -465,19 +465,19 @@ class _ClipJob:
             MotionError: if none is readable.
         """
         kind = REFERENCE if name == REFERENCE_NAME else MOTIONS
-        found: dict[str, ImportedMotion] = {}
+        readings: dict[str, ImportedMotion] = {}
         why: MotionError | None = None
         for sample, path in self.files[name].items():
             try:
-                found[sample] = read_any_motion(
+                readings[sample] = read_any_motion(
                     path, self.request.imports.import_overrides, self.request.video.body, kind, name
                 )
             except MotionError as error:
                 why = error
                 unread.append(f"This sample was skipped: {error}")
-        if why is not None and not found:
+        if why is not None and not readings:
             raise why
-        return found
+        return readings
 
 
 def _origin_of(

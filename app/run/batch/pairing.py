@@ -132,9 +132,9 @@ def _read(path: Path, inside: Path) -> _Found:
     return _Found(path, (*folders, file_stem(stem)))
 
 
-def _is_numbered(found: _Found) -> bool:
+def _is_numbered(file: _Found) -> bool:
     """Check whether a file in a folder is named only by a number."""
-    return not found.sample and len(found.parts) > 1 and bool(_BARE.match(found.parts[-1]))
+    return not file.sample and len(file.parts) > 1 and bool(_BARE.match(file.parts[-1]))
 
 
 def _of_folders(files: list[_Found], clip_names: set[str], numbers_are_clips: bool) -> list[_Found]:
@@ -157,10 +157,10 @@ def _number(pattern: re.Pattern[str], text: str) -> str:
     return match["sample"]
 
 
-def _clips(found: list[_Found], depth: int) -> tuple[dict[str, Samples], tuple[Path, Path] | None]:
+def _clips(files: list[_Found], depth: int) -> tuple[dict[str, Samples], tuple[Path, Path] | None]:
     """Return clips by names of ``depth`` parts, and two files that these do not distinguish."""
     clips: dict[str, Samples] = {}
-    for each in found:
+    for each in files:
         clip = str(PurePosixPath(*each.parts[-depth:]))
         samples = clips.setdefault(clip, {})
         other = samples.get(each.sample, each.path)

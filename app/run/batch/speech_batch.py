@@ -119,7 +119,7 @@ def run_batch(
             verdict = make_verdict(runs[0].point, [run.numbers for run in runs])
             notes += [] if verdict is None else [verdict.text]
             names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
-            numbers = dict(zip(clips, map(_kept, runs), strict=True))
+            numbers = dict(zip(clips, map(_clip_results, runs), strict=True))
             files, _ = write_tables(out, names, numbers, notes, failed)
     return BatchResult(tuple(clips), kept, failed, files, tuple(notes))
 
@@ -276,7 +276,7 @@ def _is_done(folder: Path, stamp: str) -> bool:
         return False
 
 
-def _kept(run: RunRecord) -> dict[str, Any]:
+def _clip_results(run: RunRecord) -> dict[str, Any]:
     """Return the metrics and findings of one clip for the tables."""
     return {
         "systems": {

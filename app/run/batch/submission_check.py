@@ -134,7 +134,7 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
 def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, str]:
     frames = read_any_motion(recorded).motion.num_frames
     wrong: dict[str, str] = {}
-    seen: dict[str, str] = {}
+    names_by_digest: dict[str, str] = {}
     for path in samples.values():
         name = str(path.relative_to(folder))
         try:
@@ -147,7 +147,7 @@ def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, st
                 f"it has {motion.num_frames} frames where the recording has {frames} at {FPS} a "
                 "second."
             )
-        other = seen.setdefault(file_sha256(path), name)
+        other = names_by_digest.setdefault(file_sha256(path), name)
         if other != name:
             wrong[name] = f"it is identical to {other}; samples must differ."
     return wrong

@@ -30,7 +30,7 @@ NUM_WORST = 10
 """Maximum number of worst clips of a system that are listed."""
 Cells = dict[str, list[str]]
 """Table cells of all systems by metric."""
-OfSystems = dict[str, list[tuple[str, dict[str, Any]]]]
+ClipsBySystem = dict[str, list[tuple[str, dict[str, Any]]]]
 """Clips with their records by system."""
 Row = tuple[Any, ...]
 OTHER_PROTOCOLS = f"Rows that name no other protocol: {WORKBENCH}."
@@ -135,7 +135,7 @@ def write_tables(
 
 
 def _clip_rows(
-    of_systems: OfSystems, left_out: Mapping[str, str], speeds: BeatSpeeds
+    of_systems: ClipsBySystem, left_out: Mapping[str, str], speeds: BeatSpeeds
 ) -> Iterator[tuple[Any, ...]]:
     """Yield the header, a row for each clip of each system, and one for each omitted clip."""
     keys = [row.key for row in METRICS]
@@ -153,7 +153,7 @@ def _clip_rows(
         yield (clip, "", "", *[""] * len(keys), why, "")
 
 
-def worst_clips(of_systems: OfSystems) -> list[dict[str, Any]]:
+def worst_clips(of_systems: ClipsBySystem) -> list[dict[str, Any]]:
     """Return the worst clips of each system, by kinds of findings, then by jerk.
 
     ``jerk`` is the mean of the tracked point in m/s^3, or None if it is not comparable.
@@ -200,7 +200,7 @@ def _grid(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     return [lines[0], "|" + "---|" * len(titles), *lines[1:]]
 
 
-def _spread_lines(of_systems: OfSystems) -> list[str]:
+def _spread_lines(of_systems: ClipsBySystem) -> list[str]:
     """Format the standard deviations between samples of one clip, if there are any."""
     spreads = {
         name: [told["spread"] for _, told in clips if "spread" in told]
@@ -235,7 +235,7 @@ def _latex(systems: list[str], clips: int, means: Cells) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _rows(of_systems: OfSystems, speeds: BeatSpeeds) -> Iterator[Row]:
+def _rows(of_systems: ClipsBySystem, speeds: BeatSpeeds) -> Iterator[Row]:
     """Yield the mean of each system and the differences of all pairs, by metric."""
     for measure in METRICS:
         values = {
@@ -348,7 +348,7 @@ def draw_spread(
     shown = [name for name in systems if name not in left_out]
     values = DataFrame(
         [
-            (_with_unit(f"{row.title}{_whose(row)}", row.unit), name, value)
+            (_with_unit(f"{row.title}{_point_suffix(row)}", row.unit), name, value)
             for row in METRICS
             if row.is_primary
             for name in shown
@@ -367,7 +367,7 @@ def draw_spread(
     return tuple(files), [f"distributions.png leaves out {', '.join(left_out)}: too many systems."]
 
 
-def _whose(row: Metric) -> str:
+def _point_suffix(row: Metric) -> str:
     return " of the tracked point" if row.key.startswith("tracked_point") else ""
 
 

@@ -61,7 +61,7 @@ def compare_rotation_noise(
     )
     record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
     with open_run_writer(
-        request.output.out, record, callbacks, is_kept=request.output.is_kept
+        request.output.out, record, callbacks, is_incremental=request.output.is_incremental
     ) as run:
         tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
         run.add_notes(*found.notes, *_growth_sentences(growth, request.noise_rad))

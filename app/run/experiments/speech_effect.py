@@ -46,7 +46,7 @@ from renderer.figures.curves import (
 )
 from renderer.figures.style import MAX_SYSTEMS
 
-HEARD_S = 60.0
+MAX_SPEECH_S = 60.0
 """Part of each speech that is used (s)."""
 _NAMED = re.compile(r"(?:(?P<system>.+?)__)?(?P<speech>.+?)__(?P<seed>\d{1,9})\.npz")
 _COLUMNS = (
@@ -91,7 +91,7 @@ def measure_speech_effect(
             run.progress_callback("numbers")(1.0)
         else:
             speeches = {
-                file_stem(path.stem): load_beginning(path, HEARD_S, request.max_speech_s)
+                file_stem(path.stem): load_beginning(path, MAX_SPEECH_S, request.max_speech_s)
                 for path in request.speeches
             }
             names = systems_of(request)

@@ -107,7 +107,7 @@ SPEECH = "speech"
 MOTIONS = "motions"
 """Name of the setting for imported files, which only runs that measure have."""
 SEED = "seed"
-USUAL, NONE = "usual", "none"
+DEFAULT_VALUE_TEXT, NONE = "usual", "none"
 _MAX_NAMED = 3
 """Maximum number of files named in a run's title."""
 _FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
@@ -132,7 +132,7 @@ def settings_summary(request: RunRequest) -> Settings:
     return {
         **first,
         "systems": ", ".join(short_names(sampling.systems).values()),
-        "speaker": sampling.speaker or USUAL,
+        "speaker": sampling.speaker or DEFAULT_VALUE_TEXT,
         SEED: str(sampling.seed),
         "samples": str(sampling.samples),
         **{title: _of_systems(getattr(sampling, name)) for name, title in SYSTEM_OPTIONS.items()},
@@ -194,7 +194,10 @@ def _words(request: RunRequest) -> str:
 def _of_systems(option: Steps | float | str) -> str:
     if isinstance(option, Mapping):
         names = short_names(option)
-        return ", ".join(f"{names[name]} {count}" for name, count in option.items()) or USUAL
+        return (
+            ", ".join(f"{names[name]} {count}" for name, count in option.items())
+            or DEFAULT_VALUE_TEXT
+        )
     if isinstance(option, str):
         return sampler_title(option)
-    return USUAL if option is None else f"{option:g}"
+    return DEFAULT_VALUE_TEXT if option is None else f"{option:g}"

@@ -141,15 +141,15 @@ class ResultFolder:
         >>> temp.cleanup()
     """
 
-    def __init__(self, out: Path, *, is_kept: bool = False) -> None:
+    def __init__(self, out: Path, *, is_incremental: bool = False) -> None:
         """Prepare the staging folder of a run.
 
         Args:
-            is_kept: publish each file as soon as it is complete and keep it if the run fails; by
-                default all files are published at the end, or none.
+            is_incremental: publish each file as soon as it is complete and keep it if the run
+                fails; by default all files are published at the end, or none.
         """
         self.out = out
-        self.is_kept = is_kept
+        self.is_incremental = is_incremental
         self._names: list[str] = []
         self._held = lock_folder(out)
         self._staging = out / f"{UNFINISHED}{os.getpid()}-{secrets.token_hex(4)}"
@@ -173,7 +173,7 @@ class ResultFolder:
         """
         if name not in self._names:
             self._names.append(name)
-        path = (self.out if grows and self.is_kept else self._staging) / name
+        path = (self.out if grows and self.is_incremental else self._staging) / name
         path.parent.mkdir(exist_ok=True)
         return path
 
@@ -181,7 +181,7 @@ class ResultFolder:
         """Mark a file written at `path` as complete, and return its name."""
         below = self._staging if path.is_relative_to(self._staging) else self.out
         name = path.relative_to(below).as_posix()
-        if self.is_kept and below == self._staging:
+        if self.is_incremental and below == self._staging:
             self._move(name)
         return name
 
@@ -201,7 +201,7 @@ class ResultFolder:
     def publish(self) -> tuple[Path, ...]:
         """Move every file to its final path, and return these paths."""
         for name in self._names:
-            if not self.is_kept or (self._staging / name).exists():
+            if not self.is_incremental or (self._staging / name).exists():
                 self._move(name)
         return tuple(self.out / name for name in self._names)
 

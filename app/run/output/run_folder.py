@@ -47,7 +47,7 @@ NO_RUN = (
 DAMAGED = "{name} of this run is damaged: {why}; take the run's folder or zip as it was written."
 MAX_RUN_BYTES = 20_000_000
 MAX_ROWS, MAX_FINDINGS, MAX_TEXT = 512, 5_000, 2_000
-GRAVEST = 3
+NUM_TOP_FINDINGS = 3
 _MAX_LIST_BYTES = 300_000
 """Maximum size (bytes) of the directory of a zip that is read."""
 
@@ -76,7 +76,7 @@ RowFileKind = Literal["motion", "frames", "plan", "performed", "video", "told", 
 """Kind of a row's file. ``plan`` is the plan in the player, ``performed`` the plan that the system
 followed; ``told`` is the data of the plan editor; ``windows``, which stay in their folder, are the
 generation state that a take starts from."""
-Kind = Literal["generated", "given"]
+RunKind = Literal["generated", "given"]
 State = Literal["running", "done", "failed", "cancelled"]
 
 
@@ -161,7 +161,7 @@ class RunRecord(_Strict):
     state: State = "running"
     sentence: Text = ""
     """Final status message, or the reason of a failure."""
-    kind: Kind
+    kind: RunKind
     title: Text = ""
     request: Annotated[dict[Name, Any], Field(max_length=80)] = {}
     """Request of the run, by its parts, with names in place of paths."""
@@ -235,8 +235,8 @@ class RunRecord(_Strict):
     def top_findings(self) -> list[FindingRecord]:
         """The most severe findings, and the statement on motions that have none."""
         return [
-            *self.findings[:GRAVEST],
-            *(each for each in self.findings[GRAVEST:] if not each.name),
+            *self.findings[:NUM_TOP_FINDINGS],
+            *(each for each in self.findings[NUM_TOP_FINDINGS:] if not each.name),
         ]
 
     def label(self, name: str) -> str:

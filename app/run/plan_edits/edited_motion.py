@@ -139,7 +139,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
     sample = SampleName.parse(of)
     system = get_system(sample.system, sampling.weights)
     speech = load_speech(sound, SpeechLimits(max_s=request.max_speech_s))
-    with ResultFolder(request.run, is_kept=True) as folder:
+    with ResultFolder(request.run, is_incremental=True) as folder:
         options = generation_options(sampling, system, samples=1, first_sample=sample.number - 1)
         before = _ready(request.run, start, system, speech, options, plan, words, callbacks)
         if not request.edits:

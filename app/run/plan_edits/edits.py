@@ -41,8 +41,8 @@ AT_S = 0.05
 STEP_S = 0.1
 """Step (s) of the search for the nearest free place."""
 Values = Mapping[str, Any]
-Said = Sequence[Word]
-Does = Callable[[GesturePlan, Values, Said], PlanResult]
+Words = Sequence[Word]
+ApplyEdit = Callable[[GesturePlan, Values, Words], PlanResult]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class EditKind:
     """Kind of edit: its function, and the validator of its values."""
 
     reader: TypeAdapter
-    does: Does
+    does: ApplyEdit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ def parse_edits(message: object) -> tuple[Edit, ...]:
     return tuple(_edit(one) for one in message)
 
 
-def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> PlanResult:
+def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Words) -> PlanResult:
     """Apply all edits in order, and return the plan with notes on corrections.
 
     Args:
@@ -132,7 +132,7 @@ def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Said) -> PlanRe
     return done
 
 
-def suggest_edits(plan: GesturePlan, edit: Edit, words: Said) -> tuple[EditSuggestion, ...]:
+def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSuggestion, ...]:
     """Return alternatives to an edit that has no time for its gesture; empty if it can be done.
 
     They are the nearest free place, and the replacement of the gesture in the way, as far as each
@@ -203,7 +203,7 @@ def _gesture(values: Values) -> Gesture:
     return Gesture(values["side"], values["lands"])
 
 
-def _place(values: Values, words: Said) -> tuple[float, str | None]:
+def _place(values: Values, words: Words) -> tuple[float, str | None]:
     """Return the stroke end (s), and its word if the edit names one."""
     if "word" not in values:
         return values["at"], None
@@ -213,15 +213,15 @@ def _place(values: Values, words: Said) -> tuple[float, str | None]:
     return editing.stroke_time_on_word(word), word.text.lower()[:80]
 
 
-def _said_at(words: Said, at_s: float) -> str:
+def _said_at(words: Words, at_s: float) -> str:
     """Return the word at a time, or ""."""
     return next((each.text.lower()[:80] for each in words if each.start_s <= at_s < each.end_s), "")
 
 
-def _of_both(change: Callable[..., PlanResult], *names: str) -> Does:
+def _of_both(change: Callable[..., PlanResult], *names: str) -> ApplyEdit:
     """Make an edit that changes a gesture, and the other hand's part in it."""
 
-    def does(plan: GesturePlan, message: Values, words: Said) -> PlanResult:
+    def does(plan: GesturePlan, message: Values, words: Words) -> PlanResult:
         gesture, values = _gesture(message), [message[name] for name in names]
         partner = editing.other_hand_gesture(plan, gesture)
         done = change(plan, gesture, *values)
@@ -230,7 +230,7 @@ def _of_both(change: Callable[..., PlanResult], *names: str) -> Does:
     return does
 
 
-def _move(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+def _move(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     lands_s, word = _place(values, words)
     if word is None:
         word = _said_at(words, lands_s)
@@ -239,12 +239,12 @@ def _move(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
     return moved(plan, values, words)
 
 
-def _add(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+def _add(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     lands_s, word = _place(values, words)
     return editing.add_gesture(plan, values["kind"], lands_s, values.get("hands"), word or "")
 
 
-def _end(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+def _end(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     """Move the end of a phase, of both hands if they share it, and update words of strokes."""
     side, by_s = cast(Side, values["side"]), values["at"] - values["ends"]
     done = editing.move_phase_end(plan, side, values["ends"], values["at"])
@@ -266,14 +266,14 @@ def _end(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
     return replace(done, plan=new)
 
 
-def _look(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+def _look(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     end_s = min(plan.duration_s, values["at"] + values.get("lasts", LOOK_S))
     if end_s <= values["at"]:
         raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; a look begins before.")
     return editing.with_event(plan, Gaze(values["at"], end_s, values["yaw"], values["pitch"]))
 
 
-def _remove(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+def _remove(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     def off(event: Span | Point) -> float:
         return abs(event.start_s - values["at"])
 
@@ -285,12 +285,12 @@ def _remove(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
     return PlanResult(replace(plan, **{values["list"]: left}))
 
 
-def _style(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+def _style(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     numbers = {name: value for name, value in values.items() if name != "excite"}
     return StyleChange(numbers, excite=values.get("excite", 0.0)).apply(plan, words)
 
 
-def _plan(plan: GesturePlan, values: Values, words: Said) -> PlanResult:
+def _plan(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     """Replace the whole plan by another one of the same length."""
     name = f"plan{printable(Path(values['name']).suffix.lower())[:12]}"
     check_ending(Path(name))
@@ -302,7 +302,7 @@ _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 _Second = Annotated[float, Field(ge=0, le=3600, strict=True)]
 
 
-def _kind(does: Does, **values: Any) -> EditKind:
+def _kind(does: ApplyEdit, **values: Any) -> EditKind:
     told = with_config(_STRICT)(TypedDict("Values", values))  # pyright: ignore
     return EditKind(TypeAdapter(told), does)
 

@@ -21,10 +21,21 @@ OLD_NAMES: Mapping[str, str] = {
     "told": "import_overrides",
     "take": "live_recording",
     "opened": "source_run",
+    "shown": "visible",
+    "is_kept": "is_incremental",
 }
 """Former names of fields, which programs and files may still use."""
 PRIVATE_FIELDS = frozenset(
-    ("out", "weights", "body", "is_kept", "source_run", "live_recording", "title", "max_frames")
+    (
+        "out",
+        "weights",
+        "body",
+        "is_incremental",
+        "source_run",
+        "live_recording",
+        "title",
+        "max_frames",
+    )
 )
 """Fields that no file of a run contains: locations of files, and what users do not choose."""
 

@@ -341,7 +341,7 @@ class MotionInput:
     known."""
     overlap: int = 0
     """Overlap of these windows in frames."""
-    shown: Annotated[Names, arg(name="show", help_behavior_hint="")] = ()
+    visible: Annotated[Names, arg(name="show", help_behavior_hint="")] = ()
     """Motions to show in figures and viewer, by file name, if there are more than six; by default
     the first six. Metrics are computed for all."""
     max_frames: Suppress[int | None] = None
@@ -451,7 +451,7 @@ class OutputOptions:
     """True to draw Figure 6 and the figure on the sources of jitter."""
     title: Suppress[str] = ""
     """Title of the run; by default composed from its inputs."""
-    is_kept: Suppress[bool] = False
+    is_incremental: Suppress[bool] = False
     """Publish each file as soon as it is complete and keep it if the run fails. By default all
     files are published at the end, or none."""
 
@@ -478,7 +478,7 @@ class ExperimentOutput:
     """Folder of results."""
     figure_forms: FigureForms = FORMS
     """File formats of the figure."""
-    is_kept: Suppress[bool] = False
+    is_incremental: Suppress[bool] = False
     """True to publish each file as soon as it is complete and keep it if the task fails."""
 
 

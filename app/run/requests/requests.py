@@ -431,7 +431,7 @@ class StepSweepRequest:
 class ViewerVideoRequest:
     """Request to render a video of the page's viewer."""
 
-    seen: ViewerState
+    viewer: ViewerState
     """State of the viewer: bodies, camera and display options."""
     motions: tuple[Path, ...]
     """Motion file of each body."""

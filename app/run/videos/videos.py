@@ -45,7 +45,7 @@ from renderer.video.render import (
 )
 from renderer.video.workers import RenderJob, draw_jobs
 
-OnFile = Callable[..., None]
+FileCallback = Callable[..., None]
 """Callback with the signature of `app.run.run_writer.RunWriter.add_files`."""
 PictureKey = tuple[str, View]
 """Name of a motion, and view."""
@@ -159,7 +159,7 @@ def draw_rows(
     on_share: Callable[[float], None],
     folder: ResultFolder,
     speech: Path | None,
-    on_file: OnFile,
+    on_file: FileCallback,
 ) -> None:
     """Render a video of each row of a run in each view; see `draw_videos`.
 
@@ -359,7 +359,7 @@ def comparison_video(
     wav: Path | None,
     folder: ResultFolder,
     callbacks: RunCallbacks,
-    on_file: OnFile,
+    on_file: FileCallback,
 ) -> Iterator[None]:
     """Join the videos of rows side by side, with one sound track, while the block runs.
 

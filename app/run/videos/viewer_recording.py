@@ -49,23 +49,23 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
         Cancelled: if the caller has cancelled.
         RunError, MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
-    seen = request.seen
+    viewer = request.viewer
     callbacks.progress_callback("video")(0.0)
     motions = [align_to_origin(load_motion(path)) for path in request.motions]
-    longest, notes = _longest(motions, seen)
+    longest, notes = _longest(motions, viewer)
     motions = [motion.part(slice(longest)) for motion in motions]
-    shown = {str(i): motions[number] for i, number in enumerate(seen.shown)}
+    visible = {str(i): motions[number] for i, number in enumerate(viewer.visible)}
     bases = {
-        i: smooth_motion(motion) if seen.is_smoothed else motion for i, motion in shown.items()
+        i: smooth_motion(motion) if viewer.is_smoothed else motion for i, motion in visible.items()
     }
     body = get_body(request.body)
-    tip = make_tracked_point(request.body, seen.look.point)
-    room = _Room.of(seen)
+    tip = make_tracked_point(request.body, viewer.look.point)
+    room = _Room.of(viewer)
     with ResultFolder(request.out) as folder:
         parts = folder.scratch("parts")
         parts.mkdir()
-        pictures = room.pictures if seen.mode != "grid" else room.pictures * len(bases)
-        raw = {i: body_motion(motion) for i, motion in shown.items()}
+        pictures = room.pictures if viewer.mode != "grid" else room.pictures * len(bases)
+        raw = {i: body_motion(motion) for i, motion in visible.items()}
         try:
             draw_videos(
                 bases,
@@ -76,7 +76,7 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
                 callbacks.progress_callback("video", _DRAWN),
                 framed=motions,
                 layouts=dict(zip(bases, pictures, strict=True)),
-                move_cameras=lambda jobs: _seen_from_there(jobs, raw, body, seen),
+                move_cameras=lambda jobs: _seen_from_there(jobs, raw, body, viewer),
                 crf=_FINE_CRF,
             )
         except RunError as error:
@@ -84,7 +84,7 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
         _compose(
             request,
             [parts / f"{i}.mp4" for i in bases],
-            [seen.bodies[number].label for number in seen.shown],
+            [viewer.bodies[number].label for number in viewer.visible],
             room,
             folder,
             callbacks.progress_callback("video", 1 - _DRAWN, _DRAWN),
@@ -93,15 +93,15 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
     callbacks.report_progress("video", 1.0)
     return ViewerVideo(
         video,
-        max(motion.num_frames for motion in shown.values()),
-        (*notes, NO_LINES) if seen.look.has_bones or seen.look.has_axes else notes,
+        max(motion.num_frames for motion in visible.values()),
+        (*notes, NO_LINES) if viewer.look.has_bones or viewer.look.has_axes else notes,
     )
 
 
 def _longest(motions: Sequence[Motion], viewer: ViewerState) -> tuple[int, tuple[str, ...]]:
     """Return the number of frames that can be rendered in reasonable time, and notes on the cut."""
-    limit = MAX_FRAMES // len(viewer.shown)
-    if max(motions[i].num_frames for i in viewer.shown) <= limit:
+    limit = MAX_FRAMES // len(viewer.visible)
+    if max(motions[i].num_frames for i in viewer.visible) <= limit:
         return max(motion.num_frames for motion in motions), ()
     return limit, (
         f"The video shows the first {limit / FPS:.0f} s: all its bodies together may have "
@@ -111,7 +111,7 @@ def _longest(motions: Sequence[Motion], viewer: ViewerState) -> tuple[int, tuple
 
 def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
     """Return the video options that match the viewer."""
-    look = request.seen.look
+    look = request.viewer.look
     return VideoOptions(
         body=request.body,
         display=look.display,
@@ -172,8 +172,8 @@ class _Room:
     @classmethod
     def of(cls, viewer: ViewerState) -> _Room:
         width, height = viewer.size
-        columns = min(viewer.columns, len(viewer.shown)) if viewer.mode == "grid" else 1
-        rows = -(-len(viewer.shown) // columns) if viewer.mode == "grid" else 1
+        columns = min(viewer.columns, len(viewer.visible)) if viewer.mode == "grid" else 1
+        rows = -(-len(viewer.visible) // columns) if viewer.mode == "grid" else 1
         scale = min(MAX_WIDTH_PX / (columns * width), MAX_HEIGHT_PX / (rows * height), MAX_ENLARGED)
         band = band_height(round(scale * min(width, height)))
         scale *= min(1.0, (MAX_HEIGHT_PX / rows - band) / (scale * height))
@@ -206,11 +206,11 @@ def _compose(
     on_progress: Callable[[float], None],
 ) -> None:
     """Join the videos into one with their labels."""
-    mode, pair = request.seen.mode, None
+    mode, pair = request.viewer.mode, None
     if mode != "grid":
         body, *beside = room.pictures[1]
-        edge = round(request.seen.wipe * body.width)
-        inks = [request.seen.bodies[number].color for number in request.seen.shown]
+        edge = round(request.viewer.wipe * body.width)
+        inks = [request.viewer.bodies[number].color for number in request.viewer.visible]
         pair = Pair(mode, room.width, room.height, body, tuple(beside), edge, inks)
         labels = [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]
     compose_videos(

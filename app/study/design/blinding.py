@@ -78,7 +78,7 @@ def lists_by_id(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
     """Return the pages of each list: trial id and ids of its videos (none for checks)."""
     trials, names = tuple(key.trials), stimulus_ids(key)
     return [
-        [(trials[page.trial], [names[each] for each in page.shown]) for page in pages]
+        [(trials[page.trial], [names[each] for each in page.stimuli]) for page in pages]
         for pages in design.lists
     ]
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlencode, urlsplit
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
@@ -101,7 +101,7 @@ class AttentionRule:
     """Most attention checks that an included participant may fail."""
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True, config=ConfigDict(**STRICT, validate_by_name=True))
 class Key:
     """Everything that participants must not know; consistent, without dangling ids."""
 
@@ -125,7 +125,7 @@ class Key:
     first."""
     link_secret: Text | None = None
     """Secret that signs participants' links; None if answers need no links."""
-    made_of: Text | None = None
+    inputs_digest: Annotated[Text | None, Field(alias="made_of")] = None
     """Digest of plan, files and weights, by which an interrupted export is resumed."""
     format: Literal[1] = 1
 
@@ -226,7 +226,7 @@ def read_key(path: Path) -> Key:
 
 def write_key(key: Key, path: Path) -> None:
     """Write the key atomically; only its owner may read it."""
-    written = {"format": key.format, **adapter(Key).dump_python(key, mode="json")}
+    written = {"format": key.format, **adapter(Key).dump_python(key, mode="json", by_alias=True)}
     for trial in written["trials"].values():
         if trial["expected"] is None:
             del trial["expected"]

@@ -41,7 +41,7 @@ class Page:
 
     trial: int
     """Index into `Design.trials`."""
-    shown: tuple[Stimulus, ...]
+    stimuli: tuple[Stimulus, ...]
 
 
 @dataclass(frozen=True)
@@ -252,12 +252,12 @@ def measure_balance(design: Design) -> Balance:
         kind = "matched" if stimulus.is_matched else "mismatched"
         return f"{stimulus.system} ({kind})" if is_matched else stimulus.system
 
-    lists = [[page for page in pages if page.shown] for pages in design.lists]
+    lists = [[page for page in pages if page.stimuli] for pages in design.lists]
     rows = [
-        (number, place, page.trial, stimulus, label(stimulus), float(first == 0), len(page.shown))
+        (number, place, page.trial, stimulus, label(stimulus), float(first == 0), len(page.stimuli))
         for number, pages in enumerate(lists)
         for place, page in enumerate(pages)
-        for first, stimulus in enumerate(page.shown)
+        for first, stimulus in enumerate(page.stimuli)
     ]
     names = ["list", "place", "trial", "video", "condition", "is_first", "count"]
     videos = pd.DataFrame(rows, columns=names)
@@ -300,13 +300,13 @@ def study_size(plan: Plan, design: Design) -> tuple[int, str]:
     """Return the minutes of the longest list, and a sentence on duration, pages and votes."""
     length_s = plan.length_s or DEFAULT_LENGTH_S
     seconds = max(
-        sum(len(page.shown) * length_s + ANSWER_S for page in pages) for pages in design.lists
+        sum(len(page.stimuli) * length_s + ANSWER_S for page in pages) for pages in design.lists
     )
     num_shown = 2 if plan.protocol == "pairwise" else 1
     names = sorted(system.name for system in plan.systems)
     votes = Counter({group: 0 for group in itertools.combinations(names, num_shown)})
     for page in itertools.chain.from_iterable(design.lists):
-        shown = sorted({stimulus.system for stimulus in page.shown})
+        shown = sorted({stimulus.system for stimulus in page.stimuli})
         votes.update(itertools.combinations(shown, num_shown))
     fewest, most = min(votes.values()), max(votes.values())
     vote, whom = _UNITS_OF_TRIAL[KIND_OF_PROTOCOL[plan.protocol]]

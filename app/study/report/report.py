@@ -50,7 +50,7 @@ def page_of(
             key=key,
             collected=collected,
             screened=screened,
-            skipped=[pages for one in screened.kept if (pages := skipped_by(one))],
+            skipped=[pages for one in screened.included if (pages := skipped_by(one))],
             balance=balance,
             results=results,
             results_with_all=results_with_all,
@@ -220,8 +220,8 @@ def participants_csv(key: Key, screened: Screened) -> str:
     rows: list[Sequence[object]] = [
         ("file", "participant", *key.panel_ids, "list", *_COLUMNS_OF_PARTICIPANTS)
     ]
-    states = [(one, "yes", "") for one in screened.kept]
-    states += [(each.participant, "no", each.why) for each in screened.dropped]
+    states = [(one, "yes", "") for one in screened.included]
+    states += [(each.participant, "no", each.why) for each in screened.excluded]
     states += [(each.participant, "implausible", each.why) for each in screened.set_aside]
     for one, counts, why in states:
         ids = (one.panel.get(name, "") for name in key.panel_ids)

@@ -38,11 +38,11 @@ Count = Annotated[int, Field(ge=0, le=10**9)]
 Time = Annotated[datetime, AfterValidator(lambda t: t if t.tzinfo else t.replace(tzinfo=UTC))]
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True, config=ConfigDict(**STRICT, validate_by_name=True))
 class Answer:
     trial: Text
     question: Text
-    shown: Ids
+    videos: Annotated[Ids, Field(validation_alias="shown")]
     """Blind ids from left to right."""
     value: Any
     """Blind id or `TIE`; blind ids, best first; or ratings by blind id; anything in attention
@@ -174,24 +174,24 @@ def _answer_error(answer: Answer, key: Key, trials: Sequence[str]) -> str | None
         return "its trial does not ask that question"
     if trial.expected is not None:
         return None
-    if sorted(answer.shown) != sorted(trial.videos):
+    if sorted(answer.videos) != sorted(trial.videos):
         return "the videos shown are not those of its trial"
     if answer.skipped is not None:
-        return None if answer.skipped in answer.shown else "it skips a video that was not shown"
+        return None if answer.skipped in answer.videos else "it skips a video that was not shown"
     if answer.watched < 1:
         return "a video was not watched to its end"
     return _fault_of_value(answer, key.question_by_id[answer.question])
 
 
 def _fault_of_value(answer: Answer, question: Question) -> str | None:
-    shown, value = answer.shown, answer.value
+    videos, value = answer.videos, answer.value
     if question.kind == "choice":
-        return None if value in (*shown, TIE) else "the answer is not among the videos shown"
+        return None if value in (*videos, TIE) else "the answer is not among the videos shown"
     if question.kind == "ranking":
         is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
-        if not is_list or sorted(value) != sorted(shown):
+        if not is_list or sorted(value) != sorted(videos):
             return "the ranking does not hold each video shown once"
-    elif not isinstance(value, dict) or set(value) != set(shown):
+    elif not isinstance(value, dict) or set(value) != set(videos):
         return "the ratings are not those of the videos shown"
     elif not all(is_number(item) and 0 <= item <= HIGHEST_RATING for item in value.values()):
         return f"a rating is not between 0 and {HIGHEST_RATING}"

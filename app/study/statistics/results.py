@@ -243,7 +243,7 @@ def balance_reached(participants: Sequence[Participant], key: Key) -> BalanceRea
         for answer in participant.answers:
             if key.trials[answer.trial].expected is None and answer.skipped is None:
                 place = place_of[answer.trial] / max(1, len(trials) - 1)
-                systems = [key.videos[video].system for video in answer.shown]
+                systems = [key.videos[video].system for video in answer.videos]
                 rows += [(system, systems[0] == system, place) for system in set(systems)]
     table = pd.DataFrame(rows, columns=["system", "first", "place"])
     used = Counter(participant.list_number for participant in participants)

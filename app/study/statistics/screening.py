@@ -43,8 +43,8 @@ class ExcludedParticipant:
 class Screened:
     """Included and excluded participants."""
 
-    kept: tuple[Participant, ...]
-    dropped: tuple[ExcludedParticipant, ...] = ()
+    included: tuple[Participant, ...]
+    excluded: tuple[ExcludedParticipant, ...] = ()
     set_aside: tuple[ExcludedParticipant, ...] = ()
     """Finished and attentive participants without a valid link, if the study has links, or with
     implausible answers.
@@ -59,25 +59,25 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
     failed.
     """
     included: list[Participant] = []
-    dropped: list[ExcludedParticipant] = []
+    excluded: list[ExcludedParticipant] = []
     for one in participants:
         failed = failed_checks(one, key)
         if one.finished is None:
             trials, whole = {answer.trial for answer in one.answers}, key.lists[one.list_number]
-            dropped.append(
+            excluded.append(
                 ExcludedParticipant(one, f"not finished ({len(trials)} of {len(whole)} trials)")
             )
         elif failed > key.max_failed:
             why = f"attention checks: {failed} failed, {key.max_failed} allowed"
-            dropped.append(ExcludedParticipant(one, why))
+            excluded.append(ExcludedParticipant(one, why))
         else:
             included.append(one)
     doubted = _link_doubts(included, key)
     doubted |= _panel_doubts([one for one in included if one.id not in doubted], key)
     doubted |= implausible_answers([one for one in included if one.id not in doubted], key)
     return Screened(
-        kept=tuple(one for one in included if one.id not in doubted),
-        dropped=tuple(dropped),
+        included=tuple(one for one in included if one.id not in doubted),
+        excluded=tuple(excluded),
         set_aside=tuple(
             ExcludedParticipant(one, doubted[one.id]) for one in included if one.id in doubted
         ),
@@ -108,47 +108,47 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
     If a link was used several times with different answers, none counts: its owner can write any
     time.
     """
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     used: dict[str, list[Participant]] = defaultdict(list)
     for one in participants:
         if (why := key.link_error(one.link, one.list_number)) is not None:
-            found[one.id] = why
+            reasons[one.id] = why
         elif key.link_secret is not None and one.link is not None:
             used[one.link].append(one)
     for first, *others in used.values():
         are_copies = all(_content(one) == _content(first) for one in others)
         for one in others if are_copies else (first, *others) if others else ():
             other = others[0] if one is first else first
-            found[one.id] = f"the link was used by {other.source} too"
-    return found
+            reasons[one.id] = f"the link was used by {other.source} too"
+    return reasons
 
 
 def _panel_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
     """Return by participant why they repeat another one: the same panel id, finished later."""
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     first: dict[str, Participant] = {}
     own = key.panel_ids[0] if key.panel_ids else ""
     for one in sorted(participants, key=lambda one: one.finished or one.started):
         if (value := one.panel.get(own)) is not None:
             earlier = first.setdefault(value, one)
             if earlier is not one:
-                found[one.id] = f"the same {own} as {earlier.source}, which was finished earlier"
-    return found
+                reasons[one.id] = f"the same {own} as {earlier.source}, which was finished earlier"
+    return reasons
 
 
 def implausible_answers(participants: Sequence[Participant], key: Key) -> dict[str, str]:
     """Return by participant why the answers are implausible; no entry for the others."""
-    found = {}
-    seen: dict[tuple, str] = {}
+    reasons = {}
+    sources: dict[tuple, str] = {}
     for one in participants:
         why = _implausibility(one, key)
         if len(one.answers) >= MIN_COPIED_ANSWERS:
-            first = seen.setdefault(_content(one), one.source)
+            first = sources.setdefault(_content(one), one.source)
             if first != one.source:
                 why = why or f"identical answers and response times as {first}"
         if why:
-            found[one.id] = why
-    return found
+            reasons[one.id] = why
+    return reasons
 
 
 def _implausibility(participant: Participant, key: Key) -> str | None:
@@ -161,7 +161,7 @@ def _implausibility(participant: Participant, key: Key) -> str | None:
         if key.trials[one.trial].expected is None and one.skipped is None
     ]
     spent = {one.trial: one.ms / 1000 for one in judged}
-    lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.shown) for one in judged}
+    lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.videos) for one in judged}
     hasty = sum(spent[trial] < TOLERANCE * lasts[trial] for trial in spent)
     if hasty > MAX_FAST_SHARE * len(spent):
         return f"{hasty} of {len(spent)} trials answered faster than the videos last"
@@ -191,11 +191,11 @@ def _implausibility(participant: Participant, key: Key) -> str | None:
 def _place(answer: Answer) -> object:
     """Return the answer as a position on the screen; None for a tie, which has no position."""
     if isinstance(answer.value, dict):
-        ratings = [answer.value.get(video) for video in answer.shown]
+        ratings = [answer.value.get(video) for video in answer.videos]
         return tuple(ratings) if len(set(ratings)) > 1 else None
     if isinstance(answer.value, list):
-        return tuple(answer.shown.index(video) for video in answer.value)
-    return None if answer.value == TIE else answer.shown.index(answer.value)
+        return tuple(answer.videos.index(video) for video in answer.value)
+    return None if answer.value == TIE else answer.videos.index(answer.value)
 
 
 def _content(participant: Participant) -> tuple:

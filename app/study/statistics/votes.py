@@ -43,7 +43,7 @@ def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd
     """Return votes between two systems, also implied by rankings, or two speeches of a system."""
     rows = []
     for *about, answer in _judged(participants, key, question):
-        names = [_name(key, video) for video in answer.shown]
+        names = [_name(key, video) for video in answer.videos]
         facts = SMOOTHNESS in answer.reasons, 2.0 if answer.is_strong else 1.0
         if isinstance(answer.value, list):
             place = {_name(key, video): place for place, video in enumerate(answer.value)}
@@ -53,7 +53,7 @@ def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd
                 for one, other in itertools.combinations(ranked, 2)
             ]
         elif isinstance(answer.value, str) and len(names) == 2 and names[0] != names[1]:
-            score = 0.5 if answer.value == TIE else float(answer.value == answer.shown[0])
+            score = 0.5 if answer.value == TIE else float(answer.value == answer.videos[0])
             rows.append((*about, *names, score, *facts))
     return pd.DataFrame(rows, columns=list(VOTES))
 
@@ -121,8 +121,8 @@ def battles_of(participants: Sequence[Participant], key: Key) -> pd.DataFrame:
     for question in key.questions:
         for rater, _, clip, answer in _judged(participants, key, question.id):
             if question.kind == "choice":
-                names = [_name(key, video) for video in answer.shown]
-                winner = "model_a" if answer.value == answer.shown[0] else "model_b"
+                names = [_name(key, video) for video in answer.videos]
+                winner = "model_a" if answer.value == answer.videos[0] else "model_b"
                 winner = "tie" if answer.value == TIE else winner
                 juice = [_LEADERBOARD_REASONS.get(reason, reason) for reason in answer.reasons]
                 listed = json.dumps(juice, separators=(",", ":")) if juice else "{}"
@@ -158,17 +158,17 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant
     videos, trials = {}, {}
     answers: dict[str, list[Answer]] = {user: [] for user in table["user"]}
     for row in table.to_dict("records"):
-        clip, shown = row["input_code"], []
+        clip, pair = row["input_code"], []
         for model in (row["model_a"], row["model_b"]):
             is_other = is_matched and model.endswith(MISMATCHED)
             system = model.removesuffix(MISMATCHED) if is_other else model
             speech = ("another" if is_other else clip) if is_matched else None
             videos[f"{clip}/{model}"] = Video(system, clip, speech, "front", "unknown")
-            shown.append(f"{clip}/{model}")
-        trial = " against ".join(sorted(shown))
+            pair.append(f"{clip}/{model}")
+        trial = " against ".join(sorted(pair))
         kind = "match" if is_matched else "pair"
-        trials[trial] = Trial(kind, clip, tuple(sorted(shown)), (question.id,))
-        winners = {"model_a": shown[0], "model_b": shown[1], "tie": TIE}
+        trials[trial] = Trial(kind, clip, tuple(sorted(pair)), (question.id,))
+        winners = {"model_a": pair[0], "model_b": pair[1], "tie": TIE}
         if row["winner"] not in winners:
             raise ValueError(f"{row['winner']!r} is not a winner")
         juice = row.get("juiceOptions", "")
@@ -178,7 +178,7 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant
             Answer(
                 trial,
                 question.id,
-                shown=tuple(shown),
+                videos=tuple(pair),
                 value=winners[row["winner"]],
                 reasons=reasons,
                 is_strong=strong,

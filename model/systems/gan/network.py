@@ -44,8 +44,8 @@ def diffuse(
     now: Float[Tensor, " B"],
 ) -> Float[Tensor, "B T C"]:
     """Diffuse x from the earlier time ``before`` to ``now``; data is at 0."""
-    kept = _rows(_kept(before, now))
-    return kept.sqrt() * x + (1 - kept).sqrt() * noise
+    share = _rows(_variance_share(before, now))
+    return share.sqrt() * x + (1 - share).sqrt() * noise
 
 
 def posterior(
@@ -58,12 +58,12 @@ def posterior(
 
     At ``before`` 0 they are x_0 and 0.
     """
-    kept = _kept(before, now)
+    share = _variance_share(before, now)
     signal_before, noise_before = diffusion_factors(before)
     _, noise_now = diffusion_factors(now)
-    share_0 = signal_before * (1 - kept) / noise_now**2
-    share_now = kept.sqrt() * noise_before**2 / noise_now**2
-    deviation = (1 - kept).sqrt() * noise_before / noise_now
+    share_0 = signal_before * (1 - share) / noise_now**2
+    share_now = share.sqrt() * noise_before**2 / noise_now**2
+    deviation = (1 - share).sqrt() * noise_before / noise_now
     return _rows(share_0) * x_0 + _rows(share_now) * x_now, _rows(deviation)
 
 
@@ -78,7 +78,7 @@ def diffusion_times(steps: int) -> list[float]:
     return [(steps - k) / steps for k in range(steps)] + [0.0]
 
 
-def _kept(before: Float[Tensor, "*#batch"], now: Float[Tensor, "*#batch"]) -> Tensor:
+def _variance_share(before: Float[Tensor, "*#batch"], now: Float[Tensor, "*#batch"]) -> Tensor:
     """Compute the share of the variance at ``before`` that is left at ``now``."""
     signal_before, _ = diffusion_factors(before)
     signal_now, _ = diffusion_factors(now)

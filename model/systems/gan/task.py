@@ -21,7 +21,7 @@ from model.training.parallel import ShardedRandom, compiled
 from model.training.targets import fit_motion_prior, network_conditions, prepare_targets
 from model.training.task import SingleNetworkTask, StepLoss, TaskSetup
 
-FAR = 5.0
+MAX_DEVIATIONS = 5.0
 
 
 def discriminator_loss(real: Float[Tensor, " B"], fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
@@ -37,8 +37,8 @@ def generator_loss(fake: Float[Tensor, " B"]) -> Float[Tensor, " B"]:
 def gaussian_loss(
     error: Float[Tensor, "*shape"], deviation: Float[Tensor, "*shape"]
 ) -> Float[Tensor, ""]:
-    """Compute the negative log-likelihood of errors, clipped at `FAR` of their deviations."""
-    ratio = (error / deviation).clamp(-FAR, FAR)
+    """Compute the negative log-likelihood of errors, clipped at `MAX_DEVIATIONS`."""
+    ratio = (error / deviation).clamp(-MAX_DEVIATIONS, MAX_DEVIATIONS)
     return (deviation.log() + ratio.square() / 2).mean()
 
 

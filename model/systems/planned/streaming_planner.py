@@ -24,7 +24,7 @@ from model.plan.kinds import FOLLOW_BEATS, KindTable, Place, Stroke, gesture_str
 from model.plan.plan import (
     PHASES,
     SIDES,
-    STILL,
+    STILL_PHASES,
     GesturePlan,
     HandPhase,
     Side,
@@ -40,7 +40,7 @@ NUM_KEPT_EVENTS = 3
 """Number of events of each tier that are stored from before that."""
 _TOGETHER_FRAMES = 5
 """Frames after a hand's preparation in which the other may start its own as well."""
-_MOVING = tuple(name for name in PHASES if name not in STILL)
+_MOVING = tuple(name for name in PHASES if name not in STILL_PHASES)
 _PREPARATION, _STROKE = (1 + PHASES.index(name) for name in ("preparation", "stroke"))
 _NUM_EVENTS = 1 + len(PHASES)
 _SMILE = 1 + CHAINS_BY_NAME["smile"].states.index("smile")
@@ -169,7 +169,9 @@ class StreamingPlanner:
         for phase in phases:
             begins = round(phase.start_s * FPS) + origin
             shaped = self.style.apply(phase)
-            if phase.phase in STILL and adapted:  # its end is not known yet, so it leads nowhere
+            if (
+                phase.phase in STILL_PHASES and adapted
+            ):  # its end is not known yet, so it leads nowhere
                 shaped = replace(shaped, goal=adapted[-1].goal)
             if begins < final:
                 goal = self._goals.setdefault((side, begins), shaped.goal)

@@ -104,7 +104,7 @@ def test_what_videos_show_is_asked_for_by_flags():
     given = asked("diagnose a.npz b.npz --out x --videos --start 5 --panels a,d --show a,b")
     assert given.motions.motions == (Path("a.npz"), Path("b.npz")) and given.output.has_video
     assert (given.figures.start_frame, given.figures.figure_panels) == (5, ("a", "d"))
-    assert given.motions.shown == ("a", "b")
+    assert given.motions.visible == ("a", "b")
     many = asked(
         "generate a.wav --systems all --steps x/a=2 --max-minutes 2 --channel left --out x"
     )

@@ -400,7 +400,7 @@ class ByHand(LiveSessions):
         return self.open(TOLD, cookie, tell or nothing, **more)
 
     def _hear(self, number: int, told: object) -> None:
-        self._ears.get(number, nothing)(told)
+        self._callbacks.get(number, nothing)(told)
 
     def _send(self, number: int, verb: str, told: object = None) -> None:
         self.performers.handle_message(number, verb, told)
@@ -483,7 +483,7 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
     monkeypatch.setattr(module, "KEEP_S", -1.0)
     with pytest.raises(RunError, match="no live recording"):
         sessions.save_recording(token, "mine", tmp_path)
-    assert not sessions.performers.ended and not sessions._ears
+    assert not sessions.performers.ended and not sessions._callbacks
 
 
 def test_a_fault_ends_its_own_session_only(sessions, monkeypatch, told):

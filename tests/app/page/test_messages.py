@@ -8,7 +8,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from app.page.parts.messages import PlayerValue
-from app.page.results.player import Showing, first_look
+from app.page.results.run_view import RunView, first_look
 from app.page.routes.media import Media
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import TIMELINE
@@ -20,9 +20,9 @@ from tests.helpers import ROOT
 
 
 def player_value() -> dict[str, Any]:
-    showing = Showing(FIRST_LOOK, lambda path: f"file/{path.name}")
-    showing.say("moved", state="working")
-    return showing.value()
+    run_view = RunView(FIRST_LOOK, lambda path: f"file/{path.name}")
+    run_view.set_editor_message("moved", state="working")
+    return run_view.player_value()
 
 
 def editor_data() -> dict[str, Any]:

@@ -42,8 +42,8 @@ class Page:
             status, message, name = gr.HTML(), gr.HTML(), gr.Textbox()
             runner = Lasting(jobs, self.work, status, message)
             outputs = [status, message]
-            run = runner.begins_on(gr.Button().click, [name], outputs=outputs, api_name="run")
-            runner.ends_on(gr.Button(), run, outputs)
+            run = runner.start_on(gr.Button().click, [name], outputs=outputs, api_name="run")
+            runner.cancel_on(gr.Button(), run, outputs)
             self.checked: list[str] = []
             checks = {"api_name": "check", "concurrency_id": CHECKS, "concurrency_limit": 1}
             gr.Button().click(self.check, [name], [], **checks)

@@ -53,7 +53,7 @@ class Runner(TabRunner):
 
         try:
             yield {self.status: "blank"}
-            yield {self.status: (yield from self.done(job, do, None, shares))}
+            yield {self.status: (yield from self.run_task(job, do, None, shares))}
         finally:
             self.has_ended = True
 
@@ -131,9 +131,12 @@ def test_cancel_is_no_error_and_clears_a_tab_only_whose_run_had_begun(jobs):
 def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops_with_its_visitor(
     jobs, speech
 ):
-    with jobs.opened("one", "generate") as job:
+    with jobs.open_job("one", "generate") as job:
         asked = generate_request(
-            speech=speech, out=job.folder / "out", systems=fakes.CATALOGUE.systems, is_kept=True
+            speech=speech,
+            out=job.folder / "out",
+            systems=fakes.CATALOGUE.systems,
+            is_incremental=True,
         )
 
         def do(callbacks: RunCallbacks) -> str:
@@ -154,9 +157,9 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
 
 def test_jobs_have_folders_of_their_own_and_are_stopped_by_tab_and_page(jobs):
     with (
-        jobs.opened("one", "generate") as first,
-        jobs.opened("one", "study") as second,
-        jobs.opened("two", "generate") as other,
+        jobs.open_job("one", "generate") as first,
+        jobs.open_job("one", "study") as second,
+        jobs.open_job("two", "generate") as other,
     ):
         folders = {job.folder for job in (first, second, other)}
         assert len(folders) == 3 and set(jobs.in_use()) == folders
@@ -203,7 +206,9 @@ def test_an_upload_stays_for_as_long_as_its_run_goes_on(jobs, tmp_path):
         sweep(tmp_path, 1000, jobs.in_use())
         return upload.exists()
 
-    with jobs.opened("visitor", "generate", "", ["a form", 3, [str(upload)], "/etc/passwd"]) as job:
+    with jobs.open_job(
+        "visitor", "generate", "", ["a form", 3, [str(upload)], "/etc/passwd"]
+    ) as job:
         assert jobs.in_use() == [job.folder, upload.parent] and aged()
         os.utime(job.folder, (0, 0))  # when the run began
     sweep(tmp_path, 1000, jobs.in_use())

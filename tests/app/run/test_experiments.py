@@ -34,7 +34,7 @@ from model.motion.tracks import track_points
 from model.sampling.samplers import clip_seed
 from model.speech.audio import load_speech, write_wav
 from model.systems.registry import list_systems
-from tests.app.heard import Heard
+from tests.app.recorded_callbacks import RecordedCallbacks
 from tests.app.requests import (
     rotation_noise_request,
     speech_effect_request,
@@ -60,14 +60,14 @@ def speeches(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ...]:
 def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     speeches: tuple[Path, ...], weights: Path, tmp_path: Path
 ) -> None:
-    heard = Heard()
+    callbacks = RecordedCallbacks()
     out = tmp_path / "out"
     asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "guidance": 4.0}
     both = ("bob", "ann")
     measure_speech_effect(
-        speech_effect_request(out=out, speeches=speeches, speakers=both, **asked), heard
+        speech_effect_request(out=out, speeches=speeches, speakers=both, **asked), callbacks
     )
-    assert heard.shares == pytest.approx([k / 8 for k in range(9)])
+    assert callbacks.shares == pytest.approx([k / 8 for k in range(9)])
     record = read_run(out)
     assert sorted(record.result_files) == [
         *(f"globaldiff-global__{stem}__{seed}.npz" for stem in ("one", "two") for seed in (0, 1)),
@@ -113,11 +113,11 @@ def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_ef
     asked: dict[str, Any] = {"systems": (WORLD,), "weights": weights, "speakers": ("bob", "ann")}
     for name, worth_s in (("here", models.WORTH_S), ("beside", 0.0)):
         monkeypatch.setattr(models, "WORTH_S", worth_s)
-        heard = Heard()
+        callbacks = RecordedCallbacks()
         measure_speech_effect(
-            speech_effect_request(out=tmp_path / name, speeches=speeches, **asked), heard
+            speech_effect_request(out=tmp_path / name, speeches=speeches, **asked), callbacks
         )
-        assert heard.shares == pytest.approx([k / 8 for k in range(9)])
+        assert callbacks.shares == pytest.approx([k / 8 for k in range(9)])
     here, beside = (read_run(tmp_path / name) for name in ("here", "beside"))
     assert here.result_files == beside.result_files
     motions = [name for name in here.result_files if name.endswith(".npz")]
@@ -234,11 +234,11 @@ def asked(tmp_path: Path) -> RotationNoiseRequest:
 def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
     asked: RotationNoiseRequest,
 ) -> None:
-    heard = Heard()
-    compare_rotation_noise(replace_fields(asked, noise_rad=0.05, has_video=True), heard)
+    callbacks = RecordedCallbacks()
+    compare_rotation_noise(replace_fields(asked, noise_rad=0.05, has_video=True), callbacks)
     frames = decoded_frames(asked.output.out / ROTATION_NOISE_VIDEO)
     assert len(frames) == 12 and frames.shape[2] == 2 * 192
-    shares = heard.shares
+    shares = callbacks.shares
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0, abs=0.1)
     record = read_run(asked.output.out)
     told = " ".join(record.notes)
@@ -294,9 +294,9 @@ def test_points_are_what_generation_and_measures_say(
 ) -> None:
     out = tmp_path / "out"
     asked: dict[str, Any] = {"speech": noise, "systems": (WORLD,), "weights": weights}
-    heard = Heard()
+    callbacks = RecordedCallbacks()
     ask = step_sweep_request(out=out, speaker="ann", seed=5, counts=(1, 3), **asked)
-    measure_step_sweep(ask, heard)
+    measure_step_sweep(ask, callbacks)
     table = json.loads((out / "steps.json").read_text())
     system, skeleton, speech = get_system(WORLD, weights), open_body_skeleton(), load_speech(noise)
     seed = clip_seed(5, speech.sha256)
@@ -312,7 +312,7 @@ def test_points_are_what_generation_and_measures_say(
     measures = diagnose({"a": one}, skeleton).systems["a"]
     assert table[0]["tip_jerk_m_s3"] == pytest.approx(measures.raw.point.tip_jerk_m_s3)
     assert all(point["ms_per_frame"] > 0 for point in table)
-    assert heard.shares == sorted(heard.shares) and heard.shares[-1] == 1.0
+    assert callbacks.shares == sorted(callbacks.shares) and callbacks.shares[-1] == 1.0
     endings = ("json", "csv", "png", "svg", "pdf", "txt")
     record = read_run(out)
     assert record.result_files == ["run.json", *(f"steps.{ending}" for ending in endings)]

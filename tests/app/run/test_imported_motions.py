@@ -46,8 +46,8 @@ from model.speech.audio import Speech, load_speech, write_wav
 from model.speech.transcript import Transcript, Word
 from renderer.body.body import load_body
 from renderer.video.encoder import probe_video
-from tests.app.heard import Heard
 from tests.app.measured import both, diagnostics_of
+from tests.app.recorded_callbacks import RecordedCallbacks
 from tests.app.requests import diagnose_request
 from tests.helpers import csv_rows, smooth_motion_example
 from tests.model.formats.made import BODY_JOINTS, FROM_Y, Person, turned
@@ -73,15 +73,15 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
         reference=reference, transcript=text, words="recognise", joint="left_wrist",
         start_frame=20, has_poses=False,
     )  # fmt: skip
-    heard = Heard()
-    found = run(request, heard)
+    callbacks = RecordedCallbacks()
+    found = run(request, callbacks)
     assert {path.name for path in request.output.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv"),
         *("run.json", "speech.wav", "timeline.json", "shown"),
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf", "txt")),
     }
     # There is a point to stop at between all files, measures and figures.
-    shares = {stage: heard.shares_of(stage) for stage in ("speech", "numbers", "figure")}
+    shares = {stage: callbacks.shares_of(stage) for stage in ("speech", "numbers", "figure")}
     assert all(each == sorted(each) and each[-1] == 1.0 for each in shares.values())
     assert len(set(shares["speech"])) == 4  # each file, and all
     assert len(set(shares["numbers"])) == 7  # each motion as it is and filtered, and all
@@ -189,7 +189,7 @@ def test_a_run_that_is_ended_at_any_point_leaves_nothing(
         motions=(motion, motion), out=tmp_path / "out", names=("a", "b"), has_poses=False
     )
     with pytest.raises(Cancelled):
-        run(request, Heard(0.3, stage=stage))
+        run(request, RecordedCallbacks(0.3, stage=stage))
     assert not request.output.out.exists()
 
 
@@ -200,7 +200,7 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
     for seed, path in enumerate(paths):
         save_motion(smooth_motion_example(12, seed), path)
     asked = diagnose_request(
-        motions=paths, out=tmp_path / "out", shown=("m6",), figure_panels=("a",), has_poses=False
+        motions=paths, out=tmp_path / "out", visible=("m6",), figure_panels=("a",), has_poses=False
     )
     found = run(asked)
     assert len(found.diagnostics.systems) == 7
@@ -212,7 +212,7 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
         (tuple(path.stem for path in paths), "at most 6"),
     ):
         with pytest.raises(RunError, match=words):
-            run(replace_fields(asked, shown=shown))
+            run(replace_fields(asked, visible=shown))
 
 
 def test_the_json_is_what_was_measured_and_the_csv_has_each_number_once(tmp_path: Path) -> None:
@@ -337,7 +337,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
     with wave.open(str(tmp_path / "dialogue.wav"), "wb") as wav:
         wav.setparams((2, 2, 16_000, 0, "NONE", ""))
         wav.writeframes((32_000 * np.stack([left, right], axis=1)).astype("<i2").tobytes())
-    heard = Heard()
+    callbacks = RecordedCallbacks()
     request = diagnose_request(
         motions=(tmp_path / f"{name}.npz",),
         out=tmp_path / "out",
@@ -350,8 +350,8 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
         display=Display(has_trail=True),
         size=256,
     )
-    run(request, heard)
-    shares = heard.shares_of("video")
+    run(request, callbacks)
+    shares = callbacks.shares_of("video")
     assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
     names, told = (name, "reference"), read_run(request.output.out)
     kinds = {"motion", "frames", "plan", "video"}

@@ -153,7 +153,7 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
     events: list[RunEvent] = []
     motion = made_motion(37)
     with open_run_writer(
-        tmp_path, RunRecord(**RECORD), RunCallbacks(events.append), is_kept=True
+        tmp_path, RunRecord(**RECORD), RunCallbacks(events.append), is_incremental=True
     ) as run:
         run.declare_rows(NAMES)
         for start, end in pairwise([0, 10, 11, 37]):
@@ -187,17 +187,17 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
 def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for(
     tmp_path, error, state, sentence
 ):
-    for is_kept in (True, False):
-        out = tmp_path / str(is_kept)
+    for is_incremental in (True, False):
+        out = tmp_path / str(is_incremental)
         with (
             pytest.raises(type(error)),
-            open_run_writer(out, RunRecord(**RECORD), is_kept=is_kept) as run,
+            open_run_writer(out, RunRecord(**RECORD), is_incremental=is_incremental) as run,
         ):
             run.declare_rows(["a"])
             run.write_motion("a", made_motion(8), "a.npz")
             run.folder.path("half.npz").touch()
             raise error
-        assert out.is_dir() == is_kept
+        assert out.is_dir() == is_incremental
     told = read_run(tmp_path / "True")
     assert (told.state, told.sentence) == (state, sentence)
     left = {path.name for path in (tmp_path / "True").iterdir()}
@@ -210,7 +210,7 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
         right=(HandPhase(0.5, 1.0, "stroke", (0.2, -0.1, 0.3), "offer", "never"),),
         nods=(Nod(1.25, 6.0),),
     )
-    with open_run_writer(tmp_path, RunRecord(**RECORD), is_kept=True) as run:
+    with open_run_writer(tmp_path, RunRecord(**RECORD), is_incremental=True) as run:
         run.declare_rows(NAMES[:2])
         assert run.write_plan(NAMES[0], plan) == plan
         run.detect_plans(dict.fromkeys(NAMES[:2], made_motion(45)))
@@ -277,7 +277,7 @@ def make_results(speech: Path, folder: Path) -> None:
         reference=folder / "recorded.npz", title="made elsewhere", has_figures=False,
     )  # fmt: skip
     run(asked)
-    with open_run_writer(out, read_run(out), is_kept=True) as writer:
+    with open_run_writer(out, read_run(out), is_incremental=True) as writer:
         writer.write_plan("gan/5", GesturePlan(2.0, (REST,), (REST,)))
         writer.write_timeline(json.loads((out / "timeline.json").read_text()), SAID)
         writer.folder.path("jitter.png").touch()

@@ -51,7 +51,7 @@ PANELS = (
     ViewerPanel(view="left_hand", rect=(40, 100, 40, 40)),
 )
 BODIES = tuple(ViewerBody(label=label, motion="", color="#d55e00") for label in "abc")
-GRID = ViewerState(bodies=BODIES, shown=(0, 1), size=(80.0, 140.0), panels=(PANELS,), columns=2)
+GRID = ViewerState(bodies=BODIES, visible=(0, 1), size=(80.0, 140.0), panels=(PANELS,), columns=2)
 BESIDE = ViewerPanel(rect=(40, 0, 80, 100)), ViewerPanel(view="right_hand", rect=(0, 0, 40, 100))
 
 
@@ -210,7 +210,7 @@ def test_a_smooth_motion_has_no_strong_mark_and_one_frame_none() -> None:
 
 
 def test_what_a_stage_shows_is_taken():
-    changed(GRID, shown=(0, 2)).check()
+    changed(GRID, visible=(0, 2)).check()
     changed(GRID, mode="ghost", panels=(PANELS, PANELS[:1])).check()
 
 
@@ -222,16 +222,16 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"bodies": ()}, "no body in the viewer yet"),
         ({"mode": "wipe"}, "views do not match the bodies"),
         (
-            {"mode": "ghost", "shown": (0,), "panels": (PANELS, PANELS)},
+            {"mode": "ghost", "visible": (0,), "panels": (PANELS, PANELS)},
             "views do not match the bodies",
         ),
         (
-            {"bodies": many, "shown": tuple(range(MAX_SHOWN + 1))},
+            {"bodies": many, "visible": tuple(range(MAX_SHOWN + 1))},
             "1 to 12 bodies; the stage shows 13",
         ),
-        ({"shown": ()}, "the stage shows 0"),
-        ({"shown": (0, 3)}, "views do not match the bodies"),
-        ({"shown": (-1,)}, "greater than or equal to 0"),
+        ({"visible": ()}, "the stage shows 0"),
+        ({"visible": (0, 3)}, "views do not match the bodies"),
+        ({"visible": (-1,)}, "greater than or equal to 0"),
         ({"size": (10.0, 420.0)}, "greater than or equal to 64"),
         ({"panels": (PANELS, PANELS)}, "views do not match the bodies"),
         ({"panels": (PANELS[1:],)}, "views do not match the bodies"),
@@ -262,7 +262,9 @@ def asked(
     for i, motion in enumerate(motions or (with_arms_down(), with_arms_down())):
         paths.append(tmp_path / f"{i}.npz")
         save_motion(motion, paths[-1])
-    return ViewerVideoRequest(seen=seen, motions=tuple(paths), out=tmp_path / "out", speech=speech)
+    return ViewerVideoRequest(
+        viewer=seen, motions=tuple(paths), out=tmp_path / "out", speech=speech
+    )
 
 
 def drawn(request: ViewerVideoRequest) -> np.ndarray:
@@ -271,9 +273,9 @@ def drawn(request: ViewerVideoRequest) -> np.ndarray:
     assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]
     frames = decoded_frames(video.path)
     assert len(frames) == video.num_frames
-    room = viewer_recording._Room.of(request.seen)
+    room = viewer_recording._Room.of(request.viewer)
     high = room.height
-    wide = room.width if request.seen.mode == "grid" else room.width // 2
+    wide = room.width if request.viewer.mode == "grid" else room.width // 2
     assert high - 2 <= frames.shape[1] - band_height(min(wide, high)) <= high + 2
     return frames[:, -high:].astype(int)
 
@@ -306,7 +308,7 @@ def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
     seen = changed(PAIR, mode=mode)
     frames, alone, apart = (
         drawn(asked(tmp_path, each, first, second))
-        for each in (seen, changed(seen, shown=(0, 0)), changed(seen, is_aligned=False))
+        for each in (seen, changed(seen, visible=(0, 0)), changed(seen, is_aligned=False))
     )
     wide = frames.shape[2]
     middle, beside = np.s_[:, :, wide // 4 : 3 * wide // 4], np.s_[:, :, 3 * wide // 4 + 4 :]
@@ -334,7 +336,7 @@ def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_l
         ((250.0, 500.0), 6, 12),
     ]:
         panels = ((ViewerPanel(rect=(0, 0, *size)),),)
-        shown = {"shown": tuple(range(count)), "columns": columns}
+        shown = {"visible": tuple(range(count)), "columns": columns}
         room = viewer_recording._Room.of(changed(GRID, size=size, panels=panels, **shown))
         assert room.width % 2 == room.height % 2 == 0
         assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)

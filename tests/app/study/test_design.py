@@ -163,7 +163,7 @@ def test_at_most_one_page_in_ten_is_an_attention_check_and_a_short_study_ends_wi
 
 def test_shorter_lists_share_the_trials_evenly(tmp_path):
     _, design = design_of(tmp_path, "pairwise", "trials_per_participant = 6")
-    shown = [[page.trial for page in pages if page.shown] for pages in design.lists]
+    shown = [[page.trial for page in pages if page.stimuli] for pages in design.lists]
     assert all(len(set(pages)) == len(pages) == 6 for pages in shown)
     counts = Counter(trial for pages in shown for trial in pages)
     assert len(counts) == 18 and set(counts.values()) == {12}

@@ -75,7 +75,8 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, 
     for folder, num_videos, num_tracks in ((silent_study, 12, 1), (spoken_study, 8, 2)):
         study = Workspace(folder)
         key = read_key(study.key)
-        assert len(key.videos) == num_videos
+        assert len(key.videos) == num_videos and key.inputs_digest
+        assert json.loads(study.key.read_text())["made_of"] == key.inputs_digest
         for clip in {video.clip for video in key.videos.values()}:
             files = [
                 media.read_mp4(study.video(b)) for b, v in key.videos.items() if v.clip == clip

@@ -97,7 +97,7 @@ def test_the_csv_has_the_counts_of_the_answers_and_the_same_answers_make_the_sam
         answer.value
         for one in made_participants(key, 12, ATTENTIVE)
         for answer in one.answers
-        if {key.videos[video].system for video in answer.shown} == {"local", "global"}
+        if {key.videos[video].system for video in answer.videos} == {"local", "global"}
         and not answer.trial.startswith("check")
     ]
     shares = {

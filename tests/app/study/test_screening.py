@@ -157,19 +157,19 @@ def test_checks_count_as_failed_when_wrong_or_missing() -> None:
     ]:
         participant = with_checks(KEY, *values)
         assert failed_checks(participant, KEY) == failed
-        assert bool(screen([participant], KEY).kept) == (failed <= 1)
+        assert bool(screen([participant], KEY).included) == (failed <= 1)
 
 
 def test_the_rule_of_the_key_decides_and_the_half_finished_are_listed() -> None:
     careless = with_checks(KEY, "tie", "tie")
     half = replace(with_checks(KEY, "left", None), finished=None)
     screened = screen([careless, half, with_checks(KEY, "left", "left")], KEY)
-    assert [dropped.why for dropped in screened.dropped] == [
+    assert [dropped.why for dropped in screened.excluded] == [
         "attention checks: 2 failed, 1 allowed",
         "not finished (13 of 14 trials)",
     ]
-    assert len(screened.kept) == 1
-    assert screen([careless], replace(KEY, attention_rule=AttentionRule(2))).kept
+    assert len(screened.included) == 1
+    assert screen([careless], replace(KEY, attention_rule=AttentionRule(2))).included
 
 
 def test_a_slider_may_stand_a_little_off() -> None:
@@ -212,7 +212,7 @@ def always(of: Callable[[Answer], object], num_failed: int = 0) -> Forge:
 
 
 def left(answer: Answer) -> object:
-    return answer.shown[0]
+    return answer.videos[0]
 
 
 def left_and_hasty_once(who: Participant) -> Participant:
@@ -237,11 +237,11 @@ def test_ties_are_answers_and_sameness_alone_is_no_evidence_of_not_looking() -> 
     ties: Callable[[Answer], object] = lambda answer: TIE  # noqa: E731
     for forge in (always(ties), always(ties, num_failed=1), always(left)):
         honest = forge(PEOPLE[3])
-        assert screen([honest, *PEOPLE[4:]], LONG).kept[0] == honest
+        assert screen([honest, *PEOPLE[4:]], LONG).included[0] == honest
     rating = replace(made_key("rating", num_clips=10), video_s=2.0)
     (rater,) = made_participants(rating, 1)
     equal = tuple(
-        replace(one, value=dict.fromkeys(one.shown, 50)) if isinstance(one.value, dict) else one
+        replace(one, value=dict.fromkeys(one.videos, 50)) if isinstance(one.value, dict) else one
         for one in rater.answers
     )
     assert implausible_answers([replace(rater, answers=equal)], rating) == {}
@@ -263,7 +263,7 @@ def test_impossible_answers_are_set_aside() -> None:
         forged = forge(PEOPLE[3])
         screened = screen([*PEOPLE[:3], forged, *PEOPLE[4:]], LONG)
         assert [one.participant.id for one in screened.set_aside] == [forged.id]
-        assert words in screened.set_aside[0].why and len(screened.kept) == 7
+        assert words in screened.set_aside[0].why and len(screened.included) == 7
 
 
 def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven() -> None:
@@ -312,8 +312,8 @@ def test_a_skipped_page_is_no_vote_and_no_reason_to_doubt_and_the_report_counts_
     collected = collect_answers([folder], LONG)
     assert "it skips a video that was not shown (1)" in collected.left_out[0]
     screened = screen(collected.participants, LONG)
-    assert len(screened.kept) == 6
-    (result,) = analyse_participants(screened.kept, LONG)
+    assert len(screened.included) == 6
+    (result,) = analyse_participants(screened.included, LONG)
     assert result.num_answers == 6 * len(judged) - 5
     analyse(AnalysisRequest([folder], key_path, tmp_path / "report"))
     page = (tmp_path / "report" / "report.html").read_text("utf-8")
@@ -365,9 +365,11 @@ def signed(key: Key = LINKED, count: int = 4) -> list[Participant]:
 
 
 def test_good_links_count_and_without_a_secret_nobody_needs_one() -> None:
-    assert len(screen(signed(), LINKED).kept) == 4
+    assert len(screen(signed(), LINKED).included) == 4
     assert re.fullmatch("17-[0-9a-f]{32}", LINKED.token(17)), "128 bits, or it can be guessed"
-    assert len(screen(made_participants(LINKED, 4), replace(LINKED, link_secret=None)).kept) == 4
+    assert (
+        len(screen(made_participants(LINKED, 4), replace(LINKED, link_secret=None)).included) == 4
+    )
 
 
 def test_forged_links_are_set_aside() -> None:
@@ -385,7 +387,7 @@ def test_forged_links_are_set_aside() -> None:
         assert first.link is not None
         screened = screen([replace(first, link=forge(first.link)), *others], LINKED)
         assert [one.participant.id for one in screened.set_aside] == [first.id]
-        assert words in screened.set_aside[0].why and len(screened.kept) == 3
+        assert words in screened.set_aside[0].why and len(screened.included) == 3
 
 
 def test_a_link_counts_once_and_for_its_own_list_and_an_earlier_time_displaces_nobody() -> None:
@@ -400,7 +402,7 @@ def test_a_link_counts_once_and_for_its_own_list_and_an_earlier_time_displaces_n
     screened = screen([first, forged, *others], LINKED)
     assert [one.participant for one in screened.set_aside] == [first, forged]
     assert "used by forged.json too" in screened.set_aside[0].why
-    assert list(screened.kept) == others
+    assert list(screened.included) == others
     number = next(n for n in range(9) if LINKED.list_of(n) != first.list_number)
     (aside,) = screen([replace(first, link=LINKED.token(number))], LINKED).set_aside
     assert "another list" in aside.why
@@ -424,7 +426,7 @@ def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(
     assert len(kept) == 3 and kept[files[0]["participant"]].link == files[0]["link"]
     (sentence,) = collected.left_out
     assert sentence.startswith("forged.json is left out") and "a signed link" in sentence
-    assert len(screen(collected.participants, LINKED).kept) == 3 - (not finishes)
+    assert len(screen(collected.participants, LINKED).included) == 3 - (not finishes)
 
 
 def test_the_command_gives_the_same_links_again(

@@ -371,7 +371,7 @@ def test_two_views_of_a_clip_are_two_votes_of_one_rater_and_no_agreement(protoco
         judged = [each for each in one.answers if once.trials[each.trial].expected is None]
         answers = []
         for answer in judged:
-            shown = answer.shown
+            shown = answer.videos
             if protocol == "pairwise":
                 value: Any = (shown[0], TIE, shown[1])[rng.integers(3)]
                 side = TIE if value == TIE else f"{value}@side"
@@ -380,7 +380,7 @@ def test_two_views_of_a_clip_are_two_votes_of_one_rater_and_no_agreement(protoco
                 side = {f"{video}@side": rating for video, rating in value.items()}
             again = tuple(f"{video}@side" for video in shown)
             answers.append(replace(answer, value=value))
-            answers.append(replace(answer, trial=f"{answer.trial}@side", shown=again, value=side))
+            answers.append(replace(answer, trial=f"{answer.trial}@side", videos=again, value=side))
         return replace(one, answers=tuple(answers))
 
     (result,) = analyse_participants([on_both(one) for one in people], key)

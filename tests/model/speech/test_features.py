@@ -60,17 +60,17 @@ def test_block_size_does_not_change_the_numbers(monkeypatch):
     whole = MelEncoder().encode(waveform, 90)
     for block in (1, 7, 100):
         monkeypatch.setattr(features, "_HOPS_AT_ONCE", block)
-        features._kept.clear()
+        features._cache.clear()
         np.testing.assert_allclose(MelEncoder().encode(waveform, 90), whole, atol=1e-5)
 
 
 def test_features_of_one_speech_are_computed_once_for_all_systems(monkeypatch):
     counts: list[int] = []
     analyse = features.analyse_hops
-    monkeypatch.setattr(features, "_KEPT_HOPS", 450)
+    monkeypatch.setattr(features, "_MAX_CACHED_HOPS", 450)
     monkeypatch.setattr(features, "analyse_hops", lambda *how: [counts.append(1), analyse(*how)][1])
     clip, other = made_waveform(32_000), made_waveform(32_000)[::-1].copy()
-    features._kept.clear()
+    features._cache.clear()
     whole = MelEncoder().encode(clip, 80)
     for num_frames in (60, 80):  # windows of each system end elsewhere
         np.testing.assert_array_equal(
@@ -82,7 +82,7 @@ def test_features_of_one_speech_are_computed_once_for_all_systems(monkeypatch):
     assert len(counts) == 2, "several speeches stay"
     clip *= 0.5
     MelEncoder().encode(clip, 60)
-    assert len(counts) == 3 and len(features._kept) == 2, (
+    assert len(counts) == 3 and len(features._cache) == 2, (
         "what it holds counts, and memory is bounded"
     )
 

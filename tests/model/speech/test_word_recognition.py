@@ -16,7 +16,12 @@ from model.speech import word_recognition
 from model.speech.audio import load_speech
 from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript, Word, read_transcript
 from model.speech.word_alignment import PIECE_S, pieces
-from model.speech.word_recognition import SURE, RecognitionResult, WordRecognition, _judged
+from model.speech.word_recognition import (
+    MIN_CONFIDENCE,
+    RecognitionResult,
+    WordRecognition,
+    _judged,
+)
 from tests.helpers import ROOT, foreign_folder
 
 EXAMPLES = ROOT / "examples"
@@ -90,8 +95,8 @@ def test_speech_of_another_language_is_told_so_and_no_words_are_used():
     ],
 )
 def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says):
-    words = [Word(float(k), k + 0.3, f"w{k}", SURE) for k in range(sure)]
-    doubted = [Word(50.0 + k, 50.3 + k, "?", SURE - 0.01) for k in range(unsure)]
+    words = [Word(float(k), k + 0.3, f"w{k}", MIN_CONFIDENCE) for k in range(sure)]
+    doubted = [Word(50.0 + k, 50.3 + k, "?", MIN_CONFIDENCE - 0.01) for k in range(unsure)]
     doubted[:1] = [Word(50.0, 52.6, "?", 1.0)] if doubted else []  # too long for a word
     found = _judged([(word, ()) for word in words + doubted], is_aligned)
     assert says in "".join(found.notes) and len(found.notes) == bool(says)
@@ -105,7 +110,10 @@ def test_sure_words_are_used_unless_too_few_are(sure, unsure, is_aligned, says):
 def test_of_a_few_seconds_words_are_recognised():
     waveform, _ = example("three_reasons")
     said = heard(waveform[: 2 * SAMPLE_RATE]).transcript
-    assert said.origin == "recognised" and min(word.confidence for word in said.words) >= SURE
+    assert (
+        said.origin == "recognised"
+        and min(word.confidence for word in said.words) >= MIN_CONFIDENCE
+    )
     assert {"three", "reasons"} <= set(spelt(said))
     (three,) = (word for word in said.words if word.text == "three")
     assert three.start_s == pytest.approx(0.97, abs=0.05)

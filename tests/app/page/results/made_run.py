@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from app.page.results.kept_runs import KeptRun, KeptRuns
-from app.page.results.player import Showing
+from app.page.results.run_view import RunView
+from app.page.results.saved_runs import SavedRun, SavedRuns
 from app.page.routes.media import Media
 from app.page.visitors.files import Job
 from app.run.output.run_folder import RunRecord
@@ -29,7 +29,7 @@ def made_run(
     said: Transcript = EMPTY_TRANSCRIPT,
     out: str = "results",
     **changes: Any,
-) -> Showing:
+) -> RunView:
     """A row with a motion and a video for each jerk, and a time line in which each jerks once."""
     jerk = jerk or {"local": 100.0}
     usual = {"speech": "speech", "systems": "local", "seed": "0", "steps": "usual"}
@@ -37,7 +37,7 @@ def made_run(
     values |= {"speech_sha256": SPEECH_SHA256, "settings": {**usual, **(settings or {})}}
     job.mkdir(exist_ok=True)
     record = RunRecord(**{**values, **changes})
-    with open_run_writer(job / out, record, is_kept=True) as run:
+    with open_run_writer(job / out, record, is_incremental=True) as run:
         run.declare_rows([*jerk, *([] if reference is None else [REFERENCE_NAME])])
         run.write_audio(made_waveform(round(16_000 * duration_s)))
         for name in jerk:
@@ -57,9 +57,9 @@ def made_run(
     return showing_in(job)
 
 
-def showing_in(job: Path, media: Media | None = None, cookie: str = "") -> Showing:
+def showing_in(job: Path, media: Media | None = None, cookie: str = "") -> RunView:
     """Of the run that a job's folder holds."""
-    return Showing(job / "results", (media or Media()).share(job, cookie), job.name)
+    return RunView(job / "results", (media or Media()).share(job, cookie), job.name)
 
 
 def numbers(reference: float | None = None, **jerk: float) -> Diagnostics:
@@ -70,11 +70,11 @@ def numbers(reference: float | None = None, **jerk: float) -> Diagnostics:
 
 
 def keep(
-    runs: KeptRuns,
+    runs: SavedRuns,
     job: Path,
     cookie: str,
     tab: str = "generate",
     form: dict[str, Any] | None = None,
     **made: Any,
-) -> KeptRun:
-    return runs.keep_run(Job("visitor", tab, job, cookie), {"": made_run(job, **made)}, form)
+) -> SavedRun:
+    return runs.add_run(Job("visitor", tab, job, cookie), {"": made_run(job, **made)}, form)

@@ -25,10 +25,10 @@ from app.findings.measure_rows import (
 )
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
-from app.page.results.kept_runs import KeptRuns, address_of
-from app.page.results.player import Showing
 from app.page.results.result_parts import NO_WORDS, figures_html
-from app.page.results.run_pair import RunPair, pairs_of, told_settings
+from app.page.results.run_pair import RunPair, match_motions, settings_sentence
+from app.page.results.run_view import RunView
+from app.page.results.saved_runs import SavedRuns, address_of
 from app.page.results.tables import clips_html, measures_table, sets_html
 from app.run.output.provenance import NONE, differing_settings, settings_summary
 from app.run.output.run_folder import RunRecord
@@ -150,7 +150,7 @@ def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files(tmp_path
 
 
 def test_a_run_is_found_by_its_token_until_its_files_are_gone(tmp_path):
-    runs = KeptRuns(3600.0)
+    runs = SavedRuns(3600.0)
     first, second = (keep(runs, tmp_path / name, "mine") for name in "ab")
     assert first.token != second.token and len(first.token) >= 43  # 256 bits
     assert runs.find(first.token) == first
@@ -161,7 +161,7 @@ def test_a_run_is_found_by_its_token_until_its_files_are_gone(tmp_path):
 
 
 def test_a_browser_is_told_of_its_own_runs_alone(tmp_path):
-    runs = KeptRuns(3600.0)
+    runs = SavedRuns(3600.0)
     mine, yours, nobodys = (
         keep(runs, tmp_path / name, cookie, title="a < b")
         for name, cookie in (("a", "mine"), ("b", "yours"), ("c", ""))
@@ -211,7 +211,7 @@ def run(tmp_path: Path) -> Run:
     """An ended run of a test's own, whose settings are the usual ones but for those named."""
     count = itertools.count()
 
-    def make(settings: dict[str, str] | None = None, **changes: Any) -> Showing:
+    def make(settings: dict[str, str] | None = None, **changes: Any) -> RunView:
         return made_run(tmp_path / str(next(count)), settings=settings, **changes)
 
     return make
@@ -219,17 +219,17 @@ def run(tmp_path: Path) -> Run:
 
 def test_the_settings_that_differ_are_told_in_one_sentence(run):
     a, b = (run(each).record for each in ({"seed": "3", "steps": "10"}, STEPS))
-    assert told_settings(a, b) == "Seed 3 against 7; steps 10 against 25."
-    assert told_settings(a, a) == text.PAIR_SAME_SETTINGS
+    assert settings_sentence(a, b) == "Seed 3 against 7; steps 10 against 25."
+    assert settings_sentence(a, a) == text.PAIR_SAME_SETTINGS
     own = a.model_copy(update={"settings": {"motions": "mine", "words": "said.txt"}})
     told = f"{text.PAIR_BROUGHT.format(run='B')} Words none against said.txt."
-    assert told_settings(run({"words": "none"}).record, own) == told
+    assert settings_sentence(run({"words": "none"}).record, own) == told
     usual, other = run(), run({"speech": "another"}, speech_sha256=OTHER)
-    told = told_settings(usual.record, other.record)
+    told = settings_sentence(usual.record, other.record)
     assert told == text.PAIR_SAME_SETTINGS  # told apart from the settings
-    assert RunPair(usual, run({"seed": "1"})).told_speech() == text.PAIR_ONLY_SEED
-    assert "play in sync" in RunPair(usual, run({"steps": "9"})).told_speech()
-    told = RunPair(usual, other).told_speech()
+    assert RunPair(usual, run({"seed": "1"})).speech_sentence() == text.PAIR_ONLY_SEED
+    assert "play in sync" in RunPair(usual, run({"steps": "9"})).speech_sentence()
+    told = RunPair(usual, other).speech_sentence()
     assert "(speech and another)" in told and "Choose which audio plays" in told
 
 
@@ -243,7 +243,7 @@ def test_the_settings_that_differ_are_told_in_one_sentence(run):
     ],
 )
 def test_equal_names_stand_beside_each_other(a, b, pairs):
-    assert pairs_of(a, b) == pairs
+    assert match_motions(a, b) == pairs
 
 
 def test_the_table_has_both_and_their_difference(run):
@@ -272,8 +272,8 @@ def test_the_table_has_both_and_their_difference(run):
 def test_numbers_of_different_protocols_are_never_in_one_row(run):
     """BeatAlign of a run with a reference and of one without have different mean speeds."""
     a, b = run(reference=104.0, jerk={"a": 120.0, "b": 90.0}), run(jerk={"a": 100.0})
-    for showing in (a, b):
-        for name, of in showing.record.numbers.items():
+    for run_view in (a, b):
+        for name, of in run_view.record.numbers.items():
             for version in of.values():
                 version |= {"beat_align": 0.6 if name == "a" else 0.5, "beat_align_chance": 0.4}
     pair = RunPair(a, b).table()
@@ -355,6 +355,6 @@ def test_only_one_speech_plays_together(run, tmp_path):
     assert RunPair(first, second).has_same_speech
     assert not RunPair(first, other).has_same_speech
     assert not RunPair(silent, silent).has_same_speech
-    runs = KeptRuns(3600.0)
+    runs = SavedRuns(3600.0)
     a, b = (keep(runs, tmp_path / name, "") for name in ("kept", "other"))
     assert address_of(a, b) == f"?run={a.token}&run={b.token}"

@@ -10,9 +10,9 @@ from starlette.testclient import TestClient
 
 from app.errors import RunError
 from app.notebook import show
-from app.page.alone import DOOR, WEB, _needed, player_alone, save_page
-from app.page.results.kept_runs import KeptRuns, file_name, saving_route
-from app.page.routes.media import MadeFiles
+from app.page.html_export import ENTRY_MODULE, WEB, _needed, standalone_html, write_html_page
+from app.page.results.saved_runs import SavedRuns, download_route, file_name
+from app.page.routes.media import OnDemandFiles
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
 from app.run.output.run_folder import edit_record, is_run_zip, save_run
 from model.speech.audio import Speech
@@ -24,15 +24,15 @@ from tests.model.made import made_waveform
 
 
 def test_whoever_has_the_link_can_save_the_run(tmp_path):
-    runs = KeptRuns(3600.0)
+    runs = SavedRuns(3600.0)
     kept = keep(runs, tmp_path / "job", "mine", title="ä/b\nc", jerk={"f/x": 9.0})
-    made = MadeFiles(tmp_path, does)
-    forms = ((".zip", save_run, ""), (".html", save_page, "/page"))
-    client = TestClient(FastAPI(routes=[saving_route(runs, made, *form) for form in forms]))
-    with edit_record(kept.showing.folder) as record:
+    made = OnDemandFiles(tmp_path, does)
+    forms = ((".zip", save_run, ""), (".html", write_html_page, "/page"))
+    client = TestClient(FastAPI(routes=[download_route(runs, made, *form) for form in forms]))
+    with edit_record(kept.view.folder) as record:
         record.rows[0].files["performed"] = "f-x.plan.json"
     address = f"media/run/{kept.token}"
-    assert f'href="{address}/page"' in kept.downloads(kept.showing)
+    assert f'href="{address}/page"' in kept.downloads(kept.view)
     answer = client.get(f"/{address}")
     assert answer.status_code == 200
     assert "filename*=utf-8''%C3%A4-b-c.zip" in answer.headers["content-disposition"]
@@ -57,7 +57,7 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
 
 def test_every_import_of_the_modules_is_of_the_form_that_is_read():
     """Else a module would ask for a file that is not there."""
-    for path in _needed(DOOR):
+    for path in _needed(ENTRY_MODULE):
         source = re.sub(r"/\*.*?\*/", "", (WEB / path).read_text(), flags=re.DOTALL)
         imports = re.findall(r"^import\b.*?;", source, re.MULTILINE | re.DOTALL)
         assert all(re.search(r'from "\.{1,2}/[^"]+";$', line) for line in imports), path
@@ -69,12 +69,12 @@ def test_no_name_or_word_ends_the_page_and_what_cannot_be_played_is_refused(tmp_
     name = "<script>alert(1)<script>"
     said = Transcript((Word(0.0, 1.0, "</script><script>alert(1)</script>"),))
     folder = made_run(tmp_path / "1", "</title><b>", jerk={name: 1.0}, said=said).folder
-    html = player_alone(folder)
+    html = standalone_html(folder)
     assert "alert(1)<script>" not in html and "</title><b>" not in html
     told = html.split('id="kept">')[1].split("</script>")[0]
     assert json.loads(told)["runs"][0]["rows"][0]["name"] == name
     with pytest.raises(RunError, match="not a run folder that can be opened"):
-        player_alone(tmp_path)
+        standalone_html(tmp_path)
 
 
 def test_the_same_motion_gives_the_same_file_and_a_folder_is_shown_as_it_is(tmp_path: Path):
@@ -83,7 +83,7 @@ def test_the_same_motion_gives_the_same_file_and_a_folder_is_shown_as_it_is(tmp_
     folder = made_run(tmp_path / "job", "made elsewhere", jerk={"x/a": 9.0, "x/b": 99.0}).folder
     (folder / PROVENANCE).write_text(json.dumps({WEIGHTS_ARE_KEY: "the authors' own & new"}))
     html = show(folder).html
-    assert html == player_alone(folder)
+    assert html == standalone_html(folder)
     head = html.split("<header>")[1].split("</header>")[0]
     assert "<h1>made elsewhere</h1>" in head and "<i></i><b>9.0</b>" in head and "<b>99</b>" in head
     assert "an example" in head and "Weights: the authors&#x27; own &amp; new." in head

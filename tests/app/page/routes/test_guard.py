@@ -9,7 +9,7 @@ from starlette.websockets import WebSocketDisconnect
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import parse_config
-from app.page.routes.guard import HostNames, framing, is_from_page
+from app.page.routes.guard import HostNames, framing, is_same_origin
 from tests.app.page.conftest import ADDRESS, UPLOAD, Served, served_page
 
 HOSTS = {
@@ -78,7 +78,7 @@ def test_its_own_page_may_do_all_and_a_link_leads_to_it(client):
 
 
 def test_origins_are_compared_whole():
-    assert is_from_page("https://a.example:7860", "A.example:7860")
+    assert is_same_origin("https://a.example:7860", "A.example:7860")
     for origin, host in (
         ("http://a.example:7860@evil.example", "a.example:7860"),
         ("http://a.example.evil.example", "a.example"),
@@ -88,7 +88,7 @@ def test_origins_are_compared_whole():
         ("", ""),
         (None, None),
     ):
-        assert not is_from_page(origin, host), origin
+        assert not is_same_origin(origin, host), origin
 
 
 def test_with_accounts_nothing_is_given_before_the_login(weights, tmp_path, capsys):

@@ -19,15 +19,15 @@ from app.page.routes.media import (
     PAGE_TYPES,
     RESEARCHER_FILE,
     WEB_FOLDER,
-    MadeFiles,
     Media,
+    OnDemandFiles,
     media_routes,
     redraw_request,
     researcher_route,
 )
 from app.page.visitors.characters import Characters
 from app.page.visitors.quota import Quota
-from app.page.visitors.visitors import COOKIE, Kept, visitor_route
+from app.page.visitors.visitors import COOKIE, TokenStore, visitor_route
 from app.run.requests.parts import FigureOptions
 from model.motion.motion import load_motion, save_motion
 from renderer.body.body import load_body
@@ -43,8 +43,8 @@ def media() -> Media:
 
 
 @pytest.fixture
-def private() -> Kept[Path]:
-    return Kept()
+def private() -> TokenStore[Path]:
+    return TokenStore()
 
 
 @pytest.fixture
@@ -63,9 +63,9 @@ def characters(tmp_path: Path) -> Characters:
 
 
 @pytest.fixture
-def browser(media: Media, private: Kept[Path], characters: Characters, temp: Path) -> Browser:
+def browser(media: Media, private: TokenStore[Path], characters: Characters, temp: Path) -> Browser:
     """By its cookie; empty for one that keeps none."""
-    routes = media_routes(media, MadeFiles(temp, does), characters, Quota())
+    routes = media_routes(media, OnDemandFiles(temp, does), characters, Quota())
     routes = [*routes, researcher_route(private)]
     app = FastAPI(routes=[*routes, visitor_route()])
     return lambda cookie: TestClient(app, cookies={COOKIE: cookie} if cookie else None)
@@ -90,7 +90,7 @@ STRANGERS = ("", "min", "mine2", "yours")
 
 
 def test_a_thing_is_for_the_browser_with_the_cookie_as_long_as_its_files_are_there(job):
-    kept, path = Kept[str](), job / "a.mp4"
+    kept, path = TokenStore[str](), job / "a.mp4"
     token, other = (kept.keep(each, path, "mine") for each in ("one", "other"))
     assert token != other and len(token) >= 43  # 256 bits
     assert kept.keep("one", path, "mine") == token, "who opens it often takes no room"
@@ -105,7 +105,7 @@ def test_a_thing_is_for_the_browser_with_the_cookie_as_long_as_its_files_are_the
     path.unlink()
     assert kept.find(other, "mine") is None and kept.all() == []
     kept.keep("new", job, "mine")
-    assert len(kept._kept) == 1, "and the others are forgotten"
+    assert len(kept._entries) == 1, "and the others are forgotten"
 
 
 def test_another_browser_gets_nothing_of_a_run_and_nobody_once_its_folder_has_gone(

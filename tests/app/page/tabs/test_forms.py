@@ -11,13 +11,19 @@ import pytest
 from app import text
 from app.config import AppConfig
 from app.errors import RunError
-from app.page.parts.asked import Fields, values_of
 from app.page.parts.catalogue import Catalogue, default_systems
-from app.page.tabs.motion import ask_from_form, build_form, fresh_copy, kept_values
+from app.page.parts.form_values import Fields, values_of
+from app.page.tabs.motion import build_form, copy_as_upload, request_from_form, values_to_save
 from app.page.tabs.motion_run import StageLine
-from app.page.tabs.own_motion import MAX_NAME, build_own_form, display_names, has_sets, own_ask
+from app.page.tabs.own_motion import (
+    MAX_NAME,
+    build_own_form,
+    display_names,
+    has_sets,
+    own_motion_request,
+)
 from app.page.tabs.runner import Services
-from app.page.tabs.study import QUESTIONS, build_study_tab, collect_files, plan_text
+from app.page.tabs.study import STUDY_PRESETS, build_study_tab, collect_files, plan_text
 from app.run.callbacks import Progress
 from app.run.display import Display
 from app.run.generated_motions import row_names
@@ -80,7 +86,7 @@ def told(form: Fields, asked: type = GenerateRequest, **sent: Any) -> dict[str, 
 
 
 def read(form: Fields, catalogue: Catalogue = fakes.CATALOGUE, **changes: Any) -> GenerateRequest:
-    return ask_from_form(told(form, **FORM | changes), Path("/job"), catalogue, CONFIG)
+    return request_from_form(told(form, **FORM | changes), Path("/job"), catalogue, CONFIG)
 
 
 def test_every_field_of_the_form_reaches_the_run(form):
@@ -161,7 +167,7 @@ def test_what_fills_the_form_in_again_is_all_but_files_that_a_run_does_not_show(
     job.mkdir()
     sent = {name: part.value for name, part in form.items()} | FORM
     sent["speech"] = str(speech)
-    kept = kept_values(form, list(sent.values()), job)
+    kept = values_to_save(form, list(sent.values()), job)
     again = Path(kept.pop("speech"))
     assert again.name == speech.name and job in again.parents and again.read_bytes() == b"RIFF"
     files = ("speech", "reference", "transcript", "plan")
@@ -178,7 +184,9 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
     assert asked.speech.path == Path("/job/form") and not asked.output.has_video
     assert read(form, **alone, speech=None, clips=others[:1]).speech.path == speeches[1]
     sent = {name: part.value for name, part in form.items()}
-    kept = kept_values(form, list((sent | {"speech": first, "clips": others}).values()), tmp_path)
+    kept = values_to_save(
+        form, list((sent | {"speech": first, "clips": others}).values()), tmp_path
+    )
     assert kept["speech"] is None and [Path(path).stem for path in kept["clips"]] == list("abc")
     assert [path.read_text() for path in sorted((tmp_path / "form").iterdir())] == list("abc")
     for changes, words in (
@@ -201,7 +209,7 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
     path.write_bytes(b"sound")
     os.utime(path, (0, 0))
     for _ in range(2):  # an example is as new as an upload, however old its file
-        copy = fresh_copy(path, tmp_path / "cache")
+        copy = copy_as_upload(path, tmp_path / "cache")
         assert copy.read_bytes() == b"sound" and copy.stat().st_mtime > 10**9
         os.utime(copy, (0, 0))
     assert [each.name for each in copy.parent.iterdir()] == ["example.wav"]
@@ -215,7 +223,7 @@ MOTIONS = [f"{letter}.npz" for letter in "abcdefghijklmnopqrstuvwxy"]
 
 
 def own(form: Fields, *motions: str, **changes: Any) -> DiagnoseRequest:
-    return own_ask(
+    return own_motion_request(
         told(form, DiagnoseRequest, motions=list(motions), **changes), Path("job"), CONFIG
     )
 
@@ -235,8 +243,8 @@ def test_the_form_of_own_motion_becomes_the_ask(own_form):
     assert files.output.has_video and (files.motions.window, files.motions.overlap) == (None, 0)
     names = display_names(["x" * 100, "x" * 90, "b"])
     assert names == ("x" * MAX_NAME, "x" * MAX_NAME + " (2)", "b")
-    assert own(own_form, *MOTIONS[:8], shown=["b", "h"], recorded="h").motions.shown == ("b",)
-    assert own(own_form, *MOTIONS[:3], shown=["b"]).motions.shown == (), "all of them fit"
+    assert own(own_form, *MOTIONS[:8], shown=["b", "h"], recorded="h").motions.visible == ("b",)
+    assert own(own_form, *MOTIONS[:3], shown=["b"]).motions.visible == (), "all of them fit"
 
 
 def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_gone(own_form):
@@ -341,9 +349,9 @@ def test_a_study_that_cannot_be_made_gives_a_sentence(study_form, changes, words
         plan_text(told(study_form, Plan, **STUDY | changes))
 
 
-@pytest.mark.parametrize("question", QUESTIONS)
+@pytest.mark.parametrize("question", STUDY_PRESETS)
 def test_changes_of_gestures_become_systems(study_form, tmp_path, question):
-    protocol, changed = QUESTIONS[question]
+    protocol, changed = STUDY_PRESETS[question]
     asked = {"protocol": protocol, "systems": [PLANNED], "motions": None, "changed": changed}
     plan = planned(study_form, tmp_path, **asked)
     assert plan.protocol == protocol and plan.has_sound

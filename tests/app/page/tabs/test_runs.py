@@ -20,14 +20,14 @@ from app.errors import Cancelled, RunError
 from app.findings.measure_rows import JERK
 from app.page.parts import markup
 from app.page.parts.markup import Updates
-from app.page.results.kept_runs import KeptRuns, keep_own
 from app.page.results.result_parts import ResultParts
+from app.page.results.saved_runs import SavedRuns, add_owner_run
 from app.page.routes.media import Media
-from app.page.tabs.live import LiveRunner, offered
+from app.page.tabs.live import LiveRunner, live_choices
 from app.page.tabs.motion import FormParts, build_form
-from app.page.tabs.motion_run import GenerateRunner, Opening
-from app.page.tabs.own_motion import ClipRunner, OwnMotionRunner, build_own_form
-from app.page.tabs.stage import Remaining, VideosBehind
+from app.page.tabs.motion_run import GenerateRunner, PageLoader
+from app.page.tabs.own_motion import ClipRunner, DiagnoseRunner, build_own_form
+from app.page.tabs.stage import BackgroundVideos, Remaining
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.files import Job
 from app.run.batch.archives import UNPACKED
@@ -68,7 +68,7 @@ class Own:
             self.sets_shown, self.sets_clip = gr.HTML(), gr.Dropdown()
             form = build_own_form(services)
         of_sets = self.sets_shown, self.sets_clip
-        self.runner = OwnMotionRunner(services, form, self.parts, of_sets)
+        self.runner = DiagnoseRunner(services, form, self.parts, of_sets)
         self.opener = ClipRunner(services, form, self.parts, self.runner)
 
 
@@ -311,7 +311,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     live.performers.turn()
     job = Job("me", "live", tmp_path / "kept", "mine")
     job.folder.mkdir()
-    asked = keeps.asked(job, (own,))
+    asked = keeps.make_request(job, (own,))
     assert (asked.sampling.systems, asked.sampling.speaker, asked.sampling.seed) == (
         ("globaldiff/global",),
         "bob",
@@ -326,7 +326,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     assert speech.num_frames == motion.num_frames > 60
     for token, cookie in ((own, "yours"), ("", "mine"), (None, "mine"), ("x" * 9999, "")):
         with pytest.raises(RunError, match="no live recording"):
-            keeps.asked(Job("me", "live", job.folder, cookie), (token,))
+            keeps.make_request(Job("me", "live", job.folder, cookie), (token,))
 
     assert asked.live_recording.truncation_note == "", "it follows as closely as it can"
     for block in blocks[len(blocks) // 2 :]:
@@ -339,10 +339,12 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
 
 
 def test_what_is_usual_stands_first_and_what_needs_all_of_the_speech_is_not_offered():
-    told = offered(replace(CATALOGUE, systems=("globaldiff/local", "gan/20", USUAL)))
+    told = live_choices(replace(CATALOGUE, systems=("globaldiff/local", "gan/20", USUAL)))
     assert told["systems"] == [USUAL, "globaldiff/local", "gan/20"]
     assert told["speakers"] == list(CATALOGUE.speakers)
-    told = offered(replace(CATALOGUE, systems=("official/authors", "workbench/planned", USUAL)))
+    told = live_choices(
+        replace(CATALOGUE, systems=("official/authors", "workbench/planned", USUAL))
+    )
     assert told["systems"] == [USUAL, "workbench/planned"]
 
 
@@ -431,18 +433,18 @@ class Page:
     """Two tabs, the runs that are kept, and two fields of the first one's form."""
 
     def __init__(self, folder: Path) -> None:
-        self.runs = KeptRuns(3600.0)
+        self.runs = SavedRuns(3600.0)
         with gr.Blocks():
             self.first, self.own = ResultParts(), ResultParts("own-")
             self.seed, self.samples = gr.Number(0), gr.Number(1)
             places = {"generate": self.first, "own_motion": self.own}
             fields = {"seed": self.seed, "samples": self.samples}
-            services = fakes.made_services(folder, kept=self.runs)
-            self.opening = Opening(services, gr.Tabs(), places, fields)
+            services = fakes.made_services(folder, saved_runs=self.runs)
+            self.opening = PageLoader(services, gr.Tabs(), places, fields)
 
     def opened(self, cookie: str = "", *tokens: str) -> Updates:
         query = QueryParams([("run", token) for token in tokens])
-        return self.opening.opened(browser(cookie, query=query))
+        return self.opening.on_load(browser(cookie, query=query))
 
 
 def test_each_tab_lists_the_visitors_runs_and_the_example_stays_without_one(tmp_path):
@@ -481,7 +483,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     """Made elsewhere; a visitor's link comes first."""
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="given", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
-    own = keep_own(page.runs, made.folder, tmp_path / "opened", Media())
+    own = add_owner_run(page.runs, made.folder, tmp_path / "opened", Media())
     page.opening.services = replace(page.opening.services, opened=(own,))
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
@@ -492,7 +494,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     assert page.own.player not in page.opened("mine", mine.token)
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match=r"run\.json is missing"):
-        keep_own(page.runs, tmp_path / "empty", tmp_path / "none", Media())
+        add_owner_run(page.runs, tmp_path / "empty", tmp_path / "none", Media())
 
 
 def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp_path):
@@ -501,7 +503,7 @@ def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp
         made_run(job, f"{clip}: local", jerk={"local": 10.0 + 2 * number}, out=f"results/{clip}")
     (job / "results/sheet.md").touch()
     page = Page(tmp_path / "page")
-    token = keep_own(page.runs, job / "results", tmp_path / "opened", Media())
+    token = add_owner_run(page.runs, job / "results", tmp_path / "opened", Media())
     first = page.runs.find(token)
     assert first is not None and list(first.clips) == ["a", "b"]
     second = first.clips["b"]
@@ -559,11 +561,11 @@ class Tab:
         with gr.Blocks():
             self.parts: ResultParts = ResultParts()
         services = fakes.made_services(folder, {"draw_videos_in_background": draw})
-        self.jobs, self.kept = services.jobs, services.kept
-        self.videos = VideosBehind(services, self.parts, "generate")
+        self.jobs, self.kept = services.jobs, services.saved_runs
+        self.videos = BackgroundVideos(services, self.parts, "generate")
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
-            (self.run.showing.folder / row.files["video"]).unlink()
+            (self.run.view.folder / row.files["video"]).unlink()
         self.videos.want(self.run, VideoOptions())
 
     def updates(self) -> Iterator[dict[Any, Any]]:
@@ -573,7 +575,7 @@ class Tab:
 def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_path):
     first, second = threading.Event(), threading.Event()
     tab = Tab(tmp_path, fakes.make_draw(lambda number: (first, second)[number], seconds=0.2))
-    assert "lacks 3 of 3 videos, which are not rendered yet" in tab.run.downloads(tab.run.showing)
+    assert "lacks 3 of 3 videos, which are not rendered yet" in tab.run.downloads(tab.run.view)
     first.set()
     updates = tab.updates()
     told = [next(updates)]
@@ -583,7 +585,7 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
         lacks = json.loads(archive.read(RUN))["missing"]
         assert lacks == ["globaldiff-global.mp4", "comparison.mp4"]
         assert "globaldiff-local.mp4" in archive.namelist() and not {*lacks} & {*archive.namelist()}
-    assert "lacks 2 of 3 videos" in tab.run.downloads(tab.run.showing)
+    assert "lacks 2 of 3 videos" in tab.run.downloads(tab.run.view)
     second.set()
     told += updates
     assert "lacks" not in told[-1][tab.parts.downloads]["value"] and not tab.run.record.missing

@@ -10,7 +10,7 @@ import pytest
 from app import text
 from app.errors import RunError
 from app.page.results.result_parts import ResultParts
-from app.page.tabs.stage import Asked, SeenRunner, TakesRunner
+from app.page.tabs.stage import EditMessage, EditRunner, ViewerVideoRunner
 from app.page.visitors.files import Job
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
 from app.run.display import Display, ViewerState
@@ -59,7 +59,7 @@ def test_everything_that_is_seen_is_read():
     seen = ViewerState.parse(json.dumps(told()))
     found = [(body.label, body.motion) for body in seen.bodies]
     assert found == [("local", "media/a"), ("full", "media/b")] and seen.sound == "media/c"
-    assert (seen.shown, seen.columns, seen.mode, seen.size) == ((1,), 2, "grid", (240, 420))
+    assert (seen.visible, seen.columns, seen.mode, seen.size) == ((1,), 2, "grid", (240, 420))
     assert seen.is_smoothed and seen.look.is_whole and not seen.look.is_aligned
     assert seen.look.display == Display(6.5, True, "jerk", 4.0, 60, 300.0)
     assert seen.look.point == "left_index" and seen.camera == (0.5, 0.2, 1.5, 0.0, -0.1)
@@ -95,7 +95,7 @@ class Stage:
             self.parts = ResultParts()
         services = made_services(folder, {"draw_viewer_video": draw})
         self.media, self.jobs, self.characters = services.media, services.jobs, services.characters
-        self.runner = SeenRunner(services, self.parts)
+        self.runner = ViewerVideoRunner(services, self.parts)
         self.files = {name: folder / name for name in ("a.npz", "b.npz", "c.wav")}
         for path in self.files.values():
             path.write_bytes(b"")
@@ -208,14 +208,14 @@ class Editor:
         with gr.Blocks():
             self.parts = ResultParts()
         services = made_services(folder, {"regenerate_edited": make})
-        self.runner = TakesRunner(services, self.parts)
+        self.runner = EditRunner(services, self.parts)
         said = Transcript((Word(0.2, 0.5, "you"),))
-        self.showing = made_run(folder / "run", jerk={ROW: 1.0}, said=said)
-        folder = self.showing.folder
-        with open_run_writer(folder, read_run(folder), is_kept=True) as run:
+        self.view = made_run(folder / "run", jerk={ROW: 1.0}, said=said)
+        folder = self.view.folder
+        with open_run_writer(folder, read_run(folder), is_incremental=True) as run:
             run.write_plan(ROW, GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),)))
         job = Job("me", "generate", folder.parent, COOKIE)
-        services.kept.keep_run(job, {"": self.showing})
+        services.saved_runs.add_run(job, {"": self.view})
 
     def ask(self, *edits: Any, start: str = ROW, cookie: str = COOKIE) -> dict[str, Any]:
         """What the player shows in the end."""
@@ -242,9 +242,9 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert editing["editable"][f"{ROW}.take1"]["from"] == ROW and not editing["state"]
     again = editor.ask(NOD, start=f"{ROW}.take1")
     assert again["editing"]["editable"][f"{ROW}.take2"]["from"] == f"{ROW}.take1"
-    other = editor.showing.for_browser(str).value()
+    other = editor.view.for_browser(str).player_value()
     assert rows(other) == rows(again) and "editing" not in other, "whoever has the link sees them"
-    with edit_record(editor.showing.folder) as record:  # as where its page was closed meanwhile
+    with edit_record(editor.view.folder) as record:  # as where its page was closed meanwhile
         record.rows[-1].files.pop("told")
     assert rows(editor.ask(NOD)) == rows(again)
 
@@ -273,8 +273,8 @@ def test_nobody_reaches_the_run_of_another(tmp_path):
     for cookie in ("another", ""):
         with pytest.raises(gr.Error, match="belongs to another browser"):
             editor.ask(NOD, cookie=cookie)
-    assert "editing" not in editor.showing.for_browser(str).value()
-    assert "editing" in editor.showing.value()
+    assert "editing" not in editor.view.for_browser(str).player_value()
+    assert "editing" in editor.view.player_value()
 
 
 def edits(**changes: Any) -> str:
@@ -292,7 +292,7 @@ def edits(**changes: Any) -> str:
 )  # fmt: skip
 def test_an_editor_that_tells_anything_else_is_refused_with_a_sentence(value):
     def read(told: object) -> object:
-        return parse_edits(Asked.of(told).edits)
+        return parse_edits(EditMessage.of(told).edits)
 
     assert read(edits(edits=[NOD]))
     with pytest.raises(RunError):

@@ -9,8 +9,8 @@ import pytest
 
 from app.page.tabs.systems import (
     NOT_HERE,
-    HearingRunner,
-    MechanismRunner,
+    RotationNoiseRunner,
+    SpeechEffectRunner,
     StepCurveRunner,
     ablations_html,
 )
@@ -72,7 +72,7 @@ def test_the_plot_of_what_steps_buy_is_shown(tmp_path):
 
 
 def test_two_speeches_are_compared_examples_where_one_is_missing(tmp_path):
-    part = Measured(tmp_path, HearingRunner)
+    part = Measured(tmp_path, SpeechEffectRunner)
     part.click(["gan/5"], None, None, "", False)
     part.click(["gan/5"], None, "/up/a.wav", 1.0, True)
     first, second = part.asked
@@ -88,9 +88,9 @@ def test_two_speeches_are_compared_examples_where_one_is_missing(tmp_path):
         (StepCurveRunner, ([], "/up/s.wav"), "Select at least one system to measure.", EXAMPLES),
         (StepCurveRunner, (["gan/5"], None), "no examples", ()),
         (StepCurveRunner, (list("abcdefg"), None), "One to 6 systems", EXAMPLES),
-        (HearingRunner, ([], None, None, "", False), "Select at least one system", EXAMPLES),
-        (HearingRunner, (["gan/5"], None, None, "", False), "fewer than two", ()),
-        (HearingRunner, (["gan/5"], "/up/a.wav", "/a.wav", "", False), "one name", EXAMPLES),
+        (SpeechEffectRunner, ([], None, None, "", False), "Select at least one system", EXAMPLES),
+        (SpeechEffectRunner, (["gan/5"], None, None, "", False), "fewer than two", ()),
+        (SpeechEffectRunner, (["gan/5"], "/up/a.wav", "/a.wav", "", False), "one name", EXAMPLES),
     ],
 )
 def test_what_is_missing_is_said(tmp_path, kind, values, words, examples):
@@ -101,7 +101,7 @@ def test_what_is_missing_is_said(tmp_path, kind, values, words, examples):
 def shown(show: Any, tmp_path: Path, *values: Any) -> list[dict[str, Any]]:
     services = made_services(tmp_path, {"compare_rotation_noise": show})
     with gr.Blocks():
-        runner = MechanismRunner(services)
+        runner = RotationNoiseRunner(services)
     return updates_of(runner, parts_of(runner, "message", "player", "figure"), *values)
 
 
@@ -119,7 +119,7 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
     *_, last = shown(show, tmp_path, 0.05, None)
     (one,) = asked
     assert (one.motion, one.noise_rad) == (FIRST_MOTION, 0.05) and FIRST_MOTION.is_file()
-    assert one.output.is_kept and not one.has_video
+    assert one.output.is_incremental and not one.has_video
     rows = last["player"]["rows"]
     # The browser adds the noise, so that the slider acts at once, on a motion of one's own too.
     assert [row["space"] for row in rows] == ["local", "global"]

@@ -17,7 +17,7 @@ from starlette.testclient import TestClient
 
 from app import text
 from app.page.visitors import uploads
-from app.page.visitors.files import claim_folder, keep_swept, sweep
+from app.page.visitors.files import claim_folder, start_sweeper, sweep
 from app.page.visitors.uploads import MAX_FILES
 from app.page.visitors.visitors import address_of
 from tests.app.page.conftest import UPLOAD
@@ -69,7 +69,7 @@ def test_a_sweep_that_fails_is_not_the_last(tmp_path, monkeypatch, caplog):
 
     monkeypatch.setattr(Path, "unlink", fail_at)
     monkeypatch.setattr("app.page.visitors.files.SWEEP_EVERY_S", 0.01)
-    keep_swept(tmp_path, KEEP_S, in_use)
+    start_sweeper(tmp_path, KEEP_S, in_use)
     wait_for(lambda: not old.exists())
     assert "a sweep failed" in caplog.text and "could not be deleted" in caplog.text
 
@@ -151,13 +151,13 @@ def test_an_upload_that_is_broken_off_or_finds_no_room_leaves_nothing(served, mo
     assert served.uploads() == before
     start, _ = served.sent("10.1.0.2", multipart(b"x"), "b", ended)
     assert start["status"] == 200 and len(served.uploads() - before) == 1
-    monkeypatch.setattr(uploads.TidyParser, "min_free_bytes", 10**18)
+    monkeypatch.setattr(uploads.LimitedUploadParser, "min_free_bytes", 10**18)
     answer = served.visitor().post("/gradio_api/upload", files=UPLOAD)
     assert answer.status_code == 400 and answer.text == text.DISK_FULL
 
 
 def test_the_uploads_of_one_address_have_a_limit_together(served, monkeypatch):
-    quota = uploads.TidyParser.quota
+    quota = uploads.LimitedUploadParser.quota
     monkeypatch.setattr(quota, "max_bytes", 2800)
     visitor, other = served.visitor(), served.visitor()
 

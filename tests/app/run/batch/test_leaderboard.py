@@ -76,7 +76,7 @@ def test_another_recorded_clip_is_another_test(measured: Path, tmp_path: Path) -
 
 
 def test_the_latest_measurement_wins_and_a_note_stays() -> None:
-    old, new = entry(), entry(made_at="2026-02-01T00:00:00+00:00", note="", clips=3)
+    old, new = entry(), entry(measured_at="2026-02-01T00:00:00+00:00", note="", clips=3)
     assert (
         merge_entries([[new], [old]])
         == merge_entries([[old], [new]])
@@ -91,6 +91,7 @@ def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path
     assert read_leaderboard(tmp_path / "board.json") == [entry()]
     told = json.loads((tmp_path / "board.json").read_text())
     (one,) = told["entries"]
+    assert one["made_at"] == entry().measured_at, "the key of all boards so far"
     measure = {"joint_jerk_m_s3": {**one["measures"]["joint_jerk_m_s3"], "mean": "1"}}
     for change, words in (
         ({"format": 9}, "`format` cannot be 9"),

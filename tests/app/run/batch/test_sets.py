@@ -14,7 +14,7 @@ from app.run.requests.convert import replace_fields
 from conventions.rates import SAMPLE_RATE
 from model.motion.motion import save_motion
 from model.speech.audio import write_wav
-from tests.app.heard import Heard
+from tests.app.recorded_callbacks import RecordedCallbacks
 from tests.app.requests import diagnose_request
 from tests.helpers import smooth_motion_example
 
@@ -49,7 +49,7 @@ def zipped(folder: Path, out: Path, **more: bytes) -> Path:
 
 
 def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
-    heard = Heard()
+    callbacks = RecordedCallbacks()
     found = measure_sets(
         diagnose_request(
             motions=(zipped(folders / "mine", tmp_path / "mine.zip", res_broken=b"no motion"),),
@@ -58,10 +58,10 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
             reference=zipped(folders / "gt", tmp_path / "gt.zip", gt_broken=b"no motion"),
             speech=zipped(folders / "sound", tmp_path / "sound.zip"),
         ),
-        heard,
+        callbacks,
     )
     assert found.summary["clips"] == list(CLIPS)
-    shares = heard.shares
+    shares = callbacks.shares
     assert sorted(shares) == shares and shares[-1] > 0.8, "the last clip could not be read"
     assert list(found.clips) == ["My system", "reference"]
     assert sorted(found.audio_files) == list(CLIPS)

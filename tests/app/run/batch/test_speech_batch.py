@@ -159,7 +159,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     (speeches / "b.wav").write_bytes(b"no sound at all" * 9)
     asked = request_of(
         *(speeches, tmp_path / "1", weights),
-        systems=("globaldiff/local",), has_figures=False, is_kept=True,
+        systems=("globaldiff/local",), has_figures=False, is_incremental=True,
     )  # fmt: skip
     elsewhere = tmp_path / "list.txt"
     elsewhere.write_text(f"{speeches / 'a.wav'}\n")
@@ -180,7 +180,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     assert [each.fraction for each in motion] == pytest.approx([0.5, 1.0])
     runs = runs_in(asked.output.out)
     assert [read_run(run).settings["speech"] for run in runs.values()] == list(runs) == list("ab")
-    run_batch(clip_requests(replace_fields(asked, out=tmp_path / "2", is_kept=False)), HERE)
+    run_batch(clip_requests(replace_fields(asked, out=tmp_path / "2", is_incremental=False)), HERE)
     with np.load(tmp_path / "2/b/globaldiff-local.npz") as elsewhere:
         here = np.load(asked.output.out / "b/globaldiff-local.npz")
         np.testing.assert_array_equal(here["poses"], elsewhere["poses"])
@@ -189,7 +189,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     assert is_run_zip(packed)
     (tmp_path / "anew").mkdir()
     again = diagnose_request(
-        motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_kept=True
+        motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_incremental=True
     )
     run_in_folder(again, NO_CALLBACKS)
     measured = [

@@ -13,7 +13,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points, wrist_positions_in_chest
 from model.plan.editing import clamp_to_reach
 from model.plan.kinds import REST_PLACE
-from model.plan.plan import SIDES, STILL, HandPhase, PlanError
+from model.plan.plan import SIDES, STILL_PHASES, HandPhase, PlanError
 from model.plan.plan_features import (
     TIERS,
     chain_states,
@@ -169,7 +169,7 @@ def began(planner: Planner, speech, manner: LiveStyle = USUAL, long: int = LONG)
         for side in SIDES:
             for phase in plan.condition.hand(side):
                 begins, ends = (round(at * 30) + plan.origin for at in (phase.start_s, phase.end_s))
-                settled = phase.phase in STILL or ends < first + HOP + AHEAD
+                settled = phase.phase in STILL_PHASES or ends < first + HOP + AHEAD
                 if begins < first + HOP and settled:
                     found.setdefault((side, begins), set()).add((ends, phase.phase, phase.goal))
     return found
@@ -187,7 +187,7 @@ def test_where_all_speech_is_known_a_plan_is_that_of_whole_speech(planner):
         assert {at for at in expected if at < LONG - 1} == {at for at in made if at < LONG - 1}
         for at, phases in made.items():
             assert at >= LONG - 1 or {name for _, name, _ in phases} == {expected[at][1]}
-            if at < LONG - 30 and expected[at][1] not in STILL:
+            if at < LONG - 30 and expected[at][1] not in STILL_PHASES:
                 ((end, _, goal),) = phases
                 assert end == expected[at][0]
                 assert goal == pytest.approx(expected[at][2], abs=1e-4)
@@ -196,7 +196,7 @@ def test_where_all_speech_is_known_a_plan_is_that_of_whole_speech(planner):
 def test_a_movement_that_has_begun_is_carried_out_whatever_is_said(planner):
     """Each time other speech is supposed to come than what came."""
     found = began(planner, lambda first: features(1000, first))
-    moving = [told for told in found.values() if next(iter(told))[1] not in STILL]
+    moving = [told for told in found.values() if next(iter(told))[1] not in STILL_PHASES]
     assert len(moving) > 6 and all(len(each) == 1 for each in moving)
 
 

@@ -17,9 +17,9 @@ from typing import Any
 from app import text
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.results.player import Showing
-from app.page.results.tables import clips_html, jerk_bars, title_of
-from app.page.routes.media import OF_STAGES
+from app.page.results.run_view import RunView
+from app.page.results.tables import clips_html, jerk_bars, runs_title
+from app.page.routes.media import VIEWER_ASSETS
 from app.page.theme import PLAYER_CSS, make_theme
 from app.run.frame_packets import MAX_FRAMES
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
@@ -27,7 +27,7 @@ from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowFileKind, file_
 from model.storage.json_validation import FieldError, read_json
 
 WEB = Path(__file__).resolve().parent / "web"
-DOOR = "player/player.js"
+ENTRY_MODULE = "player/player.js"
 """Module that the file starts."""
 _PLAYED: tuple[RowFileKind, ...] = ("frames", "plan", "performed")
 NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; give at least one."
@@ -58,7 +58,7 @@ dark.addEventListener("change", follow);
 follow();
 """  # noqa: E501
 _START = f"""
-import {{ mountPlayer }} from "web/{DOOR}";
+import {{ mountPlayer }} from "web/{ENTRY_MODULE}";
 const props = {{ value: {{}} }};
 let told = () => {{}};
 async function choose(run) {{
@@ -73,7 +73,7 @@ document.querySelector("header select")?.addEventListener("change", ({{ target }
 """  # noqa: E501
 
 
-def player_alone(folder: Path) -> str:
+def standalone_html(folder: Path) -> str:
     """Make the HTML of a run's folder, or of one with the runs of several clips.
 
     Raises:
@@ -87,19 +87,21 @@ def player_alone(folder: Path) -> str:
         return name
 
     runs = runs_in(folder) or {"": folder}
-    showings = {clip: Showing(run, address, name=f"alone{clip}") for clip, run in runs.items()}
-    records = {clip: showing.record for clip, showing in showings.items()}
+    run_views = {clip: RunView(run, address, name=f"alone{clip}") for clip, run in runs.items()}
+    records = {clip: run_view.record for clip, run_view in run_views.items()}
     over_clips = clips_html(records)
     for record in records.values():
         for row in record.rows:
             row.files = {kind: row.files[kind] for kind in _PLAYED if kind in row.files}
         record.rows = [row for row in record.rows if "frames" in row.files]
-    played = {clip: showing for clip, showing in showings.items() if records[clip].rows}
+    played = {clip: run_view for clip, run_view in run_views.items() if records[clip].rows}
     if not played:
         raise RunError(NOTHING_TO_PLAY.format(frames=MAX_FRAMES))
-    values = [{**each.value(), "running": False, "begins": False} for each in played.values()]
+    values = [
+        {**each.player_value(), "running": False, "begins": False} for each in played.values()
+    ]
     first = records[next(iter(played))]
-    title = title_of(list(records.values()))
+    title = runs_title(list(records.values()))
     head = f"<h1>{escape(title)}</h1>" if title else ""
     if over_clips:
         options = "".join(f"<option>{escape(clip)}</option>" for clip in played)
@@ -111,9 +113,9 @@ def player_alone(folder: Path) -> str:
     if path := file_of(next(iter(runs.values())), PROVENANCE):
         are = str(_object_in(path).get(WEIGHTS_ARE_KEY, ""))
         head += f"<p>{text.WEIGHTS.format(are=escape(are))}</p>" if are else ""
-    files |= {name: make() for name, (make, _) in OF_STAGES.items()}
+    files |= {name: make() for name, (make, _) in VIEWER_ASSETS.items()}
     content = {"files": {name: _packed(data) for name, data in files.items()}, "runs": values}
-    modules = {f"web/{path}": _module(path) for path in _needed(DOOR)}
+    modules = {f"web/{path}": _module(path) for path in _needed(ENTRY_MODULE)}
     style = make_theme()._get_theme_css() + "".join(path.read_text() for path in PLAYER_CSS)
     return "\n".join(
         [
@@ -155,8 +157,8 @@ def _module(path: str) -> str:
     """Return a module as a data URL, with imports renamed as in the import map."""
     folder = (WEB / path).parent
 
-    def named(found: re.Match[str]) -> str:
-        return "web/" + (folder / found.group()).resolve().relative_to(WEB).as_posix()
+    def named(match: re.Match[str]) -> str:
+        return "web/" + (folder / match.group()).resolve().relative_to(WEB).as_posix()
 
     source = _IMPORTED.sub(named, (WEB / path).read_text())
     return "data:text/javascript;base64," + base64.b64encode(source.encode()).decode("ascii")
@@ -171,7 +173,7 @@ def _in_html(content: object) -> str:
     return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def save_page(asked: tuple[Path, Path], *_: object) -> None:
+def write_html_page(request: tuple[Path, Path], *_: object) -> None:
     """Write the player of a run's folder into an HTML file, as a task."""
-    folder, out = asked
-    out.write_text(player_alone(folder), encoding="utf-8")
+    folder, out = request
+    out.write_text(standalone_html(folder), encoding="utf-8")

@@ -90,7 +90,9 @@ def _whole(part: Any, value: float | None) -> int:
     return int(value)
 
 
-def named_fields(run: Callable[..., Iterator[Any]], form: Fields) -> Callable[..., Iterator[Any]]:
+def with_named_parameters(
+    run: Callable[..., Iterator[Any]], form: Fields
+) -> Callable[..., Iterator[Any]]:
     """Return ``run`` with a named parameter for each field, all optional but the first.
 
     Gradio takes the names of the API's parameters from them.

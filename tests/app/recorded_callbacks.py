@@ -1,25 +1,26 @@
-"""What a task of `app.page.worker` tells while it works."""
+"""Callbacks that record the progress of a task, and can cancel it."""
 
 from app.run.callbacks import Progress, RunCallbacks, RunEvent, RunStage
 
 
-class Heard(RunCallbacks):
-    """Takes its events, and says when it shall stop."""
+class RecordedCallbacks(RunCallbacks):
+    """Callbacks that record progress events, and cancel the task at a share of it."""
 
     def __init__(self, stop_at: float = 2.0, count: int = 1, stage: RunStage | None = None) -> None:
         """
         Args:
-            stop_at: share from which on so many have been told when it stops.
-            stage: of which they are; None of any.
+            stop_at: fraction done at which the task is cancelled.
+            count: number of events with at least this fraction before that.
+            stage: stage of these events; None counts all.
         """
         super().__init__(self.take, self.should_stop)
-        self.told: list[Progress] = []
+        self.events: list[Progress] = []
         self._stage = stage
         self._stop_at, self._count = stop_at, count
 
     def take(self, event: RunEvent) -> None:
         if isinstance(event, Progress):
-            self.told.append(event)
+            self.events.append(event)
 
     def should_stop(self) -> bool:
         shares = self.shares if self._stage is None else self.shares_of(self._stage)
@@ -27,7 +28,7 @@ class Heard(RunCallbacks):
 
     @property
     def shares(self) -> list[float]:
-        return [each.fraction for each in self.told]
+        return [each.fraction for each in self.events]
 
     def shares_of(self, stage: RunStage) -> list[float]:
-        return [each.fraction for each in self.told if each.stage == stage]
+        return [each.fraction for each in self.events if each.stage == stage]

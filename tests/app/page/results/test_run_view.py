@@ -5,8 +5,8 @@ import json
 import pytest
 
 from app.errors import RunError
-from app.page.alone import player_alone
-from app.page.results.player import Showing, first_look
+from app.page.html_export import standalone_html
+from app.page.results.run_view import RunView, first_look
 from app.page.routes.media import Media
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
@@ -26,17 +26,17 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     (tmp_path / "job").mkdir()
     out = tmp_path / "job/results"
     asked = generate_request(
-        speech=speech, out=out, systems=NAMES[:2], reference=reference, is_kept=True
+        speech=speech, out=out, systems=NAMES[:2], reference=reference, is_incremental=True
     )
-    showing = showing_in(tmp_path / "job", media, "mine")
+    run_view = showing_in(tmp_path / "job", media, "mine")
     values: list[dict] = []
 
     def noted(event: RunEvent) -> None:
         if isinstance(event, FolderUpdated):
-            values.append(showing.value())
+            values.append(run_view.player_value())
 
     with pytest.raises(RunError, match=r"run\.json is missing"):
-        showing.value()
+        run_view.player_value()
     plan = GesturePlan(1.0, nods=(Nod(0.5, 6.0),))
     make_generate(seconds=1.0, plan=plan)(asked, RunCallbacks(noted))
     rows = [value["rows"] for value in values if value["rows"]]
@@ -54,14 +54,14 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     assert media.at(last["timeline"], "mine") and not media.at(last["audio"], "")
     assert all(media.at(row["plan"], "mine") for row in last["rows"][:2])
     assert [row["is_planned"] for row in last["rows"][:2]] == [True, False]
-    assert showing.performed() == [NAMES[0]]
+    assert run_view.planned_rows() == [NAMES[0]]
 
 
 def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path):
-    showing = made_run(tmp_path / "job")
-    showing.say()
-    other = showing.for_browser(lambda path: f"other/{path.name}")
-    mine, theirs = showing.value(), other.value()
+    run_view = made_run(tmp_path / "job")
+    run_view.set_editor_message()
+    other = run_view.for_browser(lambda path: f"other/{path.name}")
+    mine, theirs = run_view.player_value(), other.player_value()
     assert "editing" in mine and "editing" not in theirs
     assert theirs["audio"] == "other/speech.wav" and mine["audio"].startswith("media/")
 
@@ -81,11 +81,11 @@ def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
     (row,) = rows_of(["a"])
     record = RunRecord(kind="given", point="right_wrist", rows=[row], timeline=TIMELINE)
     record.write(tmp_path / RUN)
-    showing = Showing(tmp_path, str)
+    run_view = RunView(tmp_path, str)
     for content in ("[" * 10**5, "[1]", "{"):
         (tmp_path / TIMELINE).write_text(content)
         with pytest.raises(RunError, match=r"timeline\.json of this run is damaged"):
-            showing.timeline()
+            run_view.timeline()
     told = json.loads((tmp_path / RUN).read_text())
     for assumed in (
         {"kind": "up"},
@@ -102,4 +102,4 @@ def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
     secret = tmp_path.parent / "secret.json"
     secret.write_text(json.dumps({WEIGHTS_ARE_KEY: "a secret"}))
     (tmp_path / PROVENANCE).symlink_to(secret)
-    assert "a secret" not in player_alone(tmp_path)
+    assert "a secret" not in standalone_html(tmp_path)

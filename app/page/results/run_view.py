@@ -33,12 +33,12 @@ from model.storage.json_validation import FieldError, read_json
 if TYPE_CHECKING:
     from app.run.plan_edits.edits import EditSuggestion
 
-NOTHING: dict[str, Any] = {}
+EMPTY_VALUE: dict[str, Any] = {}
 _SHOWN: tuple[RowFileKind, ...] = ("motion", "frames", "plan", "video")
 
 
 @dataclass(eq=False)
-class Showing:
+class RunView:
     """Player data of a run, read from its `run.json` whenever that changes."""
 
     folder: Path
@@ -69,7 +69,7 @@ class Showing:
         row = self.record.row(name)
         return None if row is None else file_of(self.folder, row.files.get(kind))
 
-    def performed(self) -> list[str]:
+    def planned_rows(self) -> list[str]:
         """Return the names of the run's original rows from systems that follow a gesture plan."""
         return [
             row.name for row in self.record.rows if "performed" in row.files and row.take is None
@@ -83,7 +83,7 @@ class Showing:
         except FieldError as error:
             raise RunError(DAMAGED.format(name=TIMELINE, why=error)) from None
 
-    def say(
+    def set_editor_message(
         self,
         sentence: str = "",
         *,
@@ -95,13 +95,13 @@ class Showing:
         told = [{"label": one.label, "edits": [e.as_json() for e in one.edits]} for one in offers]
         self.editing = {"message": sentence, "refused": is_refused, "state": state, "offers": told}
 
-    def for_browser(self, address: Address) -> Showing:
+    def for_browser(self, address: Address) -> RunView:
         """Return a copy for another browser, which cannot edit the run."""
         other = copy(self)
         other.address, other.editing = address, None
         return other
 
-    def value(self) -> dict[str, Any]:
+    def player_value(self) -> dict[str, Any]:
         """Return the player's value; ``begins`` plays it at once, ``running`` announces more."""
         record = self.record
         beside = {"audio": record.sound, "timeline": record.timeline}
@@ -135,7 +135,7 @@ class Showing:
                     "from": take.start if row.take else "",
                     "told": self.address(told),
                 }
-        return {"rows": self.performed(), "editable": editable, **state}
+        return {"rows": self.planned_rows(), "editable": editable, **state}
 
     def _row(self, row: Row) -> dict[str, Any]:
         files = {kind: name for kind, name in row.files.items() if kind in _SHOWN}
@@ -159,12 +159,12 @@ class Showing:
         return {kind: self.address(path) for kind, path in paths.items() if path is not None}
 
 
-def showings_in(
+def run_views_in(
     folder: Path, address: Address, name: str, is_drawn: bool = False
-) -> dict[str, Showing]:
+) -> dict[str, RunView]:
     """Return the player data of a folder's run under "", or of several clips by name."""
     runs = runs_in(folder)
-    return {clip: Showing(run, address, f"{name}{clip}", is_drawn) for clip, run in runs.items()}
+    return {clip: RunView(run, address, f"{name}{clip}", is_drawn) for clip, run in runs.items()}
 
 
 def _assumed(row: Row) -> dict[str, Any]:
@@ -175,7 +175,7 @@ def _assumed(row: Row) -> dict[str, Any]:
 
 def first_look(media: Media) -> dict[str, Any]:
     """Return the player's value of the example on a newly opened page: the paper's argument."""
-    value = Showing(FIRST_LOOK, media.share(FIRST_LOOK, "")).value()
+    value = RunView(FIRST_LOOK, media.share(FIRST_LOOK, "")).player_value()
     value |= {"running": False, "begins": False}
     return with_noise(value, value["rows"][0], RotationNoiseRequest.noise_rad)
 
