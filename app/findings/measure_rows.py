@@ -182,10 +182,9 @@ _ABOUT = {row.key: row.description for row in METRICS}
 
 
 def definition_of(key: str, protocol: str) -> str:
-    """Return the rule of a metric in one or two sentences; empty for an unknown one."""
-    if protocol == WORKBENCH or protocol not in PROTOCOLS:
-        return _ABOUT.get(key, "")
-    return PROTOCOLS[protocol].rule
+    """Return what a metric is, and the rule of its protocol; empty if both are unknown."""
+    is_published = protocol != WORKBENCH and protocol in PROTOCOLS
+    return f"{_ABOUT.get(key, '')} {PROTOCOLS[protocol].rule if is_published else ''}".strip()
 
 
 KEYS_OF_OLD_TITLES = {

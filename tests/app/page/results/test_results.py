@@ -293,14 +293,17 @@ def test_sets_and_clips_have_the_rule_of_each_metric_one_click_away(run):
         {"measure": key, "unit": "", "system": "a", "clips": 2, "difference_to": "",
          "mean": 1.0, "low": 1.0, "high": 1.0, "protocol": protocol}
         for key, protocol in (
-            (JERK, "workbench/1"), ("gac/unicamp/dice", "gac/unicamp"), (FGD, "fgd/workbench")
+            (JERK, "workbench/1"), ("gac/unicamp/dice", "gac/unicamp"), (FGD, "fgd/workbench"),
+            ("beat_align_chance", "beats/workbench"),
         )
     ]  # fmt: skip
     told = {"clips": ["1", "2"], "worst": [], "measures": rows}
     shown = sets_html(told, ["a"], "", "")
-    for key, protocol in ((JERK, ""), ("", "gac/unicamp"), ("", "fgd/workbench")):
-        about = next((row.description for row in METRICS if row.key == key), None)
-        assert escape(about or PROTOCOLS[protocol].rule) in shown
+    about = {row.key: row.description for row in METRICS}
+    chance = f"{about['beat_align_chance']} {PROTOCOLS['beats/workbench'].rule}"
+    fgd, gac = PROTOCOLS["fgd/workbench"].rule, PROTOCOLS["gac/unicamp"].rule
+    for sentences in (about[JERK], gac, fgd, chance):
+        assert f"<dd>{escape(sentences)} <code>" in shown
     clips = clips_html({"1": run().record, "2": run().record})
     assert "<code>workbench/1</code>" in clips.split('<details class="rules">')[1]
     assert all(row.description.count(". ") <= 1 for row in METRICS)
