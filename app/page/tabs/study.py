@@ -58,7 +58,7 @@ def build_study_tab(services: Services) -> Fields:
                 )
             with gr.Column(elem_classes="results"):
                 status = gr.HTML(markup.idle_status(text.READY), elem_id="study-status")
-                made = hidden_html("study-made", "study_key.js", "mountKey")
+                result = hidden_html("study-made", "study_key.js", "mountKey")
     protocol, speeches, systems, changed = (
         fields[name] for name in ("protocol", "speeches", "systems", "changed")
     )
@@ -79,11 +79,11 @@ def build_study_tab(services: Services) -> Fields:
             api_visibility="private",
         )
         button.click(examples, speeches, speeches, **PRIVATE_EVENT)
-    outputs = [status, made]
-    only_plan = PlanRunner(services, fields, status, made)
+    outputs = [status, result]
+    only_plan = PlanRunner(services, fields, status, result)
     at_once: dict[str, Any] = {"concurrency_id": "plan", "show_progress": "hidden"}
     only_plan.start_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
-    runner = StudyRunner(services, fields, status, made)
+    runner = StudyRunner(services, fields, status, result)
     reveal_on_click(start, status)
     runner.start_and_cancel_on(start, cancel, fields, outputs, api_name="study")
     return fields
@@ -364,11 +364,11 @@ class StudyRunner(TabRunner):
     tab = "study"
 
     def __init__(
-        self, services: Services, fields: Fields, status: gr.HTML, exports: gr.HTML
+        self, services: Services, fields: Fields, status: gr.HTML, result: gr.HTML
     ) -> None:
         super().__init__(services, status)
         self.fields = fields
-        self.made_part = exports
+        self.result_part = result
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         fields = values_of(Plan, self.fields, values)
@@ -376,7 +376,10 @@ class StudyRunner(TabRunner):
         path.write_text(plan_text(fields), "utf-8")
         plan = read_plan(path)
         size = study_size(plan, make_design(plan))[1]
-        yield {self.status: markup.sentence_status(text.STARTING), self.made_part: update_html("")}
+        yield {
+            self.status: markup.sentence_status(text.STARTING),
+            self.result_part: update_html(""),
+        }
         address = self.services.media.share(job.folder, job.cookie)
         yield from self._made(job, fields, path, size, address)
 
@@ -432,7 +435,7 @@ class StudyRunner(TabRunner):
         )
         yield {
             self.status: markup.sentence_status(f"{MADE} {size}"),
-            self.made_part: update_html(f'<div class="downloads">{html}</div>'),
+            self.result_part: update_html(f'<div class="downloads">{html}</div>'),
         }
 
     def stopped(self, status: str, message: str) -> Updates:
@@ -448,7 +451,7 @@ class PlanRunner(StudyRunner):
         link = _link("study-plan", address(plan), plan.name, PLAN)
         yield {
             self.status: markup.sentence_status(f"The plan is written. {size}"),
-            self.made_part: update_html(f'<div class="downloads">{link}</div>'),
+            self.result_part: update_html(f'<div class="downloads">{link}</div>'),
         }
 
 
@@ -489,12 +492,15 @@ class AnalysisRunner(StudyRunner):
             raise RunError(NO_KEY)
         if len(answers) > MAX_FILES:
             raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(answers)))
-        yield {self.status: markup.sentence_status(text.STARTING), self.made_part: update_html("")}
+        yield {
+            self.status: markup.sentence_status(text.STARTING),
+            self.result_part: update_html(""),
+        }
         asked = AnalysisRequest(answers, key, job.folder / "results")
         files = yield from self.run_task(job, analyse, asked)
         links = files_listed(files, self.services.media.share(job.folder, job.cookie))
         html = f'{framed(files[0].read_text("utf-8"))}<div class="downloads">{links}</div>'
-        yield {self.status: markup.sentence_status(ANALYSED), self.made_part: update_html(html)}
+        yield {self.status: markup.sentence_status(ANALYSED), self.result_part: update_html(html)}
 
 
 def framed(report: str) -> str:

@@ -421,7 +421,7 @@ def test_the_plan_alone_is_checked_and_copies_no_upload(speech, tmp_path):
             list(study.run(VISITOR, *form(speech, **changes)))
     shutil.rmtree(tmp_path / "jobs")
     *_, last = study.run(VISITOR, *form(speech, 2))
-    assert 'download="plan.toml"' in last[study.made_part]["value"]
+    assert 'download="plan.toml"' in last[study.result_part]["value"]
     left = {path.name for path in (tmp_path / "jobs").rglob("*") if path.is_file()}
     assert left == {"plan.toml"}
 
