@@ -236,8 +236,8 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"panels": (PANELS, PANELS)}, "views do not match the bodies"),
         ({"panels": (PANELS[1:],)}, "views do not match the bodies"),
         ({"panels": ((body, right, right),)}, "views do not match the bodies"),
-        ({"panels": ((ViewerPanel(rect=(0, 0, 900, 100)),),)}, "The body has no room"),
-        ({"panels": ((body, thin),)}, "right hand has no room"),
+        ({"panels": ((ViewerPanel(rect=(0, 0, 900, 100)),),)}, "The body does not fit"),
+        ({"panels": ((body, thin),)}, "right hand does not fit"),
         ({"exaggeration": 50.0}, "by a factor of 1 to 20; got 50"),
         ({"tone": "green"}, "'light', 'medium', 'dark' or 'clay'"),
         ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom is 0.4 to 10; got 99"),
@@ -373,6 +373,6 @@ def test_of_more_than_fit_the_first_sample_of_each_and_the_reference_stand_side_
         names = [f"system{i}" for i in range(number)]
         fitting, told = limit_compared([*names, "reference"])
         assert fitting == [*names[:5], "reference"]
-        assert ("they show system0, system1, " in " ".join(told)) == (number > 5)
+        assert ("6 motions: system0, system1, " in " ".join(told)) == (number > 5)
     names = [f"{name}{sample}" for name in ("a/b", "a/c") for sample in ("", ".s2", ".s3", ".s4")]
     assert limit_compared(names)[0] == ["a/b", "a/c"]
