@@ -28,7 +28,7 @@ from model.storage.json_validation import validation_message
 if TYPE_CHECKING:
     import gradio as gr
 
-    from app.page.visitors.files import Jobs
+    from app.page.visitors.job_folders import Jobs
     from app.page.visitors.quota import Quota
 
 log = logging.getLogger(__name__)

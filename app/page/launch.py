@@ -120,7 +120,7 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     from app.page.routes.media import Media
     from app.page.tabs.runner import Services
     from app.page.visitors.characters import Characters
-    from app.page.visitors.files import Jobs, start_sweeper
+    from app.page.visitors.job_folders import Jobs, start_sweeper
     from app.page.visitors.quota import Quota
     from app.page.worker import Limits, Worker
 
@@ -268,7 +268,7 @@ def check_port(config: AppConfig) -> None:
 
 def own_folders(config: AppConfig) -> AppConfig:
     """Return the configuration with a temporary folder of this process, removed at its end."""
-    from app.page.visitors.files import claim_folder
+    from app.page.visitors.job_folders import claim_folder
 
     temp = claim_folder(config.temp)
     scratch = temp / "scratch"

@@ -21,7 +21,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.results.saved_runs import SavedRuns
 from app.page.tabs.runner import Services
 from app.page.visitors.characters import Characters
-from app.page.visitors.files import Jobs
+from app.page.visitors.job_folders import Jobs
 from app.page.worker import Task, Worker
 from app.run.bodies import TrackedPoint
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, Progress, RunCallbacks

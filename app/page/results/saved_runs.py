@@ -28,7 +28,7 @@ from app.page.results.result_parts import ResultParts, figures_html, files_liste
 from app.page.results.run_view import RunView, run_views_in
 from app.page.results.tables import clips_html, jerk_bars, measures_table, runs_title
 from app.page.routes.media import GONE, Media, OnDemandFiles
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore, equal_in_constant_time
 from app.run.batch.saved_run import copy_run
 from app.run.output.run_folder import TABLES, RunRecord, file_of

@@ -15,7 +15,7 @@ from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.motion import FormParts
 from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.runner import PAGE_DISPLAY, Services
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
 from model.systems.registry import family_of, representatives

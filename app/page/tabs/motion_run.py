@@ -18,14 +18,14 @@ from app.page.parts import markup
 from app.page.parts.form_values import Fields, values_of
 from app.page.parts.markup import UNQUEUED_EVENT, Updates, reveal_on_click, update_html
 from app.page.results.result_parts import ResultParts
-from app.page.results.run_pair import comparison_updates
+from app.page.results.run_comparison import comparison_updates
 from app.page.results.run_view import EMPTY_VALUE, run_views_in
 from app.page.results.saved_runs import RUN_QUERY_PARAMETER, SavedRun, progress_updates
 from app.page.results.tables import clips_html
 from app.page.tabs.motion import FormParts, request_from_form, values_to_save
 from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import BackgroundVideos
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import cookie_of, equal_in_constant_time, visitor_of
 from app.run.batch.saved_run import OPENED, run_in_folder
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent, RunStage

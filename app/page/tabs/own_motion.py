@@ -29,7 +29,7 @@ from app.page.results.tables import clip_choices, sets_html
 from app.page.tabs.motion import FIGURE_FIELDS, LAST_FRAME, FormParts, figure_fields, with_panels
 from app.page.tabs.motion_run import RunRunner
 from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore
 from app.run.batch.archives import UNPACKED, is_packed, stem_of
 from app.run.batch.saved_run import is_saved_run

@@ -27,7 +27,7 @@ from app.page.parts.markup import PRIVATE_EVENT, UNQUEUED_EVENT, Updates, update
 from app.page.results.saved_runs import SavedRuns
 from app.page.routes.media import Media
 from app.page.visitors.characters import Characters
-from app.page.visitors.files import Job, Jobs
+from app.page.visitors.job_folders import Job, Jobs
 from app.page.visitors.visitors import CHECKS, RUNS, TokenStore, cookie_of, visitor_of
 from app.page.worker import Task, Worker
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent

@@ -21,7 +21,7 @@ from app.page.results.result_parts import ResultParts, download_link
 from app.page.results.saved_runs import SavedRun
 from app.page.routes.media import CHARACTER_GONE
 from app.page.tabs.runner import Services, TabRunner, follow, last_fraction
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import visitor_of
 from app.run.callbacks import FolderUpdated, RunEvent
 from app.run.display import ViewerState

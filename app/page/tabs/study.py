@@ -23,7 +23,7 @@ from app.page.results.result_parts import download_link, files_listed
 from app.page.routes.media import PAGE_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
 from app.page.tabs.motion import SEED_LIMIT, copy_as_upload
 from app.page.tabs.runner import Services, TabRunner
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.page.visitors.uploads import MAX_FILES
 from app.run.callbacks import RunCallbacks
 from app.study.analyse import AnalysisRequest, analyse

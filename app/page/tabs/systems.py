@@ -24,7 +24,7 @@ from app.page.parts.markup import (
 from app.page.results.result_parts import figures_html
 from app.page.results.run_view import EMPTY_VALUE, RunView, with_noise
 from app.page.tabs.runner import Services, TabRunner, last_fraction, page_request
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.run.callbacks import FolderUpdated, RunEvent
 from app.run.examples import FIRST_MOTION
 from app.run.requests.requests import (

@@ -8,7 +8,7 @@ import shutil
 from contextlib import suppress
 from pathlib import Path
 
-from app.page.visitors.files import touch
+from app.page.visitors.job_folders import touch
 
 FILE = "Your character.glb"
 """Name of every character's file; that of the visitor is never used."""

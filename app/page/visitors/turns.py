@@ -17,7 +17,7 @@ from gradio import queueing, route_utils
 from gradio.queueing import Event, EventQueue
 from gradio.utils import LRUCache
 
-from app.page.visitors.files import Jobs
+from app.page.visitors.job_folders import Jobs
 from app.page.visitors.visitors import CHECKS, RUNS, address_of
 
 MAX_OF_ADDRESS, MAX_CHECKS_OF_ADDRESS = 4, 16

@@ -16,7 +16,7 @@ from fastapi.routing import APIRoute
 from starlette.requests import HTTPConnection
 
 if TYPE_CHECKING:
-    from app.page.visitors.files import Jobs
+    from app.page.visitors.job_folders import Jobs
 
 COOKIE = "visitor"
 LEAVING_ROUTE = "/leave"

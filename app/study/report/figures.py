@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from app.study.design.key import Key
+from app.study.statistics.proportions import ResultEstimate
 from app.study.statistics.results import QuestionResult
-from app.study.statistics.shares import ResultEstimate
 from conventions.names import printable
 
 INK = "#1f2933"

@@ -18,9 +18,9 @@ from app.study.design.key import Key
 from app.study.report import figures
 from app.study.statistics.answers import Collected, skipped_by
 from app.study.statistics.models import PRIOR_SD, RESAMPLES
+from app.study.statistics.proportions import ALPHA, MIN_CLIPS, ResultEstimate
 from app.study.statistics.results import BalanceReached, QuestionResult
 from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
-from app.study.statistics.shares import ALPHA, MIN_CLIPS, ResultEstimate
 from conventions.names import join_names, pluralise, printable
 from model.storage import escaping
 

@@ -26,7 +26,7 @@ from jaxtyping import Float
 from scipy import sparse, stats
 from scipy.special import log_softmax
 
-from app.study.statistics.shares import CONFIDENCE, Limits, ResultEstimate, with_holm
+from app.study.statistics.proportions import CONFIDENCE, Limits, ResultEstimate, with_holm
 
 PRIOR_SD = 2.0
 """Prior standard deviation (natural log): a strength ratio of exp(2 * 2) = 55 is still plausible.

@@ -22,7 +22,7 @@ from app.study.statistics.models import (
     mean_numbers,
     strength_numbers,
 )
-from app.study.statistics.shares import (
+from app.study.statistics.proportions import (
     ALPHA,
     ResultEstimate,
     detectable_share,

@@ -86,7 +86,7 @@ def served_page(weights: Path, temp: Path, **settings: Any) -> Iterator[Served]:
 def served(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """One page for all tests that need no other; it is swept all the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("app.page.visitors.files.SWEEP_EVERY_S", 0.2)
+        patch.setattr("app.page.visitors.job_folders.SWEEP_EVERY_S", 0.2)
         temp = tmp_path_factory.mktemp("page")
         with served_page(weights, temp, host_names=("lab.example",)) as page:
             yield page

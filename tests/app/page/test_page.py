@@ -7,7 +7,7 @@ import gradio as gr
 
 from app.config import AppConfig
 from app.page.page import build_app
-from app.page.visitors.files import Jobs
+from app.page.visitors.job_folders import Jobs
 from tests.app import fakes
 from tests.app.page.made import browser
 

@@ -13,7 +13,7 @@ import pytest
 from fastapi import FastAPI
 from starlette.testclient import TestClient
 
-from app.page.visitors.files import Jobs
+from app.page.visitors.job_folders import Jobs
 from app.page.visitors.turns import HEARD_WITHIN_S, MAX_OF_ADDRESS, Turns
 from app.page.visitors.visitors import CHECKS, COOKIE, leaving_route
 from app.run.callbacks import RunCallbacks

@@ -15,7 +15,7 @@ from app import text
 from app.errors import Cancelled, RunError
 from app.page.parts.markup import Updates
 from app.page.tabs.runner import TabRunner, follow
-from app.page.visitors.files import Job, Jobs, sweep
+from app.page.visitors.job_folders import Job, Jobs, sweep
 from app.page.visitors.quota import Quota
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from tests.app import fakes

@@ -16,8 +16,8 @@ from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.key import Key
 from app.study.report.report import NO_BREAK, format_p_with_letter, headline, percent, templates
 from app.study.simulate import UNIFORM_RATERS, RaterModel, simulate_answers
+from app.study.statistics.proportions import ResultEstimate, detectable_share, proportion_estimates
 from app.study.statistics.results import analyse_participants
-from app.study.statistics.shares import ResultEstimate, detectable_share, proportion_estimates
 from tests.app.study.made import (
     STRENGTHS,
     SYSTEMS,

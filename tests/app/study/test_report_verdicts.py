@@ -15,8 +15,8 @@ from app.study.design.key import Protocol
 from app.study.report.report import headline
 from app.study.simulate import RaterModel, simulate_answers
 from app.study.statistics.answers import Participant, valid_answers
+from app.study.statistics.proportions import ResultEstimate
 from app.study.statistics.results import QuestionResult, analyse_participants
-from app.study.statistics.shares import ResultEstimate
 from model.storage.json_validation import parse_json
 from tests.app.study.made import SYSTEMS, made_key
 from tests.app.study.test_report import plain, say

@@ -23,8 +23,7 @@ from app.study.statistics.models import (
     mean_numbers,
     strength_numbers,
 )
-from app.study.statistics.results import analyse_participants, join_jitter, read_jitter
-from app.study.statistics.shares import (
+from app.study.statistics.proportions import (
     POWER,
     ResultEstimate,
     clopper_pearson,
@@ -34,6 +33,7 @@ from app.study.statistics.shares import (
     proportion_estimates,
     sign_test,
 )
+from app.study.statistics.results import analyse_participants, join_jitter, read_jitter
 from app.study.statistics.votes import between, votes_as_arrays, votes_of
 from tests.app.study.made import STRENGTHS, made_key, made_participants, made_votes
 

@@ -6,7 +6,7 @@ from typing import Any
 from app.page.results.run_view import RunView
 from app.page.results.saved_runs import SavedRun, SavedRuns
 from app.page.routes.media import Media
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import open_run_writer
 from conventions.names import REFERENCE_NAME

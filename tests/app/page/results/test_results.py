@@ -26,7 +26,7 @@ from app.findings.measure_rows import (
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
 from app.page.results.result_parts import NO_WORDS, figures_html
-from app.page.results.run_pair import RunPair, match_motions, settings_sentence
+from app.page.results.run_comparison import RunPair, match_motions, settings_sentence
 from app.page.results.run_view import RunView
 from app.page.results.saved_runs import SavedRuns, address_of
 from app.page.results.tables import clips_html, measures_table, sets_html

@@ -29,7 +29,7 @@ from app.page.tabs.motion_run import GenerateRunner, PageLoader
 from app.page.tabs.own_motion import ClipRunner, DiagnoseRunner, build_own_form
 from app.page.tabs.stage import BackgroundVideos, Remaining
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.run.batch.archives import UNPACKED
 from app.run.batch.saved_run import OPENED
 from app.run.callbacks import Progress, RunCallbacks

@@ -11,7 +11,7 @@ from app import text
 from app.errors import RunError
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.stage import EditMessage, EditRunner, ViewerVideoRunner
-from app.page.visitors.files import Job
+from app.page.visitors.job_folders import Job
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
 from app.run.display import Display, ViewerState
 from app.run.output.run_folder import EditInfo, edit_record, read_run

@@ -17,7 +17,7 @@ from starlette.testclient import TestClient
 
 from app import text
 from app.page.visitors import uploads
-from app.page.visitors.files import claim_folder, start_sweeper, sweep
+from app.page.visitors.job_folders import claim_folder, start_sweeper, sweep
 from app.page.visitors.uploads import MAX_FILES
 from app.page.visitors.visitors import address_of
 from tests.app.page.conftest import UPLOAD
@@ -68,7 +68,7 @@ def test_a_sweep_that_fails_is_not_the_last(tmp_path, monkeypatch, caplog):
         return []
 
     monkeypatch.setattr(Path, "unlink", fail_at)
-    monkeypatch.setattr("app.page.visitors.files.SWEEP_EVERY_S", 0.01)
+    monkeypatch.setattr("app.page.visitors.job_folders.SWEEP_EVERY_S", 0.01)
     start_sweeper(tmp_path, KEEP_S, in_use)
     wait_for(lambda: not old.exists())
     assert "a sweep failed" in caplog.text and "could not be deleted" in caplog.text
@@ -77,7 +77,7 @@ def test_a_sweep_that_fails_is_not_the_last(tmp_path, monkeypatch, caplog):
 HOLD = """
 import signal, sys
 from pathlib import Path
-from app.page.visitors.files import claim_folder
+from app.page.visitors.job_folders import claim_folder
 folder = claim_folder(Path(sys.argv[1]))
 (folder / "upload").write_text("a voice")
 print(folder, flush=True)
