@@ -191,9 +191,9 @@ class JointTree:
         limbs = named if len(named) >= 2 else limbs
         if len(limbs) < 2:
             raise self._unknown("fewer than two limbs at its trunk")
-        return min(combinations(limbs, 2), key=lambda two: self._apart(*two))
+        return min(combinations(limbs, 2), key=lambda two: self._length_difference(*two))
 
-    def _apart(self, one: int, other: int) -> float:
+    def _length_difference(self, one: int, other: int) -> float:
         """Compute the difference in length of two branches; infinite for the neck's."""
         if any(re.search(r"neck|head", self._labels[each]) for each in (one, other)):
             return np.inf

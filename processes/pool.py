@@ -242,7 +242,7 @@ def run_on_cluster(
             except Cancelled:
                 raise
             except Exception as error:
-                failed[job.name] = _told(error, job)
+                failed[job.name] = _worker_error(error, job)
             else:
                 if _is_seen(job):
                     on_done(job.name)
@@ -284,7 +284,7 @@ def _is_seen(job: Job) -> bool:
     return True
 
 
-def _told(error: Exception, job: Job) -> Exception:
+def _worker_error(error: Exception, job: Job) -> Exception:
     from distributed import KilledWorker
 
     if isinstance(error, KilledWorker):

@@ -96,7 +96,7 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
     beside = request.out.parent if is_file else request.out
     with tempfile.TemporaryDirectory(dir=beside) as staging:
         folders = unpack_archives(packed, Path(staging))
-        found = list(_found(request.files, folders, ENDINGS))
+        found = list(_motion_paths(request.files, folders, ENDINGS))
         if is_file and len(found) != 1:
             raise RunError(f"{len(found)} motions do not fit into one file; give --out a folder.")
         if not found:
@@ -106,18 +106,19 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
         )
         outs = [request.out] if is_file else _outs(request, [name for _, name in found])
         return [
-            _told(path, name, out, request) for (path, name), out in zip(found, outs, strict=True)
+            _convert_record(path, name, out, request)
+            for (path, name), out in zip(found, outs, strict=True)
         ]
 
 
-def _found(
+def _motion_paths(
     files: Sequence[Path], folders: dict[Path, Path], endings: tuple[str, ...]
 ) -> Iterator[tuple[Path, Path]]:
     """Yield the path of each motion file and its name below its folder or zip."""
-    for given in files:
-        folder = folders.get(given, given)
+    for source in files:
+        folder = folders.get(source, source)
         if not folder.is_dir():
-            yield given, Path(given.name)
+            yield source, Path(source.name)
             continue
         for path, name in motion_files(folder):
             if has_suffix(endings, name):
@@ -138,7 +139,7 @@ def _outs(request: ConvertRequest, names: Sequence[Path]) -> list[Path]:
     return outs
 
 
-def _told(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[str, Any]:
+def _convert_record(path: Path, name: Path, out: Path, request: ConvertRequest) -> dict[str, Any]:
     record: dict[str, Any] = {"file": printable(str(name))}
     try:
         if out.resolve() in {each.resolve() for each in request.files}:

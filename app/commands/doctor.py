@@ -139,7 +139,7 @@ def _video_rate() -> CheckResult:
             draw_jobs({"rate": job}, lambda share: times.append((time.perf_counter(), share)))
     except Exception as error:
         advice = "see OpenGL above and ffmpeg below"
-        return CheckResult("videos", False, _told(error), advice, is_needed=False)
+        return CheckResult("videos", False, _error_text(error), advice, is_needed=False)
     (began, before), (ended, _) = [each for each in times if each[1] > 0.0][:1] + times[-1:]
     rate = RATE_FRAMES * (1.0 - before) / max(ended - began, 1e-3)
     return CheckResult("videos", True, f"{rate:.0f} frames of 512 x 512 a second")
@@ -151,7 +151,9 @@ def _body(path: Path | None) -> CheckResult:
     try:
         body = load_body(path)
     except Exception as error:
-        return CheckResult("body", False, _told(error), "name another with --body FILE, or none")
+        return CheckResult(
+            "body", False, _error_text(error), "name another with --body FILE, or none"
+        )
     detail = f"{body.name}, {body.num_vertices} vertices, {body.expression_basis} expressions"
     return CheckResult("body", True, detail)
 
@@ -164,7 +166,9 @@ def _weights(folder: Path) -> CheckResult:
         for name in names:
             load_system(name, folder)
     except Exception as error:
-        return CheckResult("weights", False, _told(error), "restore them, or use --weights DIR")
+        return CheckResult(
+            "weights", False, _error_text(error), "restore them, or use --weights DIR"
+        )
     if not names:
         advice = "name a folder of weights with --weights DIR"
         return CheckResult("weights", False, f"no system in {folder}", advice)
@@ -184,7 +188,7 @@ def _family_files() -> list[CheckResult]:
         CheckResult(
             report.name,
             report.error is None,
-            report.detail if report.error is None else _told(report.error),
+            report.detail if report.error is None else _error_text(report.error),
             report.advice,
         )
         for family in families()
@@ -200,7 +204,7 @@ def _ffmpeg() -> CheckResult:
             [ffmpeg_path(), "-hide_banner", "-encoders"], capture_output=True, text=True, check=True
         ).stdout
     except Exception as error:
-        return CheckResult("ffmpeg", False, _told(error), "pip install imageio-ffmpeg")
+        return CheckResult("ffmpeg", False, _error_text(error), "pip install imageio-ffmpeg")
     missing = [name for name in ("libx264", " aac ") if name not in output]
     detail = f"lacks {', '.join(missing)}" if missing else "H.264 and AAC"
     return CheckResult(
@@ -245,5 +249,5 @@ def _disk() -> CheckResult:
     )
 
 
-def _told(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return message_for_user(error) or f"{type(error).__name__}: {error}"

@@ -119,7 +119,7 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
     """
     from app.run.batch.speech_batch import clip_requests, run_batch
 
-    with ProgressBars() as shown, _told_if_stopped():
+    with ProgressBars() as shown, _report_interruption():
 
         def on_done(folder: Path, share: float) -> None:
             shown.update("generate clips", share)
@@ -194,7 +194,7 @@ def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
     from app.run.batch.motion_sets import diagnose_folders
 
     refuse_ignored(request, _OF_ONE, "Of folders only numbers over clips are made")
-    with ProgressBars() as shown, _told_if_stopped():
+    with ProgressBars() as shown, _report_interruption():
         result = diagnose_folders(request, partial(shown.update, "measure clips"), pool)
     _finish(result.files, result.notes)
     left_out, clips = result.summary["left_out"], result.summary["clips"]
@@ -357,7 +357,7 @@ def leaderboard_page(board: Board, out: Path) -> None:
 
 
 @contextmanager
-def _told_if_stopped() -> Iterator[None]:
+def _report_interruption() -> Iterator[None]:
     """Report, when the user stops a run of many clips, that it can be continued.
 
     Raises:

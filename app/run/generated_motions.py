@@ -103,7 +103,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
             system.name: _pieces_of(system, speech, options[system.name], words, wish, run)
             for system in systems
         }
-        made = _made_in_turns(
+        made = _generate_in_turns(
             making, speech.num_frames, run, filter_and_write, post_filter == "none"
         )
     else:
@@ -142,7 +142,7 @@ def row_names(request: GenerateRequest, systems: Sequence[str]) -> list[str]:
     return [*names, REFERENCE_NAME] if request.imports.reference is not None else names
 
 
-def _made_in_turns(
+def _generate_in_turns(
     making: dict[str, Iterator[MotionPiece]],
     num_frames: int,
     run: RunWriter,

@@ -69,7 +69,7 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
     readings = _read_motions(request, files, run)
     motions = {name: each.motion for name, each in readings.items()}
     windows = _windows(request, motions)
-    shown = _shown(request, motions)
+    shown = _visible_motions(request, motions)
     shortest = min(motion.num_frames for motion in motions.values())
     check_figure(request.figures, shortest, len(shown), request.output.has_figures)
     limits = SpeechLimits(channel=request.speech.channel)
@@ -149,7 +149,7 @@ def _face_vertices(body: Body, motion: Motion) -> FaceVertices | None:
     return lambda frames: np.concatenate(list(body.vertices(body_motion(still.part(frames)))))
 
 
-def _shown(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str, Motion]:
+def _visible_motions(request: DiagnoseRequest, motions: Mapping[str, Motion]) -> dict[str, Motion]:
     """Return the motions to show in figures, at most as many as fit, including the reference.
 
     Raises:

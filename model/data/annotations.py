@@ -121,7 +121,9 @@ def load_plan_annotations(data: PreparedData, num_speakers: int) -> Plans:
         for clip, plan in zip(data.clips, plans, strict=True)
         if clip.copy == 0 and clip.split == "train"
     ]
-    said = Counter(word for _, clip in learned for word in _said(textgrid_path(data, clip)))
+    said = Counter(
+        word for _, clip in learned for word in _annotation_words(textgrid_path(data, clip))
+    )
     table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
     tracks, kinds = derived_arrays(
         data,
@@ -141,7 +143,7 @@ def textgrid_path(data: PreparedData, clip: PreparedClip) -> Path:
     return data.source / "textgrid" / f"{clip.name}.TextGrid"
 
 
-def _said(path: Path) -> list[str]:
+def _annotation_words(path: Path) -> list[str]:
     """Return the lower-case words of an annotation; none if it holds plans only."""
     try:
         return [word.text.lower() for word in read_transcript(path).words]

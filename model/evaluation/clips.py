@@ -297,7 +297,9 @@ class ClipEvaluator:
         # Silences of the clip's own speech; empty if none is long enough.
         in_silence = silence_speed_ratio(motion, voiced_frames(context.mel_features[0]))
         of_recordings = (
-            in_silence | self.few.recorded_measures(self.folder, name) | self._told([motion], name)
+            in_silence
+            | self.few.recorded_measures(self.folder, name)
+            | self._speaker_metrics([motion], name)
         )
         rows = {RECORDED: context.row([motion], more=of_recordings)}
         for system in cast.systems:
@@ -311,11 +313,11 @@ class ClipEvaluator:
             motions = generate_motion(system, speech, options)
             elsewhere = generate_motion(system, foreign, options)
             more = self.few.measures(system, name, speech, asked)
-            more |= self._told(motions, name)
+            more |= self._speaker_metrics(motions, name)
             rows[system.name] = context.row(motions, elsewhere, more)
         save_rows(out, rows)
 
-    def _told(self, motions: Sequence[Motion], name: str) -> dict[str, float]:
+    def _speaker_metrics(self, motions: Sequence[Motion], name: str) -> dict[str, float]:
         judge = self.speaker_classifier
         return {} if judge is None else judge.measures(motions, parse_speaker(name)[1])
 

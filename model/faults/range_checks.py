@@ -70,7 +70,9 @@ class RangeCheck:
             limit_ratio = (
                 people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
             )
-            lowest, highest = (self._told(each, False) for each in (people.lowest, people.highest))
+            lowest, highest = (
+                self._format_value(each, False) for each in (people.lowest, people.highest)
+            )
             usual = f"recorded and procedural clips {people.lasts}: {lowest} to {highest}"
             beside = ""
             numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
@@ -78,7 +80,7 @@ class RangeCheck:
             ratio = value / recorded
             is_low, natural_ratio = ratio < 1.0, people.differ
             limit_ratio = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
-            beside = f", {_times(ratio)} the reference's {self._told(recorded, False)}"
+            beside = f", {_times(ratio)} the reference's {self._format_value(recorded, False)}"
             usual = f"recorded clips differ by a factor of at most {people.differ:g}"
             numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
         else:
@@ -89,7 +91,7 @@ class RangeCheck:
         where = f", worst at {format_time(worst)}" if worst is not None and not is_low else ""
         means = self.low_means if is_low else self.high_means
         yield Finding(
-            f"{means}{where}: {self.title} {self._told(value)}{beside}.",
+            f"{means}{where}: {self.title} {self._format_value(value)}{beside}.",
             {"unit": self.unit, "value": value, **numbers},
             usual,
             limit_ratio=limit_ratio,
@@ -98,7 +100,7 @@ class RangeCheck:
             frame_ranges=() if worst is None else ((max(0, worst - 15), worst + 15),),
         )
 
-    def _told(self, value: float, has_unit: bool = True) -> str:
+    def _format_value(self, value: float, has_unit: bool = True) -> str:
         number = f"{self.scale * value:.0f}"
         if self.scale * value < 100:
             number = np.format_float_positional(float(f"{self.scale * value:.2g}"), trim="-")

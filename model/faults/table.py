@@ -89,10 +89,10 @@ STILL = FaultCheck("still", IMPOSSIBLE, posture.still_motion)
 
 def find_faults(evidence: Evidence) -> list[Finding]:
     """Find the faults of one motion, the gravest first; none for clean motion."""
-    still = _found(STILL, evidence)
+    still = _search_fault(STILL, evidence)
     if still:
         return still
-    found = [finding for fault in FAULTS for finding in _found(fault, evidence)]
+    found = [finding for fault in FAULTS for finding in _search_fault(fault, evidence)]
     kinds = {finding.kind for finding in found}
     explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.explains}
     return by_severity(finding for finding in found if finding.kind not in explained)
@@ -113,7 +113,7 @@ def body_part(finding: Finding) -> BodyPart:
     return parts[0] if parts else ""
 
 
-def _found(fault: FaultCheck, evidence: Evidence) -> list[Finding]:
+def _search_fault(fault: FaultCheck, evidence: Evidence) -> list[Finding]:
     return [
         replace(finding, kind=fault.kind, severity=fault.severity)
         for finding in fault.search(evidence)

@@ -181,11 +181,11 @@ class _Reader:
         """
         first = next(lines, "").split()
         channels = own if len(first) == own else channels
-        is_by_line = channels in (len(first), len(self._apart(first)))
+        is_by_line = channels in (len(first), len(self._split_fused(first)))
         rows = np.empty((frames, channels))
         found, at, rest = 0, self._at, []
         for words in chain([first], (line.split() for line in lines)):
-            words = self._apart(words) if is_by_line else words
+            words = self._split_fused(words) if is_by_line else words
             if is_by_line and (rest or len(words) > channels):
                 self._at = at if rest else self._at
                 short = f"a row of {len(rest or words)} numbers; the joints have {channels}"
@@ -223,7 +223,7 @@ class _Reader:
         except ValueError:
             return [self._number(word) for word in words]
 
-    def _apart(self, words: list[str]) -> list[str]:
+    def _split_fused(self, words: list[str]) -> list[str]:
         """Split numbers that run together at their signs."""
         if not any(_FUSED.search(word) for word in words):
             return words

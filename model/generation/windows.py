@@ -137,14 +137,14 @@ def motion_pieces(
         UnknownNameError, ValueError, Cancelled: as `generate_motion`.
     """
     if system.condition_type is None:
-        yield from _made(system, speech, options, should_cancel)
+        yield from _generate_pieces(system, speech, options, should_cancel)
         return
     conditions = options.conditions or tuple(_drawn(system, speech, options))
     for sample in range(options.samples):
         one = conditions[min(sample, len(conditions) - 1)]
         first = options.first_sample + sample
         own = replace(options, samples=1, first_sample=first, conditions=(one,))
-        for piece in _made(system, speech, own, should_cancel):
+        for piece in _generate_pieces(system, speech, own, should_cancel):
             share = (sample + piece.share) / options.samples
             yield replace(piece, first_sample=sample, share=share)
 
@@ -162,7 +162,7 @@ def _drawn(system: System, speech: Speech, options: GenerateOptions) -> Iterator
         yield system.condition(speech.waveform, speech.num_frames, one)
 
 
-def _made(
+def _generate_pieces(
     system: System,
     speech: Speech,
     options: GenerateOptions,

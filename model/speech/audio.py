@@ -295,7 +295,7 @@ def _decode(
         )
         return replace(whole, notes=(note,))
     waveform, notes = _with_late_start(waveform, text, track, limits.max_s)
-    notes += _told_of_gaps(waveform, stamps.filled)
+    notes += _gap_notes(waveform, stamps.filled)
     return _Decoded(waveform, channel_rms, rate, declared_s, num_tracks, tuple(notes))
 
 
@@ -406,7 +406,7 @@ def _with_late_start(
     return np.pad(waveform, (round(late_s * SAMPLE_RATE), 0)), [_LATE.format(seconds=late_s)]
 
 
-def _told_of_gaps(waveform: Float32[np.ndarray, " N"], filled: Sequence[int]) -> list[str]:
+def _gap_notes(waveform: Float32[np.ndarray, " N"], filled: Sequence[int]) -> list[str]:
     """Return notes on the silence that was filled in; its places are the stretches of zeros."""
     stretches = iter(true_runs(waveform == 0))
     gap_spans: list[tuple[float, float]] = []

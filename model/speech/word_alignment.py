@@ -113,15 +113,15 @@ def _without_accents(written: str) -> str:
 
 def _sound_of(part: str, lookup: Lookup) -> str:
     if part in _SIGNS:
-        return _said(_SIGNS[part], lookup)
+        return _phones_of(_SIGNS[part], lookup)
     if part[0].isdigit():
-        return " ".join(_said(word, lookup) for word in number_words(part))
+        return " ".join(_phones_of(word, lookup) for word in number_words(part))
     if part.isupper() and 1 < len(part) <= _MAX_ABBREVIATION:
         return " ".join(_LETTER_NAMES[letter] for letter in part.lower())
-    return _said(part.lower(), lookup)
+    return _phones_of(part.lower(), lookup)
 
 
-def _said(word: str, lookup: Lookup) -> str:
+def _phones_of(word: str, lookup: Lookup) -> str:
     return lookup(word) or _by_rules(word)
 
 

@@ -82,7 +82,7 @@ class OffscreenRenderer:
                 "(renderer.video.workers)."
             )
         try:
-            with self._told("gives no context"):
+            with self._convert_errors("gives no context"):
                 self._platform = _new_platform(self._backend)
                 self._platform.init_context()
                 self._platform.make_current()
@@ -100,7 +100,7 @@ class OffscreenRenderer:
             _in_use.release()
 
     @contextmanager
-    def _told(self, failure: str) -> Iterator[None]:
+    def _convert_errors(self, failure: str) -> Iterator[None]:
         """Convert any error of PyOpenGL and pyrender to a `GLError` with ``failure``."""
         try:
             yield
@@ -116,7 +116,7 @@ class OffscreenRenderer:
         """
         from renderer.draw.gl import Canvas
 
-        with self._told(f"gives no picture of {width} x {height} pixels"):
+        with self._convert_errors(f"gives no picture of {width} x {height} pixels"):
             self._canvases.append(Canvas(subject, width, height))
         return self._canvases[-1]
 

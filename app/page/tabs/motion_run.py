@@ -305,19 +305,21 @@ class PageLoader:
 
         def choose(token: str, request: gr.Request) -> Updates:
             run = self._saved_runs.find(token)
-            return self._shown(run, parts, cookie_of(request)) if run else {parts.clip: gr.skip()}
+            return (
+                self._open_run(run, parts, cookie_of(request)) if run else {parts.clip: gr.skip()}
+            )
 
         parts.clip.input(choose, parts.clip, parts.all, **UNQUEUED_EVENT)
 
     def _run_opened(self, run: SavedRun, cookie: str) -> Updates:
         tab = run.job.tab if run.job.tab in self._places else next(iter(self._places))
         return {
-            **self._shown(run, self._places[tab], cookie),
+            **self._open_run(run, self._places[tab], cookie),
             **{self.form[name]: gr.update(value=sent) for name, sent in run.form_values.items()},
             self._tabs: gr.Tabs(selected=tab),
         }
 
-    def _shown(self, run: SavedRun, parts: ResultParts, cookie: str) -> Updates:
+    def _open_run(self, run: SavedRun, parts: ResultParts, cookie: str) -> Updates:
         run_view = run.view
         if run.job.visitor and not equal_in_constant_time(
             run.job.cookie, cookie

@@ -381,9 +381,9 @@ class StudyRunner(TabRunner):
             self.result_part: update_html(""),
         }
         address = self.services.media.share(job.folder, job.cookie)
-        yield from self._made(job, fields, path, size, address)
+        yield from self._make_study(job, fields, path, size, address)
 
-    def _made(
+    def _make_study(
         self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: Address
     ) -> Generator[Updates, None, None]:
         """Create the study, the participants' part with the job, the researcher's in private."""
@@ -445,7 +445,7 @@ class StudyRunner(TabRunner):
 class PlanRunner(StudyRunner):
     """Runner that only writes the study plan."""
 
-    def _made(
+    def _make_study(
         self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: Address
     ) -> Generator[Updates, None, None]:
         link = _link("study-plan", address(plan), plan.name, PLAN)

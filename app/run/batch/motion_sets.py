@@ -534,7 +534,7 @@ def notes_on_sets(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> 
         for name, many in counts.items()
         for (kind, value), count in many.most_common()
     ]
-    return [*_lacking(files), *_apart(counts), *counted]
+    return [*_lacking(files), *_reading_differences(counts), *counted]
 
 
 def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
@@ -557,7 +557,7 @@ def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
                 yield f"{name} {what}{some}{out}."
 
 
-def _apart(counts: Mapping[str, Counter[tuple[str, str]]]) -> Iterator[str]:
+def _reading_differences(counts: Mapping[str, Counter[tuple[str, str]]]) -> Iterator[str]:
     for kind in dict.fromkeys(kind for many in counts.values() for kind, _ in many):
         values = {
             name: ", ".join(sorted(value for other, value in many if other == kind))

@@ -213,7 +213,7 @@ def _place(values: Values, words: Words) -> tuple[float, str | None]:
     return editing.stroke_time_on_word(word), word.text.lower()[:80]
 
 
-def _said_at(words: Words, at_s: float) -> str:
+def _word_at(words: Words, at_s: float) -> str:
     """Return the word at a time, or ""."""
     return next((each.text.lower()[:80] for each in words if each.start_s <= at_s < each.end_s), "")
 
@@ -233,7 +233,7 @@ def _of_both(change: Callable[..., PlanResult], *names: str) -> ApplyEdit:
 def _move(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     lands_s, word = _place(values, words)
     if word is None:
-        word = _said_at(words, lands_s)
+        word = _word_at(words, lands_s)
     by_s = lands_s - values["lands"]
     moved = _of_both(lambda each, one: editing.move_gesture(each, one, one.lands_s + by_s, word))
     return moved(plan, values, words)
@@ -256,7 +256,7 @@ def _end(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     for hand in SIDES:
         known = [one.end_s for one in plan.hand(hand) if one.phase == "stroke"]
         phases = tuple(
-            replace(one, word=_said_at(words, one.end_s))
+            replace(one, word=_word_at(words, one.end_s))
             if one.phase == "stroke"
             and all(abs(one.end_s - end_s) >= TIME_TOLERANCE_S for end_s in known)
             else one

@@ -106,7 +106,7 @@ def request_from(kind: type[Request], values: Mapping[str, Any]) -> Request:
         RunError: if there is no field of a name.
     """
     _check_names(kind, values)
-    return _made(kind, nested_fields(kind, values))
+    return _make_request(kind, nested_fields(kind, values))
 
 
 def _check_names(kind: type, names: Iterable[str]) -> None:
@@ -157,7 +157,7 @@ def flat_json(request: object) -> dict[str, Any]:
     }
 
 
-def _made(kind: Any, values: Mapping[str, Any]) -> Any:
+def _make_request(kind: Any, values: Mapping[str, Any]) -> Any:
     hints, made = get_type_hints(kind), dict(values)
     for of in fields(kind):
         default = _own_default(of)
@@ -165,7 +165,9 @@ def _made(kind: Any, values: Mapping[str, Any]) -> Any:
             continue
         inner = made.get(of.name, {})
         made[of.name] = (
-            _made(hints[of.name], inner) if default is MISSING else replace(default, **inner)
+            _make_request(hints[of.name], inner)
+            if default is MISSING
+            else replace(default, **inner)
         )
     return kind(**made)
 

@@ -58,7 +58,7 @@ def render_motion(
         files = _draw(request, read, body, callbacks.progress_callback("video"))
     else:
         files = _export(request, body, motion)
-    apart = () if request.speech is None else _apart(request.speech, reading)
+    apart = () if request.speech is None else _length_notes(request.speech, reading)
     # Blender uses its own body
     own = (*body.remarks, *body.unsupported_notes(motion))
     if request.suffix == ".blender.npz":
@@ -75,7 +75,7 @@ def write_plan(request: RenderRequest, *_: object) -> None:
         write_plan_file(plan, request.out)
 
 
-def _apart(speech: Path, reading: ImportedMotion) -> list[str]:
+def _length_notes(speech: Path, reading: ImportedMotion) -> list[str]:
     length_s, name = load_speech(speech).duration_s, "the motion"
     return length_notes(length_s, {name: reading.motion.duration_s}, {name: reading.rate})
 

@@ -76,7 +76,7 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
                 callbacks.progress_callback("video", _DRAWN),
                 framed=motions,
                 layouts=dict(zip(bases, pictures, strict=True)),
-                move_cameras=lambda jobs: _seen_from_there(jobs, raw, body, viewer),
+                move_cameras=lambda jobs: _move_cameras(jobs, raw, body, viewer),
                 crf=_FINE_CRF,
             )
         except RunError as error:
@@ -120,9 +120,7 @@ def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
     )
 
 
-def _seen_from_there(
-    jobs: Jobs, raw: dict[str, BodyMotion], body: Body, viewer: ViewerState
-) -> Jobs:
+def _move_cameras(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, viewer: ViewerState) -> Jobs:
     """Move the jobs to the viewer's camera, which follows the raw motions.
 
     The camera of a pair follows the first motion, with the second aligned to it.

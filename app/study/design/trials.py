@@ -84,7 +84,7 @@ def make_design(plan: Plan) -> Design:
     sharing = -(-len(trials) // count)  # so many participants see all trials between them
     for participant, order in enumerate(_orders(len(trials), count, plan.participants, rng)):
         turn = participant // sharing
-        pages = [Page(index, _shown(trials[index], index, turn)) for index in order]
+        pages = [Page(index, _screen_order(trials[index], index, turn)) for index in order]
         for number, place in enumerate(_check_places(count, len(checks), rng)):
             pages.insert(place + number, Page(len(trials) + number, ()))
         lists.append(tuple(pages))
@@ -181,7 +181,7 @@ def williams_square(size: int) -> list[list[int]]:
     return [order for row in rows for order in (row, row[::-1])]
 
 
-def _shown(trial: PlannedTrial, index: int, turn: int) -> tuple[Stimulus, ...]:
+def _screen_order(trial: PlannedTrial, index: int, turn: int) -> tuple[Stimulus, ...]:
     """Return the videos in screen order: two swap each turn, more follow a Williams square."""
     stimuli = trial.stimuli
     if len(stimuli) <= 2:

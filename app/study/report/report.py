@@ -65,7 +65,7 @@ def templates() -> jinja2.Environment:
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
-        finalize=_shown,
+        finalize=_printable_value,
     )
     forms = (
         percent,
@@ -94,7 +94,7 @@ def templates() -> jinja2.Environment:
     return env
 
 
-def _shown(value: object) -> object:
+def _printable_value(value: object) -> object:
     if isinstance(value, str) and not isinstance(value, Markup):
         return NO_BREAK.join(map(printable, value.split(NO_BREAK)))
     return value

@@ -81,7 +81,7 @@ class StreamingPlanner:
             name: [replace(one, frame=one.frame - origin) for one in chain]
             for name, chain in chains.items()
         }
-        plan = self._told(chains_to_plan(shifted, stop - origin), origin, final)
+        plan = self._annotated_plan(chains_to_plan(shifted, stop - origin), origin, final)
         planted = tuple(
             replace(one, start_s=one.start_s + origin / FPS, end_s=one.end_s + origin / FPS)
             for one in plan.planted
@@ -127,7 +127,7 @@ class StreamingPlanner:
             for key in [key for key in known if key[1] < origin - 10 * BEFORE_FRAMES]:
                 del known[key]
 
-    def _told(self, plan: GesturePlan, origin: int, final: int) -> GesturePlan:
+    def _annotated_plan(self, plan: GesturePlan, origin: int, final: int) -> GesturePlan:
         """Return the plan with gesture types and style, with holds and rests at their place."""
         table, kinds = self._planner.kinds, {}
         hands = {side: list(plan.hand(side)) for side in SIDES}
