@@ -225,7 +225,7 @@ def show(
     named = motions_by_name(motions, reference)
     heard = None if speech is None else read_speech(speech)
     tip = TrackedPoint(joint)
-    record = RunRecord(kind="given", title="Co-speech motion", point=joint)
+    record = RunRecord(kind="imported", title="Co-speech motion", point=joint)
     with TemporaryDirectory() as folder:
         with open_run_writer(Path(folder), record, is_incremental=True) as run:
             run.write_timeline(run.write_viewer_files(named, heard, tip), EMPTY_TRANSCRIPT)
@@ -429,7 +429,7 @@ def generate(
     )
     with ProgressBars(is_visible=progress, stays=False) as bars:
         result = _generate(request, RunCallbacks(bars.on_event))
-    motions, plans = (row_files(request.output.out, kind) for kind in ("motion", "performed"))
+    motions, plans = (row_files(request.output.out, kind) for kind in ("motion", "input_plan"))
     return GenerationResult(
         speech=read_speech(request.speech.path),
         motions={name: load_motion(path) for name, path in motions.items()},

@@ -103,8 +103,8 @@ def _run(task: Task, request: Any, out: Path) -> None:
     with ProgressBars() as shown:
         task(request, RunCallbacks(shown.on_event))
     record = read_run(out)
-    verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.judgement]
-    said = [record.says.get(key) for key in ("step", "beats")]
+    verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.comparison]
+    said = [record.figure_captions.get(key) for key in ("step", "beats")]
     findings = record.top_findings if record.kind == "generated" else record.findings
     found = [f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings]
     paths = [out / name for name in record.result_files]

@@ -48,13 +48,13 @@ class Verdict:
 
     numbers: str
     """Jerk of the tracked point in every system and in the reference."""
-    judgement: str
+    comparison: str
     """Differences between systems and the evidence that a claim would need; empty without
     comparison."""
 
     @property
     def text(self) -> str:
-        return f"{self.numbers} {self.judgement}".strip()
+        return f"{self.numbers} {self.comparison}".strip()
 
 
 def make_verdict(

@@ -29,7 +29,7 @@ from model.storage.json_validation import FieldError, read_json
 WEB = Path(__file__).resolve().parent / "web"
 ENTRY_MODULE = "player/player.js"
 """Module that the file starts."""
-_PLAYED: tuple[RowFileKind, ...] = ("frames", "plan", "performed")
+_PLAYED: tuple[RowFileKind, ...] = ("frames", "plan", "input_plan")
 NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; give at least one."
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 """Pattern of relative imports in the modules; a test checks that there are no others."""
@@ -108,8 +108,8 @@ def standalone_html(folder: Path) -> str:
         head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
     elif first.verdict is not None:
         told, bars = first.verdict, jerk_bars(first)
-        head += markup.verdict(told.numbers, told.judgement, bars)
-        head += f"<p>{escape(markup.claim_of(told.judgement)[1])}</p>" if bars else ""
+        head += markup.verdict(told.numbers, told.comparison, bars)
+        head += f"<p>{escape(markup.claim_of(told.comparison)[1])}</p>" if bars else ""
     if path := file_of(next(iter(runs.values())), PROVENANCE):
         are = str(_object_in(path).get(WEIGHTS_ARE_KEY, ""))
         head += f"<p>{text.WEIGHTS.format(are=escape(are))}</p>" if are else ""

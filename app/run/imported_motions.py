@@ -88,12 +88,12 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
     plans = (
         {}
         if request.motions.source_run is None
-        else row_files(request.motions.source_run, "performed")
+        else row_files(request.motions.source_run, "input_plan")
     )
     timeline = run.write_viewer_files(staged, speech, tip, request.metrics.weights, plans)
     run.add_notes(*cut_notes)
     for row in run.record.rows:
-        row.ending = safe_suffix(files[row.name])
+        row.file_suffix = safe_suffix(files[row.name])
     if len(shown) < len(motions) and not request.motions.visible:
         run.add_notes(
             f"The figures show the first {MAX_COMPARED} motions; say which they are to show"

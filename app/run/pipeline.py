@@ -156,7 +156,7 @@ def record_of(request: RunRequest) -> RunRecord:
     """Make the record of a run before any input is read."""
     is_generated = isinstance(request, GenerateRequest)
     run = RunRecord(
-        kind="generated" if is_generated else "given",
+        kind="generated" if is_generated else "imported",
         title=truncate(run_title(request)),
         request=request_json(request),
         settings={key: truncate(value) for key, value in settings_summary(request).items()},
@@ -313,7 +313,7 @@ def redraw_figure6(
     """
     record, figures = read_run(request.run), request.figures
     files = row_files(request.run, "motion")
-    names = limit_compared([row.name for row in record.rows if row.name in files and not row.take])
+    names = limit_compared([row.name for row in record.rows if row.name in files and not row.edit])
     motions = {name: load_motion(files[name]) for name in names[0]}
     if not motions:
         raise RunError(f"The run in {printable(request.run.name)} has no motion to draw.")

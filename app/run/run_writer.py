@@ -139,7 +139,7 @@ def open_run_writer(
         except BaseException as error:
             is_cancelled = isinstance(error, Cancelled)
             record.state = "cancelled" if is_cancelled else "failed"
-            record.sentence = "" if is_cancelled else truncate(message_for_user(error) or FAULT)
+            record.message = "" if is_cancelled else truncate(message_for_user(error) or FAULT)
             with suppress(Exception):
                 run.write_record()
             raise
@@ -171,7 +171,7 @@ class RunWriter(RunCallbacks):
 
     def finish(self, sentence: str) -> None:
         """Mark the run as done, and publish its files."""
-        self.record.state, self.record.sentence = "done", truncate(sentence)
+        self.record.state, self.record.message = "done", truncate(sentence)
         self.write_record()
         self.folder.publish()
 
@@ -251,11 +251,11 @@ class RunWriter(RunCallbacks):
         growing.end += motion.num_frames
         place = growing.placed(num_frames)
         row.files["frames"] = self.folder.mark_complete(growing.path)
-        row.there = FramesAvailable(
-            end=growing.end,
+        row.available = FramesAvailable(
+            num_ready=growing.end,
             num_frames=num_frames,
             bytes=size,
-            place=(place.turn_rad, *place.shift_m),
+            root_transform=(place.turn_rad, *place.shift_m),
         )
         self.write_record()
 
@@ -275,7 +275,7 @@ class RunWriter(RunCallbacks):
         """Write the sound of the run as 16 kHz WAV."""
         path = self.folder.path(SPEECH)
         write_wav(path, waveform)
-        self.record.sound = SPEECH
+        self.record.audio = SPEECH
         self.add_files(path)
         return self.folder.final_path(SPEECH)
 
@@ -317,7 +317,7 @@ class RunWriter(RunCallbacks):
         write_plan_file(plan, path)
         written = read_plan_file(path).plan
         self._row(name).files["plan"] = path.name
-        self.add_files(path, row=name, kind="performed")
+        self.add_files(path, row=name, kind="input_plan")
         return written
 
     def detect_plans(self, motions: Mapping[str, Motion]) -> None:
@@ -345,11 +345,15 @@ class RunWriter(RunCallbacks):
         verdict = make_verdict(record.point, [record.numbers], is_made)
         if verdict is not None and (is_made or len(of_all) > 1):
             record.verdict = VerdictRecord(
-                numbers=truncate(verdict.numbers), judgement=truncate(verdict.judgement)
+                numbers=truncate(verdict.numbers), comparison=truncate(verdict.comparison)
             )
-        record.says = {key: truncate(said) for key, said in figure_sentences(diagnostics).items()}
+        record.figure_captions = {
+            key: truncate(said) for key, said in figure_sentences(diagnostics).items()
+        }
         for row in record.rows:
-            row.assumed = cast(list[AssumptionRecord], diagnostics.assumptions.get(row.name, []))
+            row.assumptions = cast(
+                list[AssumptionRecord], diagnostics.assumptions.get(row.name, [])
+            )
         self.write_record()
 
 
@@ -373,7 +377,7 @@ def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRe
                 name=name,
                 kind=finding.kind,
                 sentence=truncate(sentence),
-                at=finding.worst_time_s,
+                worst_time_s=finding.worst_time_s,
                 part=body_part(finding),
             )
         )

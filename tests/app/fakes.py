@@ -256,7 +256,7 @@ def diagnose(request: AnyRun, callbacks: RunCallbacks) -> None:
         found = diagnostics_of(**{name: measures(120.0) for name in request.motions.names})
         assumed = {name: [dict(ASSUMED)] for name in request.motions.names}
         for row, path in zip(run.record.rows, request.motions.motions, strict=True):
-            row.ending = path.suffix
+            row.file_suffix = path.suffix
         run.write_metrics(replace(found, assumptions=assumed))
         for name in ("diagnostics.json", "jitter.png"):
             path = run.folder.path(name)

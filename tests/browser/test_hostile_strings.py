@@ -121,19 +121,19 @@ def hostile_run(folder: Path, names: Sequence[str]) -> Path:
 
 def fill(record: RunRecord) -> None:
     record.notes = list(HOSTILE)
-    record.sentence = " ".join(HOSTILE[:30])
+    record.message = " ".join(HOSTILE[:30])
     record.settings = {text: text for text in HOSTILE[:50] if text.strip()}
-    record.says = {text: text for text in HOSTILE if text.strip()}
-    record.verdict = VerdictRecord(numbers=HOSTILE[1], judgement=HOSTILE[3])
+    record.figure_captions = {text: text for text in HOSTILE if text.strip()}
+    record.verdict = VerdictRecord(numbers=HOSTILE[1], comparison=HOSTILE[3])
     rows = [row.name for row in record.rows]
     record.findings = [
-        FindingRecord(name=rows[k % len(rows)], kind=text[:80], sentence=text, at=0.5)
+        FindingRecord(name=rows[k % len(rows)], kind=text[:80], sentence=text, worst_time_s=0.5)
         for k, text in enumerate(HOSTILE)
     ]
     for row, text in zip(record.rows, HOSTILE, strict=False):
         about = {"kind": text, "value": text, "reason": text, "confidence": "unsure"}
         about["alternatives"] = HOSTILE[:40]
-        row.label, row.assumed = text, [about]  # type: ignore[list-item]
+        row.label, row.assumptions = text, [about]  # type: ignore[list-item]
 
 
 @pytest.mark.parametrize("part", range(4))

@@ -35,7 +35,7 @@ class PlayerRow(TypedDict):
     """URL of the whole motion (.npz)."""
     frames: NotRequired[str]
     """URL of the frames so far, as binary messages."""
-    there: NotRequired[FramesAvailable]
+    available: NotRequired[FramesAvailable]
     video: NotRequired[str]
     is_drawn: NotRequired[bool]
     """True if the row will have a video."""

@@ -72,7 +72,7 @@ class RunView:
     def planned_rows(self) -> list[str]:
         """Return the names of the run's original rows from systems that follow a gesture plan."""
         return [
-            row.name for row in self.record.rows if "performed" in row.files and row.take is None
+            row.name for row in self.record.rows if "input_plan" in row.files and row.edit is None
         ]
 
     def timeline(self) -> dict[str, Any]:
@@ -104,7 +104,7 @@ class RunView:
     def player_value(self) -> dict[str, Any]:
         """Return the player's value; ``begins`` plays it at once, ``running`` announces more."""
         record = self.record
-        beside = {"audio": record.sound, "timeline": record.timeline}
+        beside = {"audio": record.audio, "timeline": record.timeline}
         is_running = record.state == "running"
         return {
             "run": self.name or self.folder.name,
@@ -115,7 +115,7 @@ class RunView:
                 {
                     "name": each.name,
                     "sentence": each.sentence,
-                    "at": each.at,
+                    "at": each.worst_time_s,
                     "part": each.part,
                 }
                 for each in record.top_findings
@@ -128,11 +128,11 @@ class RunView:
         """Return the state of the plan editor, with the rows that can be edited."""
         editable = {}
         for row in self.record.rows:
-            if told := self.file("told", row.name):
-                take = row.take or EditInfo(number=0, of=row.name, start=row.name)
+            if told := self.file("editor", row.name):
+                take = row.edit or EditInfo(number=0, original_row=row.name, parent_row=row.name)
                 editable[row.name] = {
-                    "of": take.of,
-                    "from": take.start if row.take else "",
+                    "of": take.original_row,
+                    "from": take.parent_row if row.edit else "",
                     "told": self.address(told),
                 }
         return {"rows": self.planned_rows(), "editable": editable, **state}
@@ -144,14 +144,14 @@ class RunView:
             "label": row.label,
             "color": row.color,
             **self._addresses(files),
-            **({"take": row.take.number, "of": row.take.of} if row.take else {}),
-            **({"there": row.there.model_dump()} if row.there else {}),
+            **({"take": row.edit.number, "of": row.edit.original_row} if row.edit else {}),
+            **({"available": row.available.model_dump()} if row.available else {}),
             "stem": file_stem(row.name),
             "is_reference": row.name == REFERENCE_NAME,
-            "noise": noise_group(row.take.of if row.take else row.name),
+            "noise": noise_group(row.edit.original_row if row.edit else row.name),
             "is_drawn": self.is_drawn,
-            "is_planned": "performed" in row.files,
-            **({"assumed": _assumed(row)} if row.assumed else {}),
+            "is_planned": "input_plan" in row.files,
+            **({"assumed": _assumed(row)} if row.assumptions else {}),
         }
 
     def _addresses(self, names: Any) -> dict[str, str]:
@@ -169,8 +169,8 @@ def run_views_in(
 
 def _assumed(row: Row) -> dict[str, Any]:
     """Return the interpretation of a row's file for the player, with the file's kind."""
-    read = [{**each, "reason": page_message(each["reason"])} for each in row.assumed]
-    return {"kind": f"*{row.ending}", "read": read}
+    read = [{**each, "reason": page_message(each["reason"])} for each in row.assumptions]
+    return {"kind": f"*{row.file_suffix}", "read": read}
 
 
 def first_look(media: Media) -> dict[str, Any]:
@@ -192,7 +192,7 @@ def with_noise(value: dict[str, Any], clean: dict[str, Any], rad: float) -> dict
         rad: noise about each axis (rad) until the slider is moved.
     """
     colors = colors_of(ROTATION_SPACES, None)
-    kept = {key: clean[key] for key in ("frames", "there", "is_reference", "noise", "is_drawn")}
+    kept = {key: clean[key] for key in ("frames", "available", "is_reference", "noise", "is_drawn")}
     rows = [
         {**kept, "name": name, "label": label, "stem": name, "space": name, "color": colors[name]}
         for name, label in ROTATION_SPACES.items()

@@ -75,9 +75,9 @@ class SavedRun:
         """Return the updates of a tab that opens the run; with ``begins``, it plays at once."""
         run_view = run_view or self.view
         record, notes = run_view.record, map(page_message, run_view.record.notes)
-        is_done, why = record.state == "done", without_folders(record.sentence)
+        is_done, why = record.state == "done", without_folders(record.message)
         failed = "" if is_done else markup.error_message(page_message(why))
-        line = record.sentence if is_done else text.STOPPED
+        line = record.message if is_done else text.STOPPED
         if self.clips:
             done = [run for run in self.clips.values() if run.record.state == "done"]
             line = text.CLIPS_DONE.format(done=len(done), count=len(self.clips))
@@ -120,10 +120,10 @@ def progress_updates(run_view: RunView, parts: ResultParts) -> Updates:
     """Return the updates of player, verdict, metrics and figures of a run, finished or not."""
     record = run_view.record
     files = (file_of(run_view.folder, name) for name in record.files)
-    figures = figures_html(filter(None, files), run_view.address, record.says)
+    figures = figures_html(filter(None, files), run_view.address, record.figure_captions)
     verdict_html = ""
     if (verdict := record.verdict) is not None:
-        verdict_html = markup.verdict(verdict.numbers, verdict.judgement, jerk_bars(record))
+        verdict_html = markup.verdict(verdict.numbers, verdict.comparison, jerk_bars(record))
     return {
         parts.player: run_view.player_value(),
         parts.figures: update_html(figures),

@@ -98,8 +98,12 @@ def measures_table(run: RunRecord) -> str:
         )
         for name, numbers in run.numbers.items()
     ]
-    judgement = run.verdict.judgement if run.verdict and jerk_bars(run) else ""
-    said = _says(markup.claim_of(judgement)[1], run.says.get("step"), run.says.get("beats"))
+    judgement = run.verdict.comparison if run.verdict and jerk_bars(run) else ""
+    said = _says(
+        markup.claim_of(judgement)[1],
+        run.figure_captions.get("step"),
+        run.figure_captions.get("beats"),
+    )
     above = _findings(run) + said
     legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
     return table_of(columns, point_title(run.point), legend, above)
@@ -214,11 +218,11 @@ def _cell(measure: Metric, column: Column, near: Mapping[FilterVersion, Sequence
 def _finding(finding: FindingRecord, label: str) -> str:
     """Format a finding, with a button that shows its worst time and its body part."""
     go = ""
-    if finding.at is not None or finding.part:
+    if finding.worst_time_s is not None or finding.part:
         at, where = "", f"the {finding.part}"
-        if finding.at is not None:
-            tenths = round(10 * finding.at)
-            at, where = f"{finding.at:.3f}", f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
+        if finding.worst_time_s is not None:
+            tenths = round(10 * finding.worst_time_s)
+            at, where = f"{finding.worst_time_s:.3f}", f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
         go = (
             f'<button type="button" class="go" data-at="{at}" data-name="{escape(finding.name)}"'
             f' data-part="{finding.part}">{text.GO_THERE.format(where=where)}</button>'
@@ -295,8 +299,8 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     above = ""
     if verdict is not None:
         bars = _bars(first, means, text.OVER_CLIPS)
-        above = markup.verdict(verdict.numbers, verdict.judgement, bars)
-        above += _says(markup.claim_of(verdict.judgement)[1])
+        above = markup.verdict(verdict.numbers, verdict.comparison, bars)
+        above += _says(markup.claim_of(verdict.comparison)[1])
     names = short_names(jerk)
     rows = [
         _clip_row(
@@ -320,7 +324,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
 def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
     if run.state not in ("failed", "cancelled"):
         return markup.table_row(clip, cells)
-    why = escape(page_message(without_folders(run.sentence)) or text.STOPPED)
+    why = escape(page_message(without_folders(run.message)) or text.STOPPED)
     return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
 
 

@@ -95,7 +95,7 @@ class EditRunner(TabRunner):
         def coming(events: list[RunEvent]) -> Updates:
             if not any(isinstance(event, FolderUpdated) for event in events):
                 return {}
-            number = max(row.take.number for row in run_view.record.rows if row.take)
+            number = max(row.edit.number for row in run_view.record.rows if row.edit)
             return message_update(text.TAKE_COMING.format(number=number), state="working")
 
         drop_unfinished(run_view.folder)  # left by closed pages
@@ -313,5 +313,5 @@ class BackgroundVideos:
 
     def _line(self, run: SavedRun, sentence: str) -> Updates:
         """Append a sentence to the run's final status message."""
-        line = markup.sentence_status(f"{run.record.sentence} {sentence}")
+        line = markup.sentence_status(f"{run.record.message} {sentence}")
         return {self.parts.status: line}

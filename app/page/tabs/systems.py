@@ -185,7 +185,7 @@ class FigureRunner(TabRunner):
         lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
         files = (request.output.out / name for name in record.result_files)
         yield {
-            self.status: markup.sentence_status(record.sentence),
+            self.status: markup.sentence_status(record.message),
             self.player: self.played(run_view, wanted),
             self.message: update_html(f'<ul class="hint">{lines}</ul>'),
             self.figure: update_html(figures_html(files, address)),
@@ -256,7 +256,7 @@ class RotationNoiseRunner(FigureRunner):
     def played(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
         value = run_view.player_value()
         clean = next((row for row in value["rows"] if row["name"] == WITHOUT_NOISE), {})
-        if "there" not in clean:
+        if "available" not in clean:
             return EMPTY_VALUE
         return _without_slider(with_noise(value, clean, wanted["noise_rad"]))
 

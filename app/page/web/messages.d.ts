@@ -90,7 +90,7 @@ export interface PlayerRow {
   motion?: string;
   /** URL of the frames so far, as binary messages. */
   frames?: string;
-  there?: FramesAvailable;
+  available?: FramesAvailable;
   video?: string;
   /** True if the row will have a video. */
   is_drawn?: boolean;
@@ -246,11 +246,11 @@ export interface FootContact {
 
 /** Number of frames of a row so far, and their root transform. */
 export interface FramesAvailable {
-  end: number;
+  num_ready: number;
   num_frames: number;
   bytes: number;
   /** Rotation about the vertical (rad), then translation (m). */
-  place: [number, number, number, number];
+  root_transform: [number, number, number, number];
 }
 
 /** Interpretation of an imported file. */

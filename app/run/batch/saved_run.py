@@ -100,7 +100,7 @@ def _of_run(request: DiagnoseRequest, folder: Path) -> DiagnoseRequest:
     if not others:
         raise RunError(NO_RUN.format(name=name, why="it has no motion"))
     shown = others[: MAX_COMPARED - (REFERENCE_NAME in motions)]
-    speech = file_of(folder, record.sound) if record.speech_sha256 else None
+    speech = file_of(folder, record.audio) if record.speech_sha256 else None
     return replace_fields(
         request,
         motions=tuple(motions[each] for each in shown),
@@ -140,7 +140,7 @@ def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackL
     for run in into.rglob(RUN):
         below, record = run.parent.relative_to(into), read_run(run.parent)
         of_rows = [name for row in record.rows for name in row.files.values()]
-        own = filter(None, (*record.named, *of_rows, record.sound, record.timeline))
+        own = filter(None, (*record.named, *of_rows, record.audio, record.timeline))
         names.update((below / name).as_posix() for name in own if name != RUN)
         names.update((below.parent / name).as_posix() for name in TABLES if below.parts)
     unpack_archive(path, into, endings, replace(limits), names.__contains__)

@@ -265,13 +265,13 @@ def _do_clip(
     (request.output.out / RUN).unlink(missing_ok=True)  # of earlier files, which will be replaced
     pipeline.run(request, RunCallbacks(on_event, should_cancel))
     record = read_run(request.output.out)
-    record.whole = stamp
+    record.inputs_sha256 = stamp
     record.write(request.output.out / RUN)
 
 
 def _is_done(folder: Path, stamp: str) -> bool:
     try:
-        return read_run(folder).whole == stamp
+        return read_run(folder).inputs_sha256 == stamp
     except RunError:
         return False
 

@@ -59,7 +59,7 @@ def compare_rotation_noise(
     noisy = dict(
         zip(NAMES, add_rotation_noise(found.motion, request.noise_rad, request.seed), strict=True)
     )
-    record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
+    record = RunRecord(kind="imported", point=DEFAULT_TRACKED_POINT)
     with open_run_writer(
         request.output.out, record, callbacks, is_incremental=request.output.is_incremental
     ) as run:

@@ -80,7 +80,7 @@ def measure_speech_effect(
     """
     request.check()
     record = RunRecord(
-        kind="given" if request.is_of_motions else "generated", point=DEFAULT_TRACKED_POINT
+        kind="imported" if request.is_of_motions else "generated", point=DEFAULT_TRACKED_POINT
     )
     with open_run_writer(request.output.out, record, callbacks) as run:
         if request.is_of_motions:

@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 from typing_extensions import TypedDict
@@ -68,41 +68,56 @@ def _stays_inside(name: str) -> str:
     return name
 
 
-_ENDING, _SHA256 = r"^(\.[a-z0-9]{1,8})?$", r"^([0-9a-f]{64})?$"
+_SUFFIX, _SHA256 = r"^(\.[a-z0-9]{1,8})?$", r"^([0-9a-f]{64})?$"
 FileName = Annotated[str, Field(max_length=300), AfterValidator(_stays_inside)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
 Number = Annotated[float, Field(ge=-1e12, le=1e12)]
-RowFileKind = Literal["motion", "frames", "plan", "performed", "video", "told", "windows"]
-"""Kind of a row's file. ``plan`` is the plan in the player, ``performed`` the plan that the system
-followed; ``told`` is the data of the plan editor; ``windows``, which stay in their folder, are the
-generation state that a take starts from."""
-RunKind = Literal["generated", "given"]
+RowFileKind = Literal["motion", "frames", "plan", "input_plan", "video", "editor", "state"]
+"""Kind of a row's file. ``plan`` is the plan in the player, ``input_plan`` the plan that the system
+followed; ``editor`` is the data of the plan editor; ``state``, which stays in its folder, is the
+generation state that an edited version starts from."""
+RunKind = Literal["generated", "imported"]
 State = Literal["running", "done", "failed", "cancelled"]
 
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    _former_keys: ClassVar[Mapping[str, str]] = {}
+    """Present keys by those of formats 1 to 3."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _rename_former_keys(cls, value: Any) -> Any:
+        return _renamed(value, cls._former_keys)
+
+
+def _renamed(value: Any, names: Mapping[str, str]) -> Any:
+    if not isinstance(value, dict):
+        return value
+    return {names.get(key, key): each for key, each in value.items()}
 
 
 class FramesAvailable(_Strict):
     """Number of frames of a row so far, and their root transform."""
 
-    end: Count
+    _former_keys = {"end": "num_ready", "place": "root_transform"}
+    num_ready: Count
     num_frames: Count
     bytes: Count
-    place: tuple[Number, Number, Number, Number]
+    root_transform: tuple[Number, Number, Number, Number]
     """Rotation about the vertical (rad), then translation (m)."""
 
 
 class EditInfo(_Strict):
     """Origin of a motion with an edited plan."""
 
+    _former_keys = {"of": "original_row", "start": "parent_row", "fresh": "regenerated_s"}
     number: Count
-    of: Name
-    """Name of the run's original row."""
-    start: Name
+    original_row: Name
+    """Name of the run's unedited row."""
+    parent_row: Name
     """Name of the row with the plan that was edited."""
-    fresh: Annotated[list[tuple[Number, Number]], Field(max_length=5_000)] = []
+    regenerated_s: Annotated[list[tuple[Number, Number]], Field(max_length=5_000)] = []
     """Time spans (s) that were generated again."""
 
 
@@ -120,46 +135,64 @@ def _current(assumption: Any) -> Any:
     return current_assumption(assumption) if isinstance(assumption, dict) else assumption
 
 
+def _with_current_kinds(files: Any) -> Any:
+    return _renamed(files, {"performed": "input_plan", "told": "editor", "windows": "state"})
+
+
 class Row(_Strict):
     """Motion of a run, with its files."""
 
+    _former_keys = {
+        "there": "available",
+        "take": "edit",
+        "assumed": "assumptions",
+        "ending": "file_suffix",
+    }
     name: Name
     label: Name
     color: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")]
-    files: dict[RowFileKind, FileName] = {}
-    there: FramesAvailable | None = None
-    take: EditInfo | None = None
-    assumed: Annotated[
+    files: Annotated[dict[RowFileKind, FileName], BeforeValidator(_with_current_kinds)] = {}
+    available: FramesAvailable | None = None
+    edit: EditInfo | None = None
+    assumptions: Annotated[
         list[Annotated[AssumptionRecord, BeforeValidator(_current)]], Field(max_length=40)
     ] = []
     """Interpretation of the motion's file, if it was imported."""
-    ending: Annotated[str, Field(pattern=_ENDING)] = ""
+    file_suffix: Annotated[str, Field(pattern=_SUFFIX)] = ""
     """Suffix of the imported file; see `safe_suffix`."""
 
 
 class FindingRecord(_Strict):
     """Finding of a motion; without a name, a statement on the motions that have none."""
 
+    _former_keys = {"at": "worst_time_s"}
     name: Annotated[str, Field(max_length=520), AfterValidator(printable)] = ""
     kind: Annotated[str, Field(max_length=80), AfterValidator(printable)] = ""
     sentence: Text
-    at: Number | None = None
+    worst_time_s: Number | None = None
     """Time (s) at which it is worst."""
     part: BodyPart = ""
     """Body part that shows it; empty for the whole body."""
 
 
 class VerdictRecord(_Strict):
+    _former_keys = {"judgement": "comparison"}
     numbers: Text
-    judgement: Text
+    comparison: Text
 
 
 class RunRecord(_Strict):
     """Content of ``run.json``."""
 
-    format: Literal[3] = 3
+    _former_keys = {
+        "sentence": "message",
+        "whole": "inputs_sha256",
+        "sound": "audio",
+        "says": "figure_captions",
+    }
+    format: Literal[4] = 4
     state: State = "running"
-    sentence: Text = ""
+    message: Text = ""
     """Final status message, or the reason of a failure."""
     kind: RunKind
     title: Text = ""
@@ -172,18 +205,18 @@ class RunRecord(_Strict):
     noise_seed: Annotated[int, Field(ge=0)] | None = None
     """Seed of the noise of generated motion, computed from the requested seed and the speech file;
     None in runs of earlier versions, which used the requested seed."""
-    whole: Annotated[str, Field(pattern=_SHA256)] = ""
+    inputs_sha256: Annotated[str, Field(pattern=_SHA256)] = ""
     """SHA-256 of all inputs that determine the files of one clip of several, set when it is
     complete."""
     point: Name
     """Tracked fingertip or joint of the metrics."""
     rows: Annotated[list[Row], Field(max_length=MAX_ROWS)] = []
-    sound: FileName | None = None
+    audio: FileName | None = None
     timeline: FileName | None = None
     verdict: VerdictRecord | None = None
     findings: Annotated[list[FindingRecord], Field(max_length=MAX_FINDINGS)] = []
     """Findings, the most severe first."""
-    says: dict[Name, Text] = {}
+    figure_captions: dict[Name, Text] = {}
     """Sentences on the metrics, by figure."""
     numbers: Annotated[
         dict[Name, dict[FilterVersion, dict[Name, Number]]], Field(max_length=MAX_ROWS)
@@ -199,21 +232,23 @@ class RunRecord(_Strict):
     @model_validator(mode="before")
     @classmethod
     def _from_earlier_formats(cls, record: Any) -> Any:
-        """Convert format 1, with ``asked`` in place of ``request``, and format 2.
+        """Convert formats 1 to 3, but for keys in `_former_keys`.
 
-        In both, the keys of ``numbers`` were titles of metrics.
+        The kind of imported motions was ``given``. In 1 and 2 the keys of ``numbers`` were titles
+        of metrics; 1 had ``asked`` in place of ``request``.
         """
-        if not isinstance(record, dict) or record.get("format") not in (1, 2):
+        if not isinstance(record, dict) or record.get("format") not in (1, 2, 3):
             return record
-        if isinstance(numbers := record.get("numbers"), dict):
-            record = record | {"numbers": _numbers_by_key(numbers)}
-        if record["format"] == 2:
-            return record | {"format": 3}
-        asked = record.get("asked")
-        kind = GenerateRequest if record.get("kind") == "generated" else DiagnoseRequest
-        request = nested_fields(kind, asked) if isinstance(asked, dict) else {}
-        rest = {key: value for key, value in record.items() if key != "asked"}
-        return rest | {"format": 3, "request": request}
+        number, record = record["format"], record | {"format": 4}
+        if record.get("kind") == "given":
+            record["kind"] = "imported"
+        if number < 3 and isinstance(numbers := record.get("numbers"), dict):
+            record["numbers"] = _numbers_by_key(numbers)
+        if number == 1:
+            asked = record.pop("asked", None)
+            kind = GenerateRequest if record.get("kind") == "generated" else DiagnoseRequest
+            record["request"] = nested_fields(kind, asked) if isinstance(asked, dict) else {}
+        return record
 
     @model_validator(mode="after")
     def _each_once(self) -> RunRecord:
@@ -380,7 +415,7 @@ def add_file(folder: Path, path: Path, row: str = "", kind: RowFileKind | None =
 def expect_videos(folder: Path, views: Sequence[str]) -> None:
     """Record in `RunRecord.missing` the videos that will be rendered of a run's motions."""
     with edit_record(folder) as record:
-        names = [row.name for row in record.rows if row.take is None and "motion" in row.files]
+        names = [row.name for row in record.rows if row.edit is None and "motion" in row.files]
         videos = [video_file(name, view, views) for view in views for name in names]
         record.missing = videos + [f"{COMPARISON}.mp4"] * (len(names) > 1)
 
@@ -388,7 +423,7 @@ def expect_videos(folder: Path, views: Sequence[str]) -> None:
 def drop_unfinished(folder: Path) -> None:
     """Remove takes that are incomplete."""
     with edit_record(folder) as record:
-        for row in [row for row in record.rows if row.take and "told" not in row.files]:
+        for row in [row for row in record.rows if row.edit and "editor" not in row.files]:
             record.rows.remove(row)
             for name in row.files.values():
                 (folder / name).unlink(missing_ok=True)
@@ -399,7 +434,7 @@ def end_run(folder: Path, sentence: str) -> bool:
     """Record the reason of a failure as visitors see it; return whether any motion was written."""
     try:
         with edit_record(folder) as record:
-            record.state, record.sentence = "failed", truncate(sentence)
+            record.state, record.message = "failed", truncate(sentence)
     except (RunError, OSError):
         return False  # the run had not started
     return any("motion" in row.files for row in record.rows)
@@ -443,7 +478,7 @@ def truncate(text: str) -> str:
 def safe_suffix(path: Path) -> str:
     """Return the suffix of a file if it is plausible for a file type, otherwise ""."""
     ending = path.suffix.lower()
-    return ending if re.fullmatch(_ENDING, ending) else ""
+    return ending if re.fullmatch(_SUFFIX, ending) else ""
 
 
 def video_file(name: str, view: str, views: Sequence[str]) -> str:

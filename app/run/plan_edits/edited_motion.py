@@ -122,7 +122,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
     record = read_run(request.run)
     sampling, sound = _as_the_run(request, record)
     start = record.row(request.start)
-    performed = start and file_of(request.run, start.files.get("performed"))
+    performed = start and file_of(request.run, start.files.get("input_plan"))
     if start is None or performed is None:
         raise RunError(text.EDITS_GONE)
     plan, words = read_plan_file(performed).plan, read_transcript_of_run(request.run).words
@@ -131,11 +131,11 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
             f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
             f"{MAX_EDITED_S:.0f} s: cut it, and generate motion for a part."
         )
-    numbers = [row.take.number for row in record.rows if row.take]
+    numbers = [row.edit.number for row in record.rows if row.edit]
     if request.edits and len(numbers) >= MAX_TAKES:
         raise RunError(text.TOO_MANY_TAKES.format(limit=MAX_TAKES))
     require_free_space(request.run, int(_BYTES_A_SECOND * plan.duration_s))
-    of = start.take.of if start.take else start.name
+    of = start.edit.original_row if start.edit else start.name
     sample = SampleName.parse(of)
     system = get_system(sample.system, sampling.weights)
     speech = load_speech(sound, SpeechLimits(max_s=request.max_speech_s))
@@ -155,7 +155,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
         name = f"{of}.take{number}"
         row = rows_of([*(each.name for each in record.rows), name])[-1]
         row.label = f"version {number}"
-        row.take = take = EditInfo(number=number, of=of, start=start.name)
+        row.edit = take = EditInfo(number=number, original_row=of, parent_row=start.name)
         alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
         (row,) = alone.rows
         run = _TakeWriter(folder, alone, callbacks)
@@ -168,13 +168,13 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
 
         options = replace(options, conditions=(written,))
         made = regenerate(system, speech, options, before, callbacks.should_cancel, on_piece)
-        take.fresh = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
-        row.files["windows"] = viewer_file_name(name, STATE_SUFFIX)
-        save_state(made, request.run / row.files["windows"])
+        take.regenerated_s = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
+        row.files["state"] = viewer_file_name(name, STATE_SUFFIX)
+        save_state(made, request.run / row.files["state"])
         shown = apply_post_filter(made.motion, sampling.post_filter)
         run.write_motion(name, shown, f"{file_stem(name)}.npz")
         _tell(request.run, row, written, words)
-        run.add_files(request.run / row.files["told"])
+        run.add_files(request.run / row.files["editor"])
         jerk = _add_curves(request, record, run, row, shown, sampling.post_filter)
         run.finish("")
     return EditResult(number, (*jerk, *done.notes))
@@ -190,7 +190,7 @@ def _add_curves(
 ) -> tuple[str, ...]:
     """Add the curves of a take to the run's timeline; return a sentence on its jerk."""
     path = file_of(request.run, record.timeline)
-    if path is None or row.take is None:
+    if path is None or row.edit is None:
         return ()
     timeline = read_json(path, dict[str, Any], MAX_RUN_BYTES)
     version = filtered_version(post_filter)
@@ -199,7 +199,7 @@ def _add_curves(
     run.write_timeline(timeline | {"curves": curves})
     jerk = [
         f"{np.mean(of[version]['jerk_m_s3']['values']):.0f}"
-        for name in (row.name, row.take.start)
+        for name in (row.name, row.edit.parent_row)
         if (of := curves.get(name))
     ]
     return (text.TAKE_JERK.format(" m/s³, before the edit ".join(jerk)),)
@@ -216,14 +216,14 @@ def _ready(
     callbacks: RunCallbacks,
 ) -> GenerationState:
     """Return the motion that a take starts from, generated again if its windows are missing."""
-    windows = file_of(folder, row.files.get("windows"))
+    windows = file_of(folder, row.files.get("state"))
     if windows is not None:
         motion = load_motion(_there(folder, read_run(folder), row.name))
         return load_state(windows, system, plan, motion)
     performed = replace(options, conditions=(plan,))
     made = regenerate(system, speech, performed, None, callbacks.should_cancel)
-    row.files["windows"] = viewer_file_name(row.name, STATE_SUFFIX)
-    save_state(made, folder / row.files["windows"])
+    row.files["state"] = viewer_file_name(row.name, STATE_SUFFIX)
+    save_state(made, folder / row.files["state"])
     _tell(folder, row, plan, words)
     with edit_record(folder) as record:
         record.set_row(row)
@@ -232,8 +232,8 @@ def _ready(
 
 def _tell(folder: Path, row: Row, plan: GesturePlan, words: Sequence[Word]) -> None:
     """Write the editor's data of a row, which can be edited from then on."""
-    row.files["told"] = viewer_file_name(row.name, ".told.json")
-    (folder / row.files["told"]).write_text(
+    row.files["editor"] = viewer_file_name(row.name, ".told.json")
+    (folder / row.files["editor"]).write_text(
         json.dumps(request_as_json(plan, words), allow_nan=False)
     )
 
@@ -272,7 +272,7 @@ def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
 
 def _as_the_run(request: PlanEditRequest, record: RunRecord) -> tuple[SamplingOptions, Path]:
     """Return the sampling options and the speech of a run."""
-    speech = file_of(request.run, record.sound)
+    speech = file_of(request.run, record.audio)
     if record.kind != "generated" or speech is None:
         raise RunError(text.EDITS_GONE)
     try:

@@ -405,9 +405,9 @@ def draw_videos_in_background(request: RunVideosRequest, callbacks: RunCallbacks
     motions = {
         row.name: load_motion(file)
         for row in record.rows
-        if row.take is None and (file := file_of(run, row.files.get("motion")))
+        if row.edit is None and (file := file_of(run, row.files.get("motion")))
     }
-    speech = file_of(run, record.sound) if record.speech_sha256 else None
+    speech = file_of(run, record.audio) if record.speech_sha256 else None
     body = get_body(video.body, video.look)
     with ResultFolder(request.out) as folder:
         draw_rows(

@@ -149,7 +149,7 @@ def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict
         assert verdict is not None
         assert ("b 14" in verdict.numbers) == (not is_left_out)
         told = "From a, which has the most jerk, to c 33 % less. No jerk to compare: b."
-        assert (told in verdict.judgement) == is_left_out
+        assert (told in verdict.comparison) == is_left_out
 
 
 def test_beat_align_is_there_with_its_chance_level_or_not_at_all() -> None:
@@ -257,7 +257,7 @@ def test_the_verdict_goes_through_the_ladder() -> None:
         "Right middle fingertip jerk in m/s³: local 150, global 100, joint 90, full 120; "
         "reference 108."
     )
-    assert verdict.judgement.startswith(
+    assert verdict.comparison.startswith(
         "On this clip, as the paper claims, the system with global rotations has less jerk than "
         "the one with local ones: from local to global 33 % less. Compared with global, with "
         "constraints added one by one: joint 10 % less, full 20 % more; joint has less jerk here. "
@@ -293,8 +293,8 @@ def test_swapped_numbers_turn_the_verdict_round() -> None:
         verdict = said(globaldiff_local=local, globaldiff_global=plain_one, globaldiff_full=full)
         assert verdict is not None
         for each in words.split("; "):
-            assert each in verdict.judgement
-        assert are_calmer in verdict.judgement
+            assert each in verdict.comparison
+        assert are_calmer in verdict.comparison
         assert "reference" not in verdict.numbers
 
 
@@ -311,19 +311,19 @@ def test_samples_give_an_interval_and_where_they_do_not_tell_systems_apart_show_
     ):
         words = f"local ones: from local to full, which has global rotations too, {words}"
         verdict = said(**local, **other)
-        assert verdict is not None and words in verdict.judgement and shows in verdict.judgement
-        assert "3 samples, one training run per system" in verdict.judgement
+        assert verdict is not None and words in verdict.comparison and shows in verdict.comparison
+        assert "3 samples, one training run per system" in verdict.comparison
 
 
 def test_without_the_ladder_nothing_is_said_of_the_paper_and_without_jerk_nothing() -> None:
     verdict = said(gan_20=80, asynfusion_ddim=90)
     assert verdict is not None
     assert verdict.numbers.endswith("gan/20 80, ddim 90.")
-    assert verdict.judgement.startswith(
+    assert verdict.comparison.startswith(
         "From ddim, which has the most jerk, to gan/20 11 % less. One clip"
     )
     alone = said(globaldiff_local=80)
-    assert alone is not None and alone.judgement == ""
+    assert alone is not None and alone.comparison == ""
     assert make_verdict("right_middle", [clip_of(globaldiff_local=None)]) is None
     # Names that two families share stay whole.
     assert short_names(["a/x", "b/x", "b/y"]) == {"a/x": "a/x", "b/x": "b/x", "b/y": "y"}
@@ -344,11 +344,11 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
         "(of 1 clip)."
     )
     words = "as the paper claims, the system with global rotations has less jerk than the one with"
-    assert f"Over 3 clips, {words} local ones: from local to full, which has" in verdict.judgement
-    assert "rotations too, 50 % less (47 to 52 %)." in verdict.judgement
-    assert "3 clips, one training run per system: an example, not evidence." in verdict.judgement
+    assert f"Over 3 clips, {words} local ones: from local to full, which has" in verdict.comparison
+    assert "rotations too, 50 % less (47 to 52 %)." in verdict.comparison
+    assert "3 clips, one training run per system: an example, not evidence." in verdict.comparison
     many = make_verdict("right_middle", [clips[1]] * 10)
-    assert many is not None and "10 clips" in many.judgement and "example" not in many.judgement
+    assert many is not None and "10 clips" in many.comparison and "example" not in many.comparison
     assert make_verdict("right_middle", clips[1:3]) is None
 
 
@@ -369,10 +369,10 @@ def test_calmer_than_the_reference_is_told_apart_from_moving_less() -> None:
         "Less jerk than the reference: slow (60 % of the reference's jerk, 30 % of its speed: "
         "moves less, possibly over-smoothed) and smooth (40 % of the reference's jerk, 110 % of "
         "its speed: "
-        "moves about as much). One clip" in verdict.judgement
+        "moves about as much). One clip" in verdict.comparison
     )
     alone = make_verdict("right_middle", [{name: clip[name] for name in ("a/slow", "reference")}])
-    assert alone is not None and alone.judgement.startswith("Less jerk than the reference: slow (")
+    assert alone is not None and alone.comparison.startswith("Less jerk than the reference: slow (")
 
 
 def test_in_what_the_claimed_system_is_worse_beyond_chance_is_told() -> None:
@@ -386,10 +386,10 @@ def test_in_what_the_claimed_system_is_worse_beyond_chance_is_told() -> None:
     ]
     verdict = make_verdict("right_middle", clips)
     words = "Global is worse than local in foot sliding (4.0 against 2.0 cm/s). 2 clips, one"
-    assert verdict is not None and words in verdict.judgement
+    assert verdict is not None and words in verdict.comparison
     clips[0]["globaldiff/global"]["raw"][slide] = 1.9
     verdict = make_verdict("right_middle", clips)
-    assert verdict is not None and "worse" not in verdict.judgement
+    assert verdict is not None and "worse" not in verdict.comparison
 
 
 def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
@@ -404,7 +404,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     record = read_run(tmp_path / "out")
     verdict = record.verdict
     assert verdict is not None and verdict.numbers.endswith("A 185, B 1226.")
-    assert verdict.judgement.startswith(
+    assert verdict.comparison.startswith(
         "From B, which has the most jerk, to A 85 % less. One clip is"
     )
     first, last = record.findings[0], record.findings[-1]
@@ -449,7 +449,7 @@ def test_no_words_of_a_verdict_contradict_its_numbers(
     verdict = make_verdict("right_middle", clips)
     if verdict is None:
         return
-    said = verdict.judgement
+    said = verdict.comparison
     means = {
         name: float(value)
         for name, value in re.findall(

@@ -40,7 +40,7 @@ def make_first_look(out: Path) -> None:
         motion = load_motion(result.out / f"{file_stem(PRIORFLOW)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions = {FIRST_MOTION.stem: motion}
-    record = RunRecord(kind="given", point=DEFAULT_TRACKED_POINT)
+    record = RunRecord(kind="imported", point=DEFAULT_TRACKED_POINT)
     with open_run_writer(out, record) as run:
         shown, _ = picture_motions(motions)
         run.write_timeline(

@@ -91,7 +91,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     speakers, (note,) = told["speakers"], record.notes
     assert speakers["calm"] == "bob" and 0 < speakers["calm_over_lively"]
     assert f"bob's wrists move {speakers['calm_over_lively']:.2f} times" in note
-    assert record.state == "done" and record.sentence == "Compared 1 system."
+    assert record.state == "done" and record.message == "Compared 1 system."
     # What was generated is what a folder of anyone's motion would be, and gives the same numbers.
     (tmp_path / "motions").mkdir()
     for path in out.glob("*.npz"):
@@ -251,7 +251,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
     # Both motions are left for a player.
     assert (
         [row.name for row in record.rows] == [*NAMES, WITHOUT_NOISE]
-        and record.sound
+        and record.audio
         and record.timeline
     )
     caption = (asked.output.out / "error_growth.txt").read_text()
@@ -318,7 +318,7 @@ def test_points_are_what_generation_and_measures_say(
     assert record.result_files == ["run.json", *(f"steps.{ending}" for ending in endings)]
     calm = table[0]["tip_jerk_m_s3"] <= 1.05 * table[1]["tip_jerk_m_s3"]
     words = "1 of 3 steps reach" if calm else "with fewer than 3 steps, fingertip jerk is over 5 %"
-    assert record.sentence == "Measured 2 motions." and words in record.notes[0]
+    assert record.message == "Measured 2 motions." and words in record.notes[0]
     assert (out / "steps.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
     rows = csv_rows(out / "steps.csv")
     assert {each["protocol"] for each in (*table, *rows)} == {"workbench/1"}

@@ -134,8 +134,8 @@ def test_a_whole_run_tells_how_far_it_is_and_of_numbers_before_pictures(whole: W
     assert told[-1].numbers[WORLD]["raw"][JERK] == pytest.approx(
         result.diagnostics.systems[WORLD].raw.point.tip_jerk_m_s3
     )
-    growing = [row.there for each in told for row in each.rows if row.there is not None]
-    assert {there.end for there in growing} == {SHORT}, "filtered as a whole only"
+    growing = [row.available for each in told for row in each.rows if row.available is not None]
+    assert {there.num_ready for there in growing} == {SHORT}, "filtered as a whole only"
 
 
 @pytest.mark.gl
@@ -292,7 +292,10 @@ def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, lo
         (row.name, end)
         for record in grown
         for row in record.rows
-        for end in (row.there and row.there.end, "motion" in row.files and "whole")
+        for end in (
+            row.available and row.available.num_ready,
+            "motion" in row.files and "whole",
+        )
         if end
     ]
     told = list(dict.fromkeys(each))
@@ -302,7 +305,7 @@ def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, lo
     assert told == windows + ends
     for row in grown[-1].rows:
         content = (result.out / row.files["frames"]).read_bytes()
-        assert row.there is not None and len(content) == row.there.bytes
+        assert row.available is not None and len(content) == row.available.bytes
         messages = []
         while content:
             first, count, faces, *_ = HEADER.unpack_from(content)
@@ -314,12 +317,12 @@ def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, lo
         each = zip(*messages, strict=True)
         assert tuple(map(b"".join, each)) == parts(frames_message(0, motion)), "to the bit"
         place = root_transform_of(motion)
-        assert row.there.place == (place.turn_rad, *place.shift_m)
+        assert row.available.root_transform == (place.turn_rad, *place.shift_m)
 
 
 def _frames(record: RunRecord, name: str) -> int:
     row = record.row(name)
-    return row.there.end if row is not None and row.there is not None else 0
+    return row.available.num_ready if row is not None and row.available is not None else 0
 
 
 @pytest.mark.parametrize(
@@ -369,7 +372,7 @@ def test_a_live_take_is_kept_as_it_was_seen_and_said_to_be_live(ask: Asks, tmp_p
     take = LiveRecording(tmp_path / "live.npz", facts, plan=tmp_path / "live.plan.json")
     result = run(ask(systems=(WORLD,), take=take))
     (row,) = read_run(result.out).rows
-    assert row.files["plan"] == row.files["performed"], "no other is sought"
+    assert row.files["plan"] == row.files["input_plan"], "no other is sought"
     kept = load_motion(result.out / "globaldiff-global.npz")
     np.testing.assert_array_equal(kept.poses, seen.poses)
     np.testing.assert_array_equal(kept.expressions, seen.expressions)

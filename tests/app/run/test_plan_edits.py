@@ -236,20 +236,22 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     edit = Edit("move", {"side": "right", "lands": 9.0, "at": 9.5})
     take = regenerate_edited(replace_fields(asked, edits=(edit,)), RunCallbacks(noted))
     record = read_run(folder)
-    assert (take.number, record.state) == (1, "done") and record.sentence
+    assert (take.number, record.state) == (1, "done") and record.message
     own, made = record.rows
-    assert (made.name, made.label) == (f"{PLANNED}.take1", "version 1") and made.take is not None
-    (part,) = made.take.fresh
+    assert (made.name, made.label) == (f"{PLANNED}.take1", "version 1") and made.edit is not None
+    (part,) = made.edit.regenerated_s
     assert 5 < part[0] < 9 and part[1] == SPOKEN
     old, new = (load_motion(folder / row.files["motion"]) for row in record.rows)
     stays = round(30 * part[0])
     for name in ("poses", "trans", "expressions"):  # performed once more, it is the run's motion
         np.testing.assert_array_equal(getattr(old, name)[:stays], getattr(new, name)[:stays])
     assert not np.array_equal(old.poses[stays:], new.poses[stays:])
-    there = [row.there for row in rows if row.there is not None]
-    assert there[-1].end == old.num_frames and {row.name for row in rows} == {made.name}
-    assert len({one.end for one in there}) > 1, "it comes window by window"
-    assert own.there is not None and {one.place for one in there} == {own.there.place}
+    there = [row.available for row in rows if row.available is not None]
+    assert there[-1].num_ready == old.num_frames and {row.name for row in rows} == {made.name}
+    assert len({one.num_ready for one in there}) > 1, "it comes window by window"
+    assert own.available is not None and {one.root_transform for one in there} == {
+        own.available.root_transform
+    }
     assert made.color != own.color
     curves = json.loads((folder / "timeline.json").read_text())["curves"]
     assert {PLANNED, made.name} <= curves.keys(), "the jerk of both stands in the time line"
@@ -257,21 +259,24 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
         float(np.mean(curves[each]["raw"]["jerk_m_s3"]["values"])) for each in (made.name, PLANNED)
     ]
     assert take.notes[0].endswith(f": {jerk[0]:.0f} m/s³, before the edit {jerk[1]:.0f} m/s³.")
-    plan = read_plan_file(folder / made.files["performed"]).plan
+    plan = read_plan_file(folder / made.files["input_plan"]).plan
     assert [one.lands_s for one in gestures(plan, "right")] == [9.5]
-    (gesture,) = json.loads((folder / made.files["told"]).read_text())["gestures"]
+    (gesture,) = json.loads((folder / made.files["editor"]).read_text())["gestures"]
     assert (gesture["lands"], gesture["kind"], gesture["partner"]) == (9.5, "offer", None)
 
     elsewhere = copy_run(zip_run(folder, tmp_path / "run.zip"), tmp_path / "elsewhere")
     assert read_run(elsewhere) == record
     assert all((elsewhere / made.files[kind]).is_file() for kind in ("frames", "motion", "plan"))
-    assert not (elsewhere / made.files["windows"]).exists(), "which are large, and made again"
+    assert not (elsewhere / made.files["state"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
     again = replace_fields(asked, run=elsewhere, start=made.name, edits=(back,))
     assert regenerate_edited(again, NO_CALLBACKS).number == 2
     last = read_run(elsewhere).rows[-1]
-    assert last.take is not None and (last.take.of, last.take.start) == (PLANNED, made.name)
-    plan = read_plan_file(elsewhere / last.files["performed"]).plan
+    assert last.edit is not None and (last.edit.original_row, last.edit.parent_row) == (
+        PLANNED,
+        made.name,
+    )
+    plan = read_plan_file(elsewhere / last.files["input_plan"]).plan
     assert [one.lands_s for one in gestures(plan, "right")] == [9.0]
 
 

@@ -18,6 +18,8 @@ from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.frame_packets import HEADER
 from app.run.output.run_folder import (
     RUN,
+    EditInfo,
+    FramesAvailable,
     RunRecord,
     file_of,
     is_run_zip,
@@ -69,7 +71,7 @@ def row(**changes: Any) -> dict[str, Any]:
     [
         b"", b"{}", b"[]", b"null", b"\xff", b"[" * 200_000, b'{"format":' * 5_000,
         json.dumps({**RECORD, "point": "\ud800"}), json.dumps(found(10**400)),
-        json.dumps(found(float("nan"))), json.dumps({**RECORD, "format": 4}),
+        json.dumps(found(float("nan"))), json.dumps({**RECORD, "format": 5}),
         json.dumps({**RECORD, "html": "<script>"}), json.dumps({**RECORD, "title": "x" * 3_000}),
         json.dumps({**RECORD, "rows": [ROW] * 2}), json.dumps({**RECORD, "rows": [ROW] * 600}),
         json.dumps({**RECORD, "speech_sha256": "../x"}), json.dumps(row(color="red;x")),
@@ -96,7 +98,7 @@ def test_a_record_of_format_1_opens_with_its_request_in_parts(tmp_path):
     old = {**RECORD, "format": 1, "kind": "generated", "asked": asked}
     (tmp_path / RUN).write_text(json.dumps(old))
     read = read_run(tmp_path)
-    assert (read.format, read.kind) == (3, "generated")
+    assert (read.format, read.kind) == (4, "generated")
     assert read.request["sampling"] == {
         "systems": ["gan/5"], "seed": 4, "steps": {"gan/5": 2}, "sampler": None,
     }  # fmt: skip
@@ -109,7 +111,7 @@ def test_a_record_of_format_2_opens_with_the_keys_of_its_metrics(tmp_path):
     old = json.loads((Path(__file__).parent / "kept" / "run_format_2.json").read_text())
     (tmp_path / RUN).write_text(json.dumps(old))
     read = read_run(tmp_path)
-    assert read.format == 3 and read.numbers.keys() == old["numbers"].keys()
+    assert read.format == 4 and read.numbers.keys() == old["numbers"].keys()
     for name, of in old["numbers"].items():
         for version, values in of.items():
             own = read.numbers[name][version]
@@ -118,6 +120,42 @@ def test_a_record_of_format_2_opens_with_the_keys_of_its_metrics(tmp_path):
             assert (own[JERK], own["foot_sliding_cm_s"]) == (
                 values["Followed point: Jerk"], values["Feet: Slide on the ground"],
             )  # fmt: skip
+
+
+def test_a_record_of_format_3_opens_under_the_present_keys(tmp_path):
+    old = {
+        "format": 3, "kind": "given", "point": "right_middle", "sentence": "Done.",
+        "whole": "a" * 64, "sound": "speech.wav", "says": {"step": "Less."},
+        "verdict": {"numbers": "1", "judgement": "2"},
+        "findings": [{"name": "a", "sentence": "It jumps.", "at": 1.5}],
+        "rows": [{
+            **ROW, "ending": ".bvh",
+            "files": {"performed": "a.plan.json", "told": "a.told.json", "windows": "a.state.npz"},
+            "there": {"end": 3, "num_frames": 4, "bytes": 5, "place": [0, 1, 2, 3]},
+            "take": {"number": 1, "of": "a", "start": "b", "fresh": [[0.5, 1]]},
+            "assumed": [{"kind": "up", "value": "z", "reason": "so", "confidence": "sure",
+                         "alternatives": []}],
+        }],
+    }  # fmt: skip
+    (tmp_path / RUN).write_text(json.dumps(old))
+    read = read_run(tmp_path)
+    assert (read.format, read.kind, read.message, read.audio) == (
+        4, "imported", "Done.", "speech.wav",
+    )  # fmt: skip
+    assert read.inputs_sha256 == "a" * 64 and read.figure_captions == {"step": "Less."}
+    assert read.verdict is not None and read.verdict.comparison == "2"
+    assert read.findings[0].worst_time_s == 1.5
+    (own,) = read.rows
+    assert own.files == {
+        "input_plan": "a.plan.json", "editor": "a.told.json", "state": "a.state.npz",
+    }  # fmt: skip
+    assert own.available == FramesAvailable(
+        num_ready=3, num_frames=4, bytes=5, root_transform=(0, 1, 2, 3)
+    )
+    assert own.edit == EditInfo(
+        number=1, original_row="a", parent_row="b", regenerated_s=[(0.5, 1.0)]
+    )
+    assert own.assumptions[0]["value"] == "z" and own.file_suffix == ".bvh"
 
 
 def test_names_are_harmless_and_no_link_leads_out(tmp_path):
@@ -161,9 +199,12 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
             told = read_run(tmp_path)
             first, second, _ = told.rows
             path = file_of(tmp_path, first.files["frames"])
-            assert path is not None and first.there is not None and told.state == "running"
+            assert path is not None and first.available is not None and told.state == "running"
             size = path.stat().st_size
-            assert (first.there.end, first.there.bytes) == (end, size) and second.there is None
+            assert (first.available.num_ready, first.available.bytes) == (
+                end,
+                size,
+            ) and second.available is None
         assert size == 3 * HEADER.size + 37 * 504
         for video, row in (("first.mp4", NAMES[0]), ("first.side.mp4", "")):
             run.folder.path(video).touch()
@@ -172,9 +213,11 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
         run.write_motion(NAMES[0], motion, "first.npz")
         run.write_motion(NAMES[1], motion)
         first, second, _ = read_run(tmp_path).rows
-        assert first.there is not None and first.there.bytes == size, "it is not written again"
-        assert second.there is not None and second.there.bytes == HEADER.size + 37 * 504
-        assert second.there.place == pytest.approx(first.there.place)
+        assert first.available is not None and first.available.bytes == size, (
+            "it is not written again"
+        )
+        assert second.available is not None and second.available.bytes == HEADER.size + 37 * 504
+        assert second.available.root_transform == pytest.approx(first.available.root_transform)
         run.finish("Done.")
     assert (tmp_path / "first.npz").is_file() and read_run(tmp_path).state == "done"
     assert set(events) == {FolderUpdated(tmp_path)}
@@ -199,7 +242,7 @@ def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for
             raise error
         assert out.is_dir() == is_incremental
     told = read_run(tmp_path / "True")
-    assert (told.state, told.sentence) == (state, sentence)
+    assert (told.state, told.message) == (state, sentence)
     left = {path.name for path in (tmp_path / "True").iterdir()}
     assert left == {RUN, "a.npz", "shown"} and load_motion(tmp_path / "True/a.npz").num_frames == 8
 
@@ -215,9 +258,9 @@ def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(
         assert run.write_plan(NAMES[0], plan) == plan
         run.detect_plans(dict.fromkeys(NAMES[:2], made_motion(45)))
     shown = [json.loads((tmp_path / each.files["plan"]).read_text()) for each in run.record.rows]
-    assert read_plan_file(tmp_path / run.record.rows[0].files["performed"]).plan == plan
+    assert read_plan_file(tmp_path / run.record.rows[0].files["input_plan"]).plan == plan
     assert shown[0]["nods"] == [{"time_s": 1.25, "depth_deg": 6.0}]
-    assert shown[1]["duration_s"] == 1.5 and "performed" not in run.record.rows[1].files
+    assert shown[1]["duration_s"] == 1.5 and "input_plan" not in run.record.rows[1].files
     assert (shown[1]["right"][0]["start_s"], shown[1]["right"][-1]["end_s"]) == (0.0, 1.5)
 
 
@@ -229,7 +272,7 @@ def test_the_gravest_findings_come_first_each_with_its_second_and_what_is_usual_
             Finding("It trembles.", {}, "rare", kind="noise", limit_ratio=9.0),
         ],
     }
-    told = [(each.name, each.sentence, each.at) for each in finding_records(findings)]
+    told = [(each.name, each.sentence, each.worst_time_s) for each in finding_records(findings)]
     assert told == [
         ("b", "A hand is in the chest.", None),
         ("a", "It jumps (rare).", 1.5),
@@ -306,7 +349,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     result = run(anew)
     shown = read_run(tmp_path / "again")
     assert [each.name for each in shown.rows] == ["gan/5", "reference"]
-    assert "performed" in shown.rows[0].files and "measured again" in shown.sentence
+    assert "input_plan" in shown.rows[0].files and "measured again" in shown.message
     words = json.loads((tmp_path / "again/timeline.json").read_text())["words"]
     assert words == [[0.2, 0.5, "<b>hello"]] and result.diagnostics.reference is not None
     kept, again = (
@@ -350,7 +393,9 @@ def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_i
 def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -> None:
     (row,) = rows_of(["a"])
     row.files = {"motion": "a.npz"}
-    RunRecord(kind="given", point="right_wrist", rows=[row], files=["a.npz"]).write(tmp_path / RUN)
+    RunRecord(kind="imported", point="right_wrist", rows=[row], files=["a.npz"]).write(
+        tmp_path / RUN
+    )
     for clips in (("",), ("x/", "y/")):
         path = tmp_path / f"{len(clips)}.zip"
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -371,10 +416,10 @@ def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -
 def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_path: Path) -> None:
     (row,) = rows_of(["a"])
     for name, ending in (("a.BVH", ".bvh"), ("a.npz-copy_of_a_run", ""), ("a", ""), ("a.b c", "")):
-        row.ending = safe_suffix(Path(name))
-        assert row.ending == ending
-        RunRecord(kind="given", point="right_wrist", rows=[row]).write(tmp_path / RUN)
-        assert read_run(tmp_path).rows[0].ending == ending
+        row.file_suffix = safe_suffix(Path(name))
+        assert row.file_suffix == ending
+        RunRecord(kind="imported", point="right_wrist", rows=[row]).write(tmp_path / RUN)
+        assert read_run(tmp_path).rows[0].file_suffix == ending
 
 
 def test_rows_that_would_share_their_files_are_refused(tmp_path, weights):

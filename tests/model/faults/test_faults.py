@@ -89,7 +89,7 @@ def test_a_planted_fault_is_found_and_told(example, planted):
     if re.search("rotation noise|tremble", found[0].sentence.lower()) and headline is not None:
         worst = "From planted, which has the most jerk, to clean"
         alike = "The largest difference in jerk, from planted to clean: equal within 5 %"
-        assert headline.judgement.startswith((worst, alike)), "or of another point than the shaken"
+        assert headline.comparison.startswith((worst, alike)), "or of another point than the shaken"
 
 
 def test_every_fault_of_the_table_is_planted():

@@ -252,8 +252,8 @@ export class Stage {
     if (entry.isFollowed) return;
     entry.isFollowed = true;
     try {
-      for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.there; ) {
-        ({ there } = entry.row);
+      for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.available; ) {
+        ({ available: there } = entry.row);
         const [motion, body, told] = await Promise.all([entry.arrival.next(there, this.#player.frame + SOON_FRAMES), theBody(), theFacts()]);
         if (this.#rows.get(entry.row.name) !== entry) return; // another run is shown
         if (motion) this.#take(entry, motion, there, this.hasCharacter ? this.#mesh : body, told);
@@ -270,10 +270,10 @@ export class Stage {
   #take(entry, motion, there, mesh, told) {
     this.#prepare(mesh, told);
     const isFirst = !entry.shown;
-    const isMoved = entry.place && String(entry.place) !== String(there.place);
-    entry.moved = isMoved && !wantsStillness() ? { from: entry.place, to: there.place, at: performance.now() } : null;
-    entry.place = there.place;
-    entry.clean = placed(motion, there.place, mesh.rest.subarray(0, 3));
+    const isMoved = entry.place && String(entry.place) !== String(there.root_transform);
+    entry.moved = isMoved && !wantsStillness() ? { from: entry.place, to: there.root_transform, at: performance.now() } : null;
+    entry.place = there.root_transform;
+    entry.clean = placed(motion, there.root_transform, mesh.rest.subarray(0, 3));
     this.#disturb(entry);
     this.#frame(!isFirst || this.#coming.length > 0);
     this.fit();
@@ -369,7 +369,7 @@ export class Stage {
 
   /** Those of which more is to come. */
   get #coming() {
-    return [...this.#rows.values()].filter(({ row, shown }) => shown && row.there && shown.length < row.there.num_frames);
+    return [...this.#rows.values()].filter(({ row, shown }) => shown && row.available && shown.length < row.available.num_frames);
   }
 
   /** The sound waits for bodies that are still being made, and for the first to come from the server. */

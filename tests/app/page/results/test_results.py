@@ -48,7 +48,7 @@ EVIL = "<script>alert(1)</script>"
 
 def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
     """As the page shows what the worker has measured."""
-    record = RunRecord(kind="given", point="right_middle")
+    record = RunRecord(kind="imported", point="right_middle")
     with open_run_writer(tmp_path / "results", record) as run:
         run.write_metrics(diagnostics)
         return measures_table(run.record)

@@ -30,7 +30,7 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     forms = ((".zip", save_run, ""), (".html", write_html_page, "/page"))
     client = TestClient(FastAPI(routes=[download_route(runs, made, *form) for form in forms]))
     with edit_record(kept.view.folder) as record:
-        record.rows[0].files["performed"] = "f-x.plan.json"
+        record.rows[0].files["input_plan"] = "f-x.plan.json"
     address = f"media/run/{kept.token}"
     assert f'href="{address}/page"' in kept.downloads(kept.view)
     answer = client.get(f"/{address}")

@@ -42,8 +42,8 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     rows = [value["rows"] for value in values if value["rows"]]
     assert all([row["name"] for row in each] == list(NAMES) for each in rows)
     assert [row["is_reference"] for row in rows[0]] == [False, False, True]
-    assert [row["there"]["end"] for row in rows[-1]] == [30] * 3, "cut to the speech"
-    assert not any("performed" in row for each in rows for row in each)
+    assert [row["available"]["num_ready"] for row in rows[-1]] == [30] * 3, "cut to the speech"
+    assert not any("input_plan" in row for each in rows for row in each)
     first = [each[0] for each in rows]
     for kind in ("frames", "motion", "plan"):
         has = [kind in row for row in first]
@@ -79,7 +79,7 @@ def test_the_example_is_shown_to_every_visitor_without_a_cookie():
 
 def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
     (row,) = rows_of(["a"])
-    record = RunRecord(kind="given", point="right_wrist", rows=[row], timeline=TIMELINE)
+    record = RunRecord(kind="imported", point="right_wrist", rows=[row], timeline=TIMELINE)
     record.write(tmp_path / RUN)
     run_view = RunView(tmp_path, str)
     for content in ("[" * 10**5, "[1]", "{"):
@@ -92,11 +92,11 @@ def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
         {**ASSUMED, "alternatives": 3},
         {**ASSUMED, "confidence": "<b>"},
     ):
-        told["rows"][0]["assumed"] = [assumed]
+        told["rows"][0]["assumptions"] = [assumed]
         (tmp_path / RUN).write_text(json.dumps(told))
         with pytest.raises(RunError, match="is damaged"):
             read_run(tmp_path)
-    told["rows"][0] |= {"assumed": [ASSUMED], "files": {"frames": "a.frames"}}
+    told["rows"][0] |= {"assumptions": [ASSUMED], "files": {"frames": "a.frames"}}
     (tmp_path / RUN).write_text(json.dumps(told))
     (tmp_path / "a.frames").touch()
     secret = tmp_path.parent / "secret.json"

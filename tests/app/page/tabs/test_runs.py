@@ -98,7 +98,7 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     *_, last = updates_of(runner, parts, *values, None)
     assert "The disk is full." in last["message"]["value"] and text.STOPPED in last["status"]
     (row,) = last["player"]["rows"]
-    assert row["there"]["end"] == 30 and not last["player"]["running"]
+    assert row["available"]["num_ready"] == 30 and not last["player"]["running"]
     assert "globaldiff-local.npz" in saved(last["downloads"])
     early = make_generate(error=RunError("No such system."))
     services = made_services(tmp_path / "early", {"run_in_folder": early})
@@ -481,7 +481,7 @@ def test_a_link_opens_the_run_in_its_own_tab_and_fills_in_the_form_that_asked_fo
 
 def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     """Made elsewhere; a visitor's link comes first."""
-    made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="given", jerk={"mine": 9.0})
+    made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="imported", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
     own = add_owner_run(page.runs, made.folder, tmp_path / "opened", Media())
     page.opening.services = replace(page.opening.services, opened=(own,))

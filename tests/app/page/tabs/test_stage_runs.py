@@ -188,14 +188,16 @@ def make(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
         row = start.model_copy(deep=True)
         if request.edits:
             number = len(record.rows)
-            take = EditInfo(number=number, of=ROW, start=start.name, fresh=[(0.5, 1.0)])
-            row.name, row.label, row.take = f"{ROW}.take{number}", f"version {number}", take
-            row.files.pop("told", None)
+            take = EditInfo(
+                number=number, original_row=ROW, parent_row=start.name, regenerated_s=[(0.5, 1.0)]
+            )
+            row.name, row.label, row.edit = f"{ROW}.take{number}", f"version {number}", take
+            row.files.pop("editor", None)
             record.set_row(row)
     if number:
         callbacks.on_event(FolderUpdated(request.run))
     with edit_record(request.run) as record:
-        row.files["told"] = "told.json"
+        row.files["editor"] = "told.json"
         (request.run / "told.json").write_text("{}")
         record.set_row(row)
     return EditResult(number, ("It was mended.",) if number else ())
@@ -236,7 +238,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     assert rows(last) == [ROW, f"{ROW}.take1"]
     take = last["rows"][1]
     assert (take["label"], take["take"], take["of"]) == ("version 1", 1, ROW)
-    assert take["noise"] == last["rows"][0]["noise"] and take["there"]["end"] == 8
+    assert take["noise"] == last["rows"][0]["noise"] and take["available"]["num_ready"] == 8
     editing = last["editing"]
     assert editing["message"] == f"{text.TAKE_DONE.format(number=1)} It was mended."
     assert editing["editable"][f"{ROW}.take1"]["from"] == ROW and not editing["state"]
@@ -245,7 +247,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     other = editor.view.for_browser(str).player_value()
     assert rows(other) == rows(again) and "editing" not in other, "whoever has the link sees them"
     with edit_record(editor.view.folder) as record:  # as where its page was closed meanwhile
-        record.rows[-1].files.pop("told")
+        record.rows[-1].files.pop("editor")
     assert rows(editor.ask(NOD)) == rows(again)
 
 
@@ -253,7 +255,7 @@ def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
     def fails(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
         made = make(request, callbacks)
         with edit_record(request.run) as record:  # as where its process is killed
-            record.rows[-1].files.pop("told")
+            record.rows[-1].files.pop("editor")
         raise PlanError(f"The hand has no time for {made.number}.")
 
     editor = Editor(tmp_path, fails)

@@ -114,7 +114,7 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
         callbacks.on_event(FolderUpdated(request.output.out))
         callbacks.on_event(Progress("numbers", 0.5))
         with edit_record(request.output.out) as record:
-            record.notes, record.sentence = ["Moved by <1> cm."], "Noise of 0.05 rad."
+            record.notes, record.message = ["Moved by <1> cm."], "Noise of 0.05 rad."
 
     *_, last = shown(show, tmp_path, 0.05, None)
     (one,) = asked
