@@ -104,7 +104,7 @@ def test_limits_hold_before_a_byte_is_unpacked_and_for_all_archives_together(
     path = _packed(tmp_path / name, **{"a.npz": zeros, "b.npz": zeros})
     assert path.stat().st_size < 20_000
     for limits, said in (
-        (UnpackLimits(file_bytes=2**20), r"'a.npz' of 3 MiB; at most 1 MiB a file"),
+        (UnpackLimits(file_bytes=2**20), r"'a.npz' of 3 MiB; the limit for a file is 1 MiB"),
         (UnpackLimits(files=10, total_bytes=5 * 2**20), r"extract to"),
         (UnpackLimits(files=1), r"at most 1 are read"),
     ):
