@@ -21,8 +21,7 @@ sys.path.insert(0, str(ROOT))
 
 from app.page.parts.messages import PlayerValue  # noqa: E402
 from app.page.routes.media import viewer_constants  # noqa: E402
-from app.run.plan_edits.edited_motion import PlanEditorData  # noqa: E402
-from app.run.timeline import Timeline  # noqa: E402
+from app.run.output.viewer_files import PlanEditorData, Timeline  # noqa: E402
 from model.plan.plan import GesturePlan  # noqa: E402
 
 FILE = ROOT / "app" / "page" / "web" / "messages.d.ts"

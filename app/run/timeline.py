@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NotRequired
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float, Float32
 from pydantic import BaseModel, Field
-from typing_extensions import TypeAliasType, TypedDict
 
 from app.run.bodies import TrackedPoint
 from app.run.diagnostics import onsets_of
 from app.run.output.run_folder import Text, file_of, read_run
+from app.run.output.viewer_files import MAX_POINTS, NUM_PEAKS, Curve
 from app.run.requests.parts import NUM_WORST_SECONDS, WordSource
 from conventions.names import REFERENCE_NAME, FilterVersion
 from conventions.rates import FPS, SAMPLE_RATE
@@ -138,61 +138,8 @@ def _means(jerk: Float[np.ndarray, " N"], num_frames: int) -> np.ndarray:
     return (total[entries:] - total[:-entries]) / entries
 
 
-MAX_POINTS = 1800
-"""Maximum number of points of a curve: every frame of a minute. Longer clips keep the maximum of
-neighbouring frames."""
-NUM_PEAKS = 1200
-"""Number of bars of the waveform."""
 CURVE_DERIVATIVES: dict[str, tuple[int, int]] = {"jerk_m_s3": (3, 1), "speed_m_s": (1, 3)}
 """Order of the derivative and number of decimals, by name of the curve."""
-
-TimeSpan = TypeAliasType("TimeSpan", tuple[float, float, str])
-"""Start and end (s) and text of an interval."""
-
-
-class Curve(TypedDict):
-    """Magnitude of a derivative at equal steps of time (s)."""
-
-    start_s: float
-    step_s: float
-    values: list[float]
-
-
-class WorstSecond(TypedDict):
-    """Second with the highest jerk, or with a joint that snaps."""
-
-    name: str
-    start_s: float
-    end_s: float
-    jerk_m_s3: NotRequired[float]
-    joint: NotRequired[str]
-    snap_deg: NotRequired[float]
-    is_gravest: NotRequired[bool]
-    """True if the snap is the most severe finding of its motion."""
-
-
-class Timeline(TypedDict):
-    """Content of ``timeline.json``."""
-
-    duration_s: float
-    fps: int
-    peaks: list[int]
-    """Waveform, 0 to 100."""
-    onsets_s: list[float]
-    heard_accents: list[tuple[float, float]]
-    """Time (s) and strength of the accents found by the speech encoder."""
-    point: str
-    """Title of the tracked point."""
-    curves: dict[str, dict[FilterVersion, dict[str, Curve]]]
-    """Curves by motion, filter and name."""
-    worst: list[WorstSecond]
-    words: NotRequired[list[TimeSpan]]
-    words_origin: NotRequired[TranscriptSource]
-    phones: NotRequired[list[TimeSpan]]
-    accents: NotRequired[list[tuple[float, float]]]
-    """Time (s) and strength of annotated accents."""
-    gestures: NotRequired[dict[str, list[TimeSpan]]]
-    """Annotated intervals by tier."""
 
 
 def make_timeline(

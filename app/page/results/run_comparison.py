@@ -20,6 +20,7 @@ from app.page.results.tables import Column, beat_speeds_of, table_of
 from app.page.routes.media import Media
 from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing_settings
 from app.run.output.run_folder import RunRecord
+from app.run.output.viewer_files import read_timeline
 from app.run.requests.parts import NUM_WORST_SECONDS
 from conventions.colors import colors_of
 from conventions.names import REFERENCE_NAME, short_names
@@ -116,7 +117,7 @@ class RunPair:
     def player(self) -> dict[str, Any]:
         """Return the player's value for both runs, with one sound or a choice of two."""
         values = [run_view.player_value() for run_view in self.run_views]
-        lines = [run_view.timeline() for run_view in self.run_views]
+        lines = [read_timeline(run_view.folder) for run_view in self.run_views]
         rows = self._rows(values)
         value = {"run": " ".join(value["run"] for value in values), "rows": rows}
         if not all(lines):

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.errors import RunError, page_message
+from app.errors import page_message
 from app.page.routes.media import Address, Media
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import (
-    DAMAGED,
-    MAX_RUN_BYTES,
     RUN,
-    TIMELINE,
     EditInfo,
     Row,
     RowFileKind,
@@ -28,7 +25,6 @@ from app.run.output.run_folder import (
 from app.run.requests.requests import MAX_NOISE_RAD, MIN_NOISE_RAD, RotationNoiseRequest
 from conventions.colors import colors_of
 from conventions.names import REFERENCE_NAME, file_stem
-from model.storage.json_validation import FieldError, read_json
 
 if TYPE_CHECKING:
     from app.run.plan_edits.edits import EditSuggestion
@@ -74,14 +70,6 @@ class RunView:
         return [
             row.name for row in self.record.rows if "input_plan" in row.files and row.edit is None
         ]
-
-    def timeline(self) -> dict[str, Any]:
-        """Return the timeline of the run, empty if there is none yet."""
-        path = file_of(self.folder, self.record.timeline)
-        try:
-            return {} if path is None else read_json(path, dict[str, Any], MAX_RUN_BYTES)
-        except FieldError as error:
-            raise RunError(DAMAGED.format(name=TIMELINE, why=error)) from None
 
     def set_editor_message(
         self,

@@ -38,13 +38,13 @@ export interface Timeline {
   /** Curves by motion, filter and name. */
   curves: Record<string, Record<"raw" | "savgol", Record<string, Curve>>>;
   worst: WorstSecond[];
-  words?: TimeSpan[];
-  words_origin?: "given" | "aligned" | "recognised";
-  phones?: TimeSpan[];
+  words: TimeSpan[];
+  words_origin: "given" | "aligned" | "recognised";
+  phones: TimeSpan[];
   /** Time (s) and strength of annotated accents. */
-  accents?: [number, number][];
+  accents: [number, number][];
   /** Annotated intervals by tier. */
-  gestures?: Record<string, TimeSpan[]>;
+  gestures: Record<string, TimeSpan[]>;
 }
 
 /** Plan as the editor shows it. */

@@ -23,6 +23,7 @@ from app.run.output.run_folder import (
     row_files,
     runs_in,
 )
+from app.run.output.viewer_files import check_viewer_files
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MAX_CLIPS, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest, systems_of
@@ -156,11 +157,13 @@ def copy_run(path: Path, into: Path) -> Path:
     """Copy a run of the page's owner, or its zip, into a new folder.
 
     Raises:
-        RunError: if there is no run.
+        RunError: if there is no run, or one is damaged.
     """
     folder = run_folder(path, into / "unpacked", SEEN_ENDINGS, UnpackLimits())
     for file in files_of(folder):
         copy = into / "results" / file.relative_to(folder)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)
+    for run in runs_in(into / "results").values():
+        check_viewer_files(run)
     return into / "results"

@@ -6,11 +6,10 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
-from typing_extensions import TypedDict
 
 from app import text
 from app.errors import RunError
@@ -33,7 +32,7 @@ from app.run.output.run_folder import (
 from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, suggest_edits
 from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
-from app.run.timeline import TimeSpan, motion_curves, read_transcript_of_run
+from app.run.timeline import motion_curves, read_transcript_of_run
 from conventions.names import PostFilter, SampleName, file_stem, filtered_version
 from conventions.rates import FPS
 from model.generation.base import System
@@ -56,10 +55,9 @@ from model.plan.kinds import (
     PREPARATION_S,
     STROKE_S,
     TWO_HANDED_KINDS,
-    Place,
     gesture_strokes,
 )
-from model.plan.plan import GesturePlan, PlanError, Side
+from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import Word
@@ -70,35 +68,6 @@ MAX_TAKES = 60
 MAX_EDITED_S = 180.0
 """Maximum length of a speech with takes (s); each take uses a megabyte for eight seconds."""
 _BYTES_A_SECOND = 500_000
-
-
-class EditableGesture(TypedDict):
-    """Gesture in the plan editor (s)."""
-
-    side: Side
-    start: float
-    end: float
-    lands: float
-    """End of the stroke."""
-    hold: float
-    """Duration of the holds after the stroke."""
-    kind: str
-    partner: float | None
-    """Stroke end of the other hand's gesture, if both are one."""
-
-
-class PlanEditorData(TypedDict):
-    """Plan as the editor shows it."""
-
-    gestures: list[EditableGesture]
-    style: dict[str, float]
-    kinds: dict[str, Literal["both", "right"]]
-    """Hands that usually make a gesture of each kind."""
-    places: dict[str, Place]
-    """Usual stroke ends by kind (m), relative to the chest."""
-    around: tuple[float, float]
-    """Usual start and end of a gesture, relative to its stroke end (s)."""
-    words: list[TimeSpan]
 
 
 class _TakeWriter(RunWriter):

@@ -12,8 +12,8 @@ from app.page.results.run_view import RunView, first_look
 from app.page.routes.media import Media
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import TIMELINE
-from app.run.plan_edits.edited_motion import PlanEditorData, request_as_json
-from app.run.timeline import Timeline
+from app.run.output.viewer_files import PlanEditorData, Timeline
+from app.run.plan_edits.edited_motion import request_as_json
 from model.plan.files import read_plan_file
 from model.speech.transcript import Word
 from tests.helpers import ROOT

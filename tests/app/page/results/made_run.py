@@ -50,6 +50,7 @@ def made_run(
             for name, value in jerk.items()
         ]
         line = {"duration_s": duration_s, "fps": 30, "peaks": [1], "onsets_s": []}
+        line |= {"heard_accents": []}
         line |= {"curves": {name: {"raw": {}} for name in jerk}, "worst": worst}
         run.write_timeline(line | {"point": "Right middle fingertip"}, said)
         run.write_metrics(numbers(reference, **jerk))
