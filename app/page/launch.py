@@ -191,7 +191,9 @@ def _make_routes(services: Services) -> list[Any]:
 
 def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
     """Serve the page with Gradio's and the given routes; raises OSError as `launch`."""
-    from app.page.routes.guard import HostNames, install_guard
+    from fastapi.exceptions import RequestValidationError
+
+    from app.page.routes.guard import HostNames, install_guard, refuse_wrong_body
     from app.page.theme import CSS, head_style, make_theme
 
     page.launch(
@@ -230,6 +232,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
         # They come before Gradio's own routes, and exist from the first request on.
         app_kwargs={
             "routes": [*routes],
+            "exception_handlers": {RequestValidationError: refuse_wrong_body},
             "lifespan": install_guard(
                 HostNames(config.host, config.host_names),
                 config.frame_ancestors,

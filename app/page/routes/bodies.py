@@ -1,7 +1,8 @@
 """Limits on request bodies, for every route but that of uploads, which has its own.
 
 They are checked before any route parses a body: Gradio writes one error for each wrong item of a
-list, and makes a file for each file that a call names.
+list, makes a file for each file that a call names, and downloads a URL in place of a file, of any
+size and past all limits of uploads.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ TOO_MANY_ITEMS = "A list may have {limit} items here; one of this request has {c
 TOO_MANY_FILES = "A request may name {limit} files; this one names more."
 TOO_MANY_VALUES = "A request may hold {limit:,} values; this one holds more."
 TOO_DEEP = "This request is nested too deeply."
+NOT_UPLOADED = "A file of this request is a URL or a stream; upload it as a file."
 
 
 @dataclass
@@ -79,10 +81,10 @@ def _replay(first: Message, receive: Receive) -> Receive:
 
 
 def check_values(body: bytes) -> None:
-    """Check the number of values, items and files in a JSON body; others are left to the route.
+    """Check the values, lists and files in a JSON body; other bodies are left to the route.
 
     Raises:
-        BodyError: if there are too many.
+        BodyError: if there are too many, or if a file was not uploaded.
     """
     try:
         unchecked = [(json.loads(body), 0)] if body else []
@@ -97,7 +99,10 @@ def check_values(body: bytes) -> None:
             raise BodyError(TOO_DEEP, 400)
         if isinstance(value, list) and len(value) > MAX_ITEMS:
             raise BodyError(TOO_MANY_ITEMS.format(limit=MAX_ITEMS, count=len(value)))
-        num_files += _is_file(value)
+        if _is_file(value):
+            num_files += 1
+            if value.get("is_stream") or "://" in str(value["path"]):
+                raise BodyError(NOT_UPLOADED, 400)
         if num_files > MAX_ITEMS:
             raise BodyError(TOO_MANY_FILES.format(limit=MAX_ITEMS))
         if isinstance(value, list | dict):

@@ -10,12 +10,14 @@ import contextlib
 import ipaddress
 import logging
 import os
+import re
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 from urllib.parse import urlsplit
 
-from fastapi import FastAPI
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
 from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect, HTTPConnection
 from starlette.responses import JSONResponse, PlainTextResponse
@@ -39,6 +41,7 @@ _SPACES = ("https://huggingface.co", "https://*.hf.space")
 MAX_NAME_BYTES = 255
 """Length of the longest file name; looking for a longer one is a fault in Gradio's file routes."""
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+_HOST = re.compile(r"(?P<name>\[[^][@/?#\\]+\]|[^][:@/?#\\]*)(:[0-9]{0,5})?")
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 _ANYWHERE = ("0.0.0.0", "::")
 FOREIGN = "Request refused: it comes from another site."
@@ -49,6 +52,7 @@ UNKNOWN_HOST = (
 LOG_IN = "Log in first."
 UNUSED = "Uploads are accepted only through the forms of the page."
 LONG_NAME = "The file name is too long; at most {limit} bytes are allowed."
+WRONG_BODY = "Invalid request ({where}): {why}."
 NO_PROXY = "This server does not fetch pages of other sites."
 
 
@@ -93,12 +97,8 @@ def framing(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
 
 def _name_of(host: str) -> str:
     """Return the name in a Host header; empty if it holds more than a name and a port."""
-    if set(host) & set("@/?#\\"):
-        return ""
-    try:
-        return (urlsplit(f"//{host}").hostname or "").lower()
-    except ValueError:
-        return ""
+    found = _HOST.fullmatch(host)
+    return found["name"].strip("[]").lower() if found else ""
 
 
 def install_guard(
@@ -207,11 +207,8 @@ def _take_off_root_path(scope: Scope) -> None:
 
 def is_same_origin(origin: str | None, host: str | None) -> bool:
     """Check whether an Origin header names this server."""
-    try:
-        netloc = urlsplit(origin or "").netloc
-    except ValueError:
-        return False
-    return bool(origin and host) and netloc.lower() == (host or "").lower()
+    scheme, _, netloc = (origin or "").lower().partition("://")
+    return scheme in ("http", "https") and bool(host) and netloc == (host or "").lower()
 
 
 async def _refuse(sentence: str, status: int, scope: Scope, receive: Receive, send: Send) -> None:
@@ -227,6 +224,17 @@ async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: S
     told = {"detail": error.sentence, "error": error.sentence}
     answer = JSONResponse(told, status_code=error.status, headers={"Connection": "close"})
     await answer(scope, receive, send)
+
+
+async def refuse_wrong_body(request: Request, error: Exception) -> JSONResponse:
+    """Answer to a body of the wrong form with a sentence.
+
+    FastAPI would send the body back, and fail if that holds NaN or half a character.
+    """
+    first = cast(RequestValidationError, error).errors()[0]
+    where = ".".join(map(str, first["loc"]))[:80]
+    told = printable(WRONG_BODY.format(where=where, why=first["msg"]))[:300]
+    return JSONResponse({"detail": told, "error": told}, status_code=422)
 
 
 _NO_TEXT = "Invalid UTF-8 sequence received from client."

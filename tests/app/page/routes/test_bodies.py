@@ -39,11 +39,13 @@ TOO_MUCH: dict[str, tuple[Any, str]] = {
     "files": ({"data": [[FILE] * 200, [FILE] * 51]}, f"may name {MAX_ITEMS} files"),
     "values": ({"data": [[[0] * 200] * 100]}, "may hold 10,000 values"),
     "depth": ({"data": json.loads("[" * 60 + "]" * 60)}, "nested too deeply"),
+    "url": ({"data": [[{**FILE, "path": "https://evil.example/a.wav"}]]}, "upload it as a file"),
+    "stream": ({"data": [{**FILE, "is_stream": True}]}, "upload it as a file"),
 }
 
 
 @pytest.mark.parametrize("name", TOO_MUCH)
-def test_no_route_is_given_a_request_that_holds_too_much(served, client, name):
+def test_no_route_is_given_a_request_that_holds_too_much_or_no_upload(served, client, name):
     body, words = TOO_MUCH[name]
     paths = sorted(set(posted(served.app.routes)))
     assert {"/gradio_api/queue/join", "/login", "/visitor"} <= set(paths) and len(paths) > 15
@@ -56,6 +58,20 @@ def test_no_route_is_given_a_request_that_holds_too_much(served, client, name):
             continue
         assert answer.status_code in (400, 413), path
         assert words in answer.json()["detail"] == answer.json()["error"], path
+
+
+def test_a_wrong_body_is_answered_with_a_sentence_that_does_not_repeat_it(served, client):
+    bodies = (
+        b'{"data": [NaN, 1e999]}',
+        b'{"data": ["\\ud800"]}',
+        json.dumps("x" * 900_000).encode(),
+    )
+    for path in sorted(set(posted(served.app.routes))):
+        for body in bodies:
+            answer = client.post(path, content=body, headers={"Content-Type": "application/json"})
+            assert answer.text != "Internal Server Error" and len(answer.content) < 2000, path
+            if answer.status_code == 422:
+                assert answer.json()["detail"].startswith("Invalid request (body"), path
 
 
 def test_every_function_is_given_few_values_and_tells_one_error_in_short(served, client, caplog):

@@ -17,6 +17,7 @@ HOSTS = {
     "LAB.example:8443": True, "evil.example": False, "": False, "[": False, "\x1b[2J": False,
     "lab.example.evil.example": False, "192.168.1.7": False, "evil.example@lab.example": False,
     "lab.example#evil.example": False, "lab.example/evil.example": False, "a\\@lab.example": False,
+    "[::1]": True, "[::1]:1": True, "[::1]evil.example": False, "localhost:evil": False,
 }  # fmt: skip
 
 
@@ -85,6 +86,8 @@ def test_origins_are_compared_whole():
         ("http://a.example:81", "a.example"),
         ("null", "a.example"),
         ("http://[", "a.example"),
+        ("//a.example", "a.example"),
+        ("javascript://a.example", "a.example"),
         ("", ""),
         (None, None),
     ):
