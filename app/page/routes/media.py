@@ -290,6 +290,7 @@ def character_route(characters: Characters, exports: OnDemandFiles, quota: Quota
         cookie = cookie_of(request)
         if request.method == "DELETE":
             characters.drop(cookie)
+            quota.drop_upload(quota.owner_of(request), characters.folder(cookie), FILE)
             return Response(status_code=204)
         if not cookie:
             return PlainTextResponse(NO_COOKIE, status_code=400)

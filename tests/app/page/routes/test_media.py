@@ -14,6 +14,7 @@ from fastapi import FastAPI
 from starlette.datastructures import QueryParams
 from starlette.testclient import TestClient
 
+from app.errors import RunError
 from app.page.routes.media import (
     ENDINGS,
     PAGE_TYPES,
@@ -63,9 +64,16 @@ def characters(tmp_path: Path) -> Characters:
 
 
 @pytest.fixture
-def browser(media: Media, private: TokenStore[Path], characters: Characters, temp: Path) -> Browser:
+def quota() -> Quota:
+    return Quota(10**9)
+
+
+@pytest.fixture
+def browser(
+    media: Media, private: TokenStore[Path], characters: Characters, temp: Path, quota: Quota
+) -> Browser:
     """By its cookie; empty for one that keeps none."""
-    routes = media_routes(media, OnDemandFiles(temp, does), characters, Quota())
+    routes = media_routes(media, OnDemandFiles(temp, does), characters, quota)
     routes = [*routes, researcher_route(private)]
     app = FastAPI(routes=[*routes, visitor_route()])
     return lambda cookie: TestClient(app, cookies={COOKIE: cookie} if cookie else None)
@@ -142,7 +150,7 @@ def test_a_part_of_a_file_can_be_asked_for(media, browser, job):
 
 
 def test_character_is_kept_for_its_visitor_alone_and_moves(
-    media, browser, characters, job, temp, monkeypatch
+    media, browser, characters, job, temp, quota, monkeypatch
 ):
     mine, yours, hero = browser("mine"), browser("yours"), character(load_body(), "vrm")
     body = mine.post("/stage/character", content=hero)
@@ -165,7 +173,10 @@ def test_character_is_kept_for_its_visitor_alone_and_moves(
     run.mkdir()
     assert characters.link("yours", run) is None
     linked = characters.link("mine", run)
+    with pytest.raises(RunError, match="allowed"):
+        quota.require("testclient", int(quota.max_bytes))
     assert mine.delete("/stage/character").status_code == 204
+    quota.require("testclient", int(quota.max_bytes))
     assert mine.get("/stage/character").status_code == 404
     assert linked.read_bytes() == hero, "a run keeps what it began with"
     shutil.rmtree(run)
