@@ -175,7 +175,7 @@ def _make_routes(services: Services) -> list[Any]:
     from app.page.visitors.visitors import leaving_route, visitor_route
     from app.run.output.run_folder import save_run
 
-    exports = OnDemandFiles(services.config.temp, services.upload_worker.do)
+    exports = OnDemandFiles(services.config.temp, services.upload_worker.do, services.jobs.quota)
     return [
         download_route(services.saved_runs, exports, ".zip", save_run),
         download_route(services.saved_runs, exports, ".html", write_html_page, "/page"),

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import gradio as gr
-from fastapi import Response
+from fastapi import Request, Response
 from fastapi.responses import PlainTextResponse
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
@@ -260,12 +260,12 @@ def download_route(
         task: writes the file; its request is the run's folder and the path of the file.
     """
 
-    async def answer(token: str) -> Response:
+    async def answer(token: str, request: Request) -> Response:
         run = await run_in_threadpool(saved_runs.find, token)
         if run is None:
             return PlainTextResponse(GONE, status_code=404)
         name = await run_in_threadpool(lambda: file_name(run.title, ending))
-        return await exports.answer(task, lambda out: (run.folder, out), name)
+        return await exports.answer(task, lambda out: (run.folder, out), name, request)
 
     return APIRoute(f"{RUN_ROUTE}/{{token}}{below}", answer, methods=["GET"])
 

@@ -15,6 +15,7 @@ import functools
 import json
 import shutil
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -66,6 +67,10 @@ PAGE_TYPES: Mapping[str, str] = {
     ".woff2": "font/woff2",
 }
 """MIME types of the files of a participants' page, which opens as a page."""
+MAX_EXPORTS = 8
+TOO_MANY_EXPORTS = (
+    f"{MAX_EXPORTS} of your downloads are still being made or sent; wait for one of them."
+)
 Address = Callable[[Path], str]
 """Function from a file to its URL, relative to the page."""
 
@@ -117,44 +122,74 @@ class Media(TokenStore[_Shared]):
 
 
 class OnDemandFiles:
-    """Exports made on request, one at a time as each takes memory, and sent as downloads."""
+    """Exports made on request, one at a time as each takes memory, and sent as downloads.
 
-    def __init__(self, temp: Path, do: Callable[[Callable[..., object], Any], object]) -> None:
+    An address may have a few that wait or are being sent, each of which takes disk space. One whose
+    client has gone when its turn comes is not made.
+    """
+
+    def __init__(
+        self,
+        temp: Path,
+        do: Callable[[Callable[..., object], Any], object],
+        quota: Quota | None = None,
+    ) -> None:
         """Configure the exports.
 
         Args:
             temp: folder of a file until it is sent.
             do: runs a task in a worker process.
+            quota: tells the owners of requests apart.
         """
-        self.temp, self._do = temp, do
+        self.temp, self._do, self._quota = temp, do, quota or Quota()
         self._turns: anyio.CapacityLimiter | None = None  # made within its event loop
+        self._num_open: Counter[str] = Counter()
+        """Number of unfinished exports by owner (`Quota.owner_of`)."""
 
     async def answer(
-        self, task: Callable[..., object], request: Callable[[Path], object], name: str
+        self,
+        task: Callable[..., object],
+        request: Callable[[Path], object],
+        name: str,
+        client: Request | None = None,
     ) -> Response:
         """Make a file and return it as a download, so that the browser never opens it as a page.
 
         Args:
             request: makes the task's request for a path.
             name: name of the download.
+            client: the HTTP request; None if the caller limits the number of requests itself.
         """
         self._turns = self._turns or anyio.CapacityLimiter(1)
+        owner = [] if client is None else [self._quota.owner_of(client)]
+        if any(self._num_open[each] >= MAX_EXPORTS for each in owner):
+            return PlainTextResponse(TOO_MANY_EXPORTS, status_code=429)
         folder = Path(tempfile.mkdtemp(dir=self.temp))
         out = folder / name
-        try:
-            await anyio.to_thread.run_sync(self._do, task, request(out), limiter=self._turns)
-        except Exception as error:
+        self._num_open.update(owner)
+
+        def end() -> None:
             shutil.rmtree(folder, ignore_errors=True)
+            self._num_open -= Counter(owner)
+
+        try:
+            async with self._turns:
+                if client is not None and await client.is_disconnected():
+                    end()
+                    return Response(status_code=408)
+                await anyio.to_thread.run_sync(self._do, task, request(out))
+        except Exception as error:
+            end()
             return PlainTextResponse(visitor_message(error), status_code=400)
         except BaseException:
-            shutil.rmtree(folder, ignore_errors=True)  # the visitor has gone
+            end()  # the page has ended
             raise
         return FileResponse(
             out,
             media_type="application/octet-stream",
             filename=out.name,
             headers={"Cache-Control": "no-store"},
-            background=BackgroundTask(shutil.rmtree, folder, ignore_errors=True),
+            background=BackgroundTask(end),
         )
 
 
@@ -221,9 +256,9 @@ def media_routes(
         path, media_type = found
         kind = request.query_params.get("as")
         if kind == "character":
-            return await moving_character(path, cookie_of(request))
+            return await moving_character(path, request)
         if kind is not None:
-            return await export(path, kind, request.query_params)
+            return await export(path, kind, request)
         return FileResponse(
             path,
             media_type=media_type or "application/octet-stream",
@@ -231,16 +266,18 @@ def media_routes(
             headers={"Cache-Control": "private"},
         )
 
-    async def moving_character(path: Path, cookie: str) -> Response:
-        body = characters.find(cookie)
+    async def moving_character(path: Path, client: Request) -> Response:
+        body = characters.find(cookie_of(client))
         if body is None or path.suffix != ".npz":
             return PlainTextResponse(CHARACTER_GONE, status_code=404)
         video, name = VideoOptions(body=body), f"{path.stem}-character.glb"
         return await exports.answer(
-            RENDER, lambda out: RenderRequest(motion=path, out=out, video=video), name
+            RENDER, lambda out: RenderRequest(motion=path, out=out, video=video), name, client
         )
 
-    async def export(path: Path, kind: str, query: QueryParams) -> Response:
+    async def export(path: Path, kind: str, client: Request) -> Response:
+        query = client.query_params
+
         def render_request(out: Path) -> RenderRequest:
             return RenderRequest(motion=path, out=out)
 
@@ -248,7 +285,7 @@ def media_routes(
         if is_redrawn and path.name == f"figure6{CONTENTS_ENDING}":
             run = path.parents[1]
             redrawn = partial(redraw_request, run, query, kind, body=body)
-            return await exports.answer(REDRAW_FIGURE, redrawn, f"figure6.{kind}")
+            return await exports.answer(REDRAW_FIGURE, redrawn, f"figure6.{kind}", client)
 
         for suffix, endings, task, request in (
             (PLAN_SUFFIX, PLAN_ENDINGS, WRITE_PLAN, render_request),
@@ -259,7 +296,7 @@ def media_routes(
                 if kind not in endings:
                     break
                 name = f"{path.name.removesuffix(suffix)}{endings[kind]}"
-                return await exports.answer(task, request, name)
+                return await exports.answer(task, request, name, client)
         return PlainTextResponse(GONE, status_code=404)
 
     return [

@@ -1,6 +1,7 @@
 """Files behind addresses that nobody can guess: each for one browser and for a while."""
 
 import shutil
+import threading
 import urllib.parse
 from collections.abc import Callable
 from http.cookies import SimpleCookie
@@ -17,6 +18,7 @@ from starlette.testclient import TestClient
 from app.errors import RunError
 from app.page.routes.media import (
     ENDINGS,
+    MAX_EXPORTS,
     PAGE_TYPES,
     RESEARCHER_FILE,
     WEB_FOLDER,
@@ -30,6 +32,7 @@ from app.page.visitors.characters import Characters
 from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import COOKIE, TokenStore, visitor_route
 from app.run.requests.parts import FigureOptions
+from app.run.requests.requests import RenderRequest
 from model.motion.motion import load_motion, save_motion
 from renderer.body.body import load_body
 from renderer.figures.saved_figures import save_contents
@@ -210,6 +213,53 @@ def test_characters_that_never_arrive_keep_no_other_visitor_out(browser):
             group.cancel_scope.cancel()
 
     anyio.run(attack)
+
+
+def test_exports_of_one_address_are_few_and_none_is_made_for_a_client_that_has_gone(
+    media, characters, job, temp, quota
+):
+    made: list[Path] = []
+    is_free = threading.Event()
+
+    def make(_task: object, request: RenderRequest) -> None:
+        made.append(request.out)
+        assert is_free.wait(60)
+        request.out.write_bytes(b"glTF")
+
+    app = FastAPI(routes=media_routes(media, OnDemandFiles(temp, make, quota), characters, quota))
+    path = media.share(job, None)(job / "globaldiff-local.npz").partition("?")[0]
+    answers: dict[str, list[int]] = {"10.0.0.1": [], "10.0.0.2": []}
+    gone: set[str] = set()
+
+    async def get(host: str) -> None:
+        async def receive() -> dict[str, Any]:
+            if host not in gone:
+                await anyio.sleep_forever()
+            return {"type": "http.disconnect"}
+
+        async def send(message: dict[str, Any]) -> None:
+            if message["type"] == "http.response.start":
+                answers[host].append(message["status"])
+
+        scope = {"type": "http", "method": "GET", "path": f"/{path}", "query_string": b"as=glb"}
+        await app(scope | {"headers": [], "client": (host, 1)}, receive, send)
+
+    async def visit() -> None:
+        async with anyio.create_task_group() as group:
+            for _ in range(MAX_EXPORTS + 2):
+                group.start_soon(get, "10.0.0.1")
+            group.start_soon(get, "10.0.0.2")
+            while len(made) < 1 or len(list(temp.iterdir())) < MAX_EXPORTS + 1:
+                await anyio.sleep(0.01)
+            assert answers == {"10.0.0.1": [429, 429], "10.0.0.2": []}
+            gone.add("10.0.0.1")
+            is_free.set()
+        await get("10.0.0.1")
+
+    anyio.run(visit)
+    assert len(made) == 2, "the first, and that of the other address"
+    assert answers["10.0.0.2"] == [200] and not list(temp.iterdir())
+    assert answers["10.0.0.1"].count(429) == 2, "those that have ended do not count"
 
 
 def test_only_what_belongs_to_it_is_served(media, browser, job, temp):
