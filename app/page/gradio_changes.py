@@ -18,7 +18,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from fastapi import HTTPException
+from fastapi import HTTPException, Request
+from fastapi.responses import JSONResponse
 from pydantic import ValidationError
 
 from app.errors import visitor_message, without_folders
@@ -43,6 +44,7 @@ POLL_S = 0.02
 """Interval (s) between two checks of the queue."""
 UNKNOWN_FUNCTION = "Unknown function. Reload the page, or see /gradio_api/info for the list."
 WRONG_CALL = "Invalid call: {why}"
+_NAMED_CALL = "/call/v2/"
 _MAX_WHY, _MAX_READ = 300, 3000
 """Maximum length of a reason (characters), when shown and when read."""
 _OWN_FUNCTIONS = str(Path(__file__).parent)
@@ -164,6 +166,16 @@ def _find_functions() -> None:
             raise HTTPException(404, UNKNOWN_FUNCTION) from None
 
     _replace("gradio.route_utils", "get_fn", get_fn)
+
+
+async def answer_wrong_call(request: Request, error: Exception) -> JSONResponse:
+    """Answer to a call by names of a function and its arguments that Gradio cannot find."""
+    if _NAMED_CALL not in request.url.path:
+        raise error
+    if isinstance(error, KeyError):
+        return JSONResponse({"detail": UNKNOWN_FUNCTION}, status_code=404)
+    told = WRONG_CALL.format(why=printable(str(error)[:_MAX_WHY]))
+    return JSONResponse({"detail": told}, status_code=400)
 
 
 def _explain_wrong_calls() -> None:

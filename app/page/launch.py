@@ -29,7 +29,12 @@ from app.config import (
 )
 from app.errors import RunError, message_for_user
 from app.flags import family_files, parse_command, set_family_files
-from app.page.gradio_changes import change_queue, change_routes, import_gradio
+from app.page.gradio_changes import (
+    answer_wrong_call,
+    change_queue,
+    change_routes,
+    import_gradio,
+)
 from model.systems.registry import families, unavailable_families
 
 if TYPE_CHECKING:
@@ -232,7 +237,10 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
         # They come before Gradio's own routes, and exist from the first request on.
         app_kwargs={
             "routes": [*routes],
-            "exception_handlers": {RequestValidationError: refuse_wrong_body},
+            "exception_handlers": {
+                RequestValidationError: refuse_wrong_body,
+                **dict.fromkeys((KeyError, TypeError, ValueError), answer_wrong_call),
+            },
             "lifespan": install_guard(
                 HostNames(config.host, config.host_names),
                 config.frame_ancestors,
