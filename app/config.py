@@ -24,7 +24,7 @@ BUNDLED_WEIGHTS = PROJECT / "model" / "weights"
 EXAMPLES = PROJECT / "examples"
 LOCAL_PROXIES = ("127.0.0.1", "::1")
 """Addresses with trusted X-Forwarded-For and X-Forwarded-Proto headers."""
-ASKED_BACKEND = os.environ.get("MPLBACKEND", "")
+REQUESTED_BACKEND = os.environ.get("MPLBACKEND", "")
 """matplotlib backend named by MPLBACKEND when the program started."""
 _MODULE = "module://"
 _ROOT_PATH = re.compile(r"(https?://[\w.:-]+)?(/[\w.~-]+)*/?")
@@ -53,10 +53,10 @@ def backend_fault() -> str:
     from matplotlib.backends.registry import backend_registry
 
     try:
-        backend_registry.resolve_backend(ASKED_BACKEND)
-        import_module(backend_registry._backend_module_name(ASKED_BACKEND))  # pyright: ignore[reportAttributeAccessIssue]
+        backend_registry.resolve_backend(REQUESTED_BACKEND)
+        import_module(backend_registry._backend_module_name(REQUESTED_BACKEND))  # pyright: ignore[reportAttributeAccessIssue]
     except Exception as error:
-        return f"{ASKED_BACKEND} cannot be imported: {error}"
+        return f"{REQUESTED_BACKEND} cannot be imported: {error}"
     return ""
 
 

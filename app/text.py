@@ -146,7 +146,7 @@ SAVE_PAGE_HELP = (
     "One HTML file with the bodies, the audio and the timeline. It plays in any browser without "
     "this software."
 )
-RUN_KEPT = "Anyone with the link can open the run. It expires in {minutes} minutes."
+RUN_LINK_HELP = "Anyone with the link can open the run. It expires in {minutes} minutes."
 COMPARE = "Compare the two selected runs"
 COMPARE_THIS = "Compare {title}"
 COMPARE_HELP = "Select two runs to compare them."
@@ -181,10 +181,12 @@ LOADING = "Loading the run."
 STARTING = "Starting."
 STARTING_SYSTEMS = "Loading the systems."
 DONE = "Done in {seconds:.0f} s: {rows} of up to {frames} frames (30 fps)."
-SEEN_STARTING = "The video of the viewer starts as soon as a renderer is free."
-SEEN_COMING = "Rendering the video of the viewer: {share:.0%}."
-SEEN_DONE = "The video of the viewer is ready: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
-SEEN_DAMAGED = "The viewer sent invalid data: {why} Please reload the page."
+VIEWER_VIDEO_STARTING = "The video of the viewer starts as soon as a renderer is free."
+VIEWER_VIDEO_PROGRESS = "Rendering the video of the viewer: {share:.0%}."
+VIEWER_VIDEO_DONE = (
+    "The video of the viewer is ready: {bodies}, {seconds:.1f} s, {megabytes:.1f} MB."
+)
+VIEWER_VIDEO_DAMAGED = "The viewer sent invalid data: {why} Please reload the page."
 PLAN_LABEL = "Gesture plan (.json, .TextGrid or .eaf)"
 EDITS_DAMAGED = "The gesture editor sent an invalid request. Please reload the page."
 EDITS_GONE = (
@@ -199,7 +201,9 @@ TAKE_JERK = "Jerk of the tracked point: {} m/s³."
 TAKE_DONE = "Version {number} is ready."
 EDITOR_BEGINS = "The editor is loading the gestures and the systems (only once)."
 EDITOR_READY = "Select a gesture on the timeline, or add one."
-SEEN_GONE = "A motion in the viewer has expired. Start the run again, then record the video."
+VIEWER_VIDEO_GONE = (
+    "A motion in the viewer has expired. Start the run again, then record the video."
+)
 VIDEOS_LABEL = "Also render videos"
 VIDEOS_HELP = (
     "Video files to download or share. They are rendered in the background; the 3D viewer does not "

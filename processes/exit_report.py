@@ -156,7 +156,7 @@ def _counters() -> Iterator[Path]:
             yield from dict.fromkeys((top / group.lstrip("/") / name, top / name))
 
 
-_KEPT_LINES, _PATIENCE_S = 200, 1.0
+_MAX_LINES, _PATIENCE_S = 200, 1.0
 
 
 class ChildLog:
@@ -171,24 +171,24 @@ class ChildLog:
         """
         self._stream = stream
         self._is_handed_on = is_handed_on
-        self._kept: deque[str] = deque(maxlen=_KEPT_LINES)
+        self._last_lines: deque[str] = deque(maxlen=_MAX_LINES)
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def clear(self) -> None:
         """Discard the lines so far, before a new task."""
-        self._kept.clear()
+        self._last_lines.clear()
 
     def lines(self) -> tuple[str, ...]:
         """Return the last lines of a child that has ended."""
         self._reader.join(_PATIENCE_S)
-        return last_lines("\n".join(list(self._kept)))
+        return last_lines("\n".join(list(self._last_lines)))
 
     def _read(self) -> None:
         with self._stream:
             for line in iter(self._stream.readline, b""):
                 text = line.decode(errors="replace").rstrip("\r\n")
-                self._kept.append(text)
+                self._last_lines.append(text)
                 if self._is_handed_on:
                     with suppress(OSError, ValueError):  # nobody reads it any more
                         sys.stderr.write(f"{text}\n")

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from app.commands.runs import Files
-from app.config import ASKED_BACKEND, BUNDLED_WEIGHTS, backend_fault, default_body
+from app.config import BUNDLED_WEIGHTS, REQUESTED_BACKEND, backend_fault, default_body
 from app.errors import RunError, message_for_user
 from app.flags import FileOrDefault, set_family_files
 
@@ -214,11 +214,13 @@ def _ffmpeg() -> CheckResult:
 
 def _matplotlib() -> list[CheckResult]:
     """Check the matplotlib backend of MPLBACKEND, if there is one; no figure depends on it."""
-    if not ASKED_BACKEND:
+    if not REQUESTED_BACKEND:
         return []
     fault = backend_fault()
     advice = "nothing; figures are drawn without it (unset MPLBACKEND)"
-    return [CheckResult("MPLBACKEND", not fault, fault or ASKED_BACKEND, advice, is_needed=False)]
+    return [
+        CheckResult("MPLBACKEND", not fault, fault or REQUESTED_BACKEND, advice, is_needed=False)
+    ]
 
 
 def _memory() -> CheckResult:

@@ -204,7 +204,7 @@ class ViewerState(BrowserMessage):
         try:
             seen = parse_json(message if isinstance(message, str) else "", cls)
         except FieldError as error:
-            raise RunError(text.SEEN_DAMAGED.format(why=f"{error}.")) from None
+            raise RunError(text.VIEWER_VIDEO_DAMAGED.format(why=f"{error}.")) from None
         seen.check()
         return seen
 
@@ -224,7 +224,7 @@ class ViewerState(BrowserMessage):
             fits = fits and views[:1] == [None] and len(set(views)) == len(views)
         if not fits or max(self.visible) >= len(self.bodies):
             raise RunError(
-                text.SEEN_DAMAGED.format(why="the displayed views do not match the bodies.")
+                text.VIEWER_VIDEO_DAMAGED.format(why="the displayed views do not match the bodies.")
             )
         for panel in chain(*self.panels):
             left, top, width, height = panel.rect

@@ -10,7 +10,7 @@ from app.errors import RunError
 from app.run.output.result_folder import ResultFolder
 from app.study.design.key import read_key
 
-MAX_ERRORS_SHOWN = 3
+MAX_LISTED_ERRORS = 3
 NO_KEY = (
     "Without a key only a table of battles in the GENEA leaderboard's form can be analysed: name "
     "one .csv, or give the key.json of `researcher_only`."
@@ -60,7 +60,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     if not results:
         left = (*screened.excluded, *screened.set_aside)
         sentences = [f"{one.participant.source}: {one.why}." for one in left]
-        reasons = [*collected.left_out, *sentences][:MAX_ERRORS_SHOWN]
+        reasons = [*collected.left_out, *sentences][:MAX_LISTED_ERRORS]
         raise RunError(" ".join(["No answers are left to analyse.", *reasons]))
     balance = balance_reached(screened.included, key)
     everyone = [*screened.included, *(one.participant for one in screened.set_aside)]

@@ -39,7 +39,7 @@ COPY_DEG_S = 0.3
 MIN_DUPLICATES = 2
 MIN_TURN_DEG_S = 3.0
 """Mean angular speed around a frame below which nothing is concluded from it."""
-SKIP_RATIO, SKIP_ALIKE = (1.6, 2.6), 0.9
+SKIP_RATIO, MIN_SKIP_COSINE = (1.6, 2.6), 0.9
 """Limits for a missing frame: ratio of a step to those around it, along them, and its cosine to
 them."""
 MIN_SKIPS, FRAMES_A_SKIP = 3, 300
@@ -172,7 +172,7 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     ratio = along / np.maximum(usual**2, 1e-12)
     cosine = along / np.maximum(usual * length, 1e-12)
     is_skip = moves & (ratio > SKIP_RATIO[0]) & (ratio < SKIP_RATIO[1])
-    is_skip &= is_onward & (cosine > SKIP_ALIKE)
+    is_skip &= is_onward & (cosine > MIN_SKIP_COSINE)
     frames = np.flatnonzero(is_skip) + 2
     usual_skips = max(MIN_SKIPS, evidence.num_frames / FRAMES_A_SKIP)
     if len(frames) < usual_skips:

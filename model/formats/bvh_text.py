@@ -67,7 +67,7 @@ class _Reader:
         self._name, self._text = name, text
         self._at = 0
         """Position of the current word or line in the text."""
-        self._said: list[str] = []
+        self._notes: list[str] = []
 
     def read(self) -> BvhFile:
         joints = self._hierarchy()
@@ -79,7 +79,7 @@ class _Reader:
         lines = self._lines()
         frames, frame_s = self._head(next(lines, ""), next(lines, ""))
         rows = self._rows(lines, frames, channels, own if joints[0].first == 0 else channels)
-        return BvhFile(joints, frame_s, rows, self._said)
+        return BvhFile(joints, frame_s, rows, self._notes)
 
     def _error(self, reason: str) -> MotionError:
         line = 1 + self._text.count("\n", 0, self._at)
@@ -243,8 +243,8 @@ class _Reader:
         return value
 
     def _add_note(self, note: str) -> None:
-        if note not in self._said:
-            self._said.append(note)
+        if note not in self._notes:
+            self._notes.append(note)
 
     def _largest_skeleton(self, joints: list[Joint]) -> list[Joint]:
         """Return the largest of several skeletons, with its channels unchanged."""

@@ -164,7 +164,7 @@ def differing_assumptions(readings: Mapping[str, ImportedMotion]) -> list[str]:
     return sentences
 
 
-LENGTHS_APART_S = 1.0
+MIN_LENGTH_DIFFERENCE_S = 1.0
 """Difference in duration (s) that matching sound and motion do not reach."""
 
 
@@ -179,7 +179,7 @@ def length_notes(
     others = {
         name: duration_s
         for name, duration_s in durations_s.items()
-        if abs(speech_s - duration_s) > LENGTHS_APART_S
+        if abs(speech_s - duration_s) > MIN_LENGTH_DIFFERENCE_S
     }
     if not others:
         return []

@@ -372,7 +372,7 @@ def gesture_strokes(plan: GesturePlan) -> list[Stroke]:
                 k += 1
             lands = k
             while k < len(phases) and phases[k].phase == "stroke":
-                if k > lands and _are_apart(phases[lands], phases[k]):
+                if k > lands and _are_separate(phases[lands], phases[k]):
                     break
                 lands, k = k, k + 1
             while k < len(phases) and phases[k].phase in ("hold", "beat"):
@@ -392,7 +392,7 @@ def gesture_strokes(plan: GesturePlan) -> list[Stroke]:
     return [replace(stroke, is_bimanual=meets(stroke)) for stroke in strokes]
 
 
-def _are_apart(stroke: HandPhase, then: HandPhase) -> bool:
+def _are_separate(stroke: HandPhase, then: HandPhase) -> bool:
     """Check whether two strokes without another phase between them are two gestures."""
     differ = bool(stroke.kind and then.kind) and stroke.kind != then.kind
     return differ or then.start_s - stroke.end_s > GAP_S

@@ -83,7 +83,7 @@ def compose_videos(
     facts = [probe_video(video) for video in videos]
     lengths = [each.num_frames for each in facts]
     if pair is None:
-        _check_alike(videos, facts)
+        _check_same_shape(videos, facts)
         first = facts[0]
         grid = fit_grid(len(videos), first.width, first.height, num_columns)
         shorter = min(grid.picture_width, grid.picture_height)
@@ -111,7 +111,7 @@ def compose_videos(
             encoder.follow(on_progress, should_cancel)
 
 
-def _check_alike(videos: Sequence[Path], facts: Sequence[VideoInfo]) -> None:
+def _check_same_shape(videos: Sequence[Path], facts: Sequence[VideoInfo]) -> None:
     first = facts[0]
     for video, other in zip(videos, facts, strict=True):
         if (other.width, other.height) != (first.width, first.height):

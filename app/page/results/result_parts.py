@@ -30,11 +30,11 @@ class ResultParts:
         self.verdict = hidden_html(prefix + "verdict")
         self.player = player_component(prefix)
         with gr.Row(elem_classes="seen-video"):
-            self.seen = hidden_html(prefix + "seen")
+            self.viewer_video = hidden_html(prefix + "seen")
             """Progress of recording the viewer as a video, then the link to the video."""
             how: dict[str, Any] = {"visible": False, "size": "sm", "scale": 0, "min_width": 90}
-            self.seen_cancel = gr.Button(text.CANCEL, elem_id=prefix + "seen-cancel", **how)
-        self.seen_start = gr.Button(elem_classes="seen-start told-elsewhere")
+            self.viewer_video_cancel = gr.Button(text.CANCEL, elem_id=prefix + "seen-cancel", **how)
+        self.viewer_video_start = gr.Button(elem_classes="seen-start told-elsewhere")
         """Hidden button clicked by the viewer."""
         self.take_start = gr.Button(elem_classes="take-start told-elsewhere")
         """Hidden button clicked by the plan editor."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from app.run.plan_edits.edits import EditSuggestion
 
 EMPTY_VALUE: dict[str, Any] = {}
-_SHOWN: tuple[RowFileKind, ...] = ("motion", "frames", "plan", "video")
+_VIEWER_KINDS: tuple[RowFileKind, ...] = ("motion", "frames", "plan", "video")
 
 
 @dataclass(eq=False)
@@ -126,7 +126,7 @@ class RunView:
         return {"rows": self.planned_rows(), "editable": editable, **state}
 
     def _row(self, row: Row) -> dict[str, Any]:
-        files = {kind: name for kind, name in row.files.items() if kind in _SHOWN}
+        files = {kind: name for kind, name in row.files.items() if kind in _VIEWER_KINDS}
         return {
             "name": row.name,
             "label": row.label,

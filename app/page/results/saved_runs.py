@@ -184,7 +184,7 @@ class SavedRuns(TokenStore[SavedRun]):
             link = (
                 f'<p class="link"><a href="{escape(address_of(*opened))}">{words}</a>'
                 f'<button type="button">Copy link</button>'
-                f"<span>{text.RUN_KEPT.format(minutes=max(1, round(minutes)))}</span></p>"
+                f"<span>{text.RUN_LINK_HELP.format(minutes=max(1, round(minutes)))}</span></p>"
                 f"{_comparison_link(opened, mine)}"
             )
         compare = f'<button>{text.COMPARE}</button><span class="how">{text.COMPARE_HELP}</span>'

@@ -331,7 +331,7 @@ def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
 COUNTED = "{clips} in {sets}, unfiltered. Means over clips with 95 % confidence intervals."
 WORST_FIRST = "Clips with the most kinds of findings first; ties are ordered by jerk"
 SETS_TABLE = "Mean over clips [95 % confidence interval]"
-MOST_SHOWN = 5
+NUM_WORST_CLIPS = 5
 """Maximum number of worst clips that are not folded."""
 
 
@@ -369,7 +369,9 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
         f"{unit}</span></li>"
         for each in worst
     ]
-    return _listed(f"<h3>{WORST_FIRST}</h3>", items, MOST_SHOWN, f"{len(items) - MOST_SHOWN} more")
+    return _listed(
+        f"<h3>{WORST_FIRST}</h3>", items, NUM_WORST_CLIPS, f"{len(items) - NUM_WORST_CLIPS} more"
+    )
 
 
 def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips: int) -> str:

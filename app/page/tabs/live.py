@@ -47,7 +47,7 @@ INTRODUCTION = (
     "only. The last minute is held in memory until ten minutes after you stop."
 )
 KEEP = "Save the last minute"
-NOTHING_KEPT = "Saves the last minute as a run with audio, video, figures, metrics and downloads."
+SAVE_HELP = "Saves the last minute as a run with audio, video, figures, metrics and downloads."
 _TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
 
 
@@ -67,7 +67,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
         cancel = gr.Button(
             text.CANCEL, visible=False, elem_id="live-cancel", scale=0, min_width=110
         )
-    results = ResultParts("live-", NOTHING_KEPT)
+    results = ResultParts("live-", SAVE_HELP)
     runner = LiveRunner(services, FormParts({}, keep, cancel), results)
     runner.wire(page, [token], js=_TOKEN_OF_PAGE)
     return results

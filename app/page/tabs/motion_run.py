@@ -207,7 +207,7 @@ class RunRunner(TabRunner):
 
     def _without_results(self) -> Updates:
         parts = self.parts
-        outputs = (parts.clips, parts.verdict, parts.seen, parts.figures, parts.numbers)
+        outputs = (parts.clips, parts.verdict, parts.viewer_video, parts.figures, parts.numbers)
         hidden = {parts.player: EMPTY_VALUE, parts.clip: gr.update(visible=False)}
         return {**hidden, **{part: update_html("") for part in (*outputs, parts.downloads)}}
 

@@ -131,21 +131,21 @@ class ViewerVideoRunner(TabRunner):
     tab = "seen"
 
     def __init__(self, services: Services, parts: ResultParts) -> None:
-        super().__init__(services, parts.seen)
+        super().__init__(services, parts.viewer_video)
         self.parts = parts
 
     def wire(self, prefix: str = "") -> None:
         """Attach runs to the viewer's hidden button; ``prefix`` is that of the element ids."""
         parts = self.parts
-        outputs = [parts.seen, parts.seen_cancel]
+        outputs = [parts.viewer_video, parts.viewer_video_cancel]
         run = self.start_on(
-            parts.seen_start.click,
+            parts.viewer_video_start.click,
             [gr.Textbox(visible=False)],  # which the script fills in
             outputs=outputs,
             js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
             show_progress_on=parts.status,
         )
-        self.cancel_on(parts.seen_cancel, run, outputs)
+        self.cancel_on(parts.viewer_video_cancel, run, outputs)
 
     def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         viewer = ViewerState.parse(values[0])
@@ -162,8 +162,8 @@ class ViewerVideoRunner(TabRunner):
             body=body,
         )
         yield {
-            self.parts.seen: update_html(status_line(text.SEEN_STARTING)),
-            self.parts.seen_cancel: gr.update(visible=True),
+            self.parts.viewer_video: update_html(status_line(text.VIEWER_VIDEO_STARTING)),
+            self.parts.viewer_video_cancel: gr.update(visible=True),
         }
 
         def updates_of(events: list[RunEvent]) -> Updates:
@@ -171,12 +171,14 @@ class ViewerVideoRunner(TabRunner):
             if share is None:
                 return {}
             return {
-                self.status: update_html(status_line(text.SEEN_COMING.format(share=share), share))
+                self.status: update_html(
+                    status_line(text.VIEWER_VIDEO_PROGRESS.format(share=share), share)
+                )
             }
 
         video = yield from self.run_task(job, DRAW_VIEWER_VIDEO, request, updates_of)
         count = len(viewer.visible)
-        line = text.SEEN_DONE.format(
+        line = text.VIEWER_VIDEO_DONE.format(
             bodies="one body" if count == 1 else f"{count} bodies",
             seconds=video.num_frames / FPS,
             megabytes=video.path.stat().st_size / 1e6,
@@ -184,21 +186,23 @@ class ViewerVideoRunner(TabRunner):
         address = self.services.media.share(job.folder, job.cookie)(video.path)
         link = download_link(address, video.path.name, "Save the video")
         yield {
-            self.parts.seen: update_html(status_line(" ".join((line, *video.notes)), more=link)),
-            self.parts.seen_cancel: gr.update(visible=False),
+            self.parts.viewer_video: update_html(
+                status_line(" ".join((line, *video.notes)), more=link)
+            ),
+            self.parts.viewer_video_cancel: gr.update(visible=False),
         }
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
         """Return the file of a URL; raises RunError if it no longer exists."""
         path = self.services.media.at(address, cookie)
         if path is None or path.suffix != suffix:
-            raise RunError(text.SEEN_GONE)
+            raise RunError(text.VIEWER_VIDEO_GONE)
         return path
 
     def stopped(self, status: str, message: str) -> Updates:
         return {
-            self.parts.seen: update_html(message or status),
-            self.parts.seen_cancel: gr.update(visible=False),
+            self.parts.viewer_video: update_html(message or status),
+            self.parts.viewer_video_cancel: gr.update(visible=False),
         }
 
 

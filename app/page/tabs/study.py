@@ -342,7 +342,7 @@ NO_COOKIE = (
     "Your browser blocks cookies for this page. They are needed to keep the researcher's files "
     "private to you. Allow cookies and reload the page."
 )
-MADE = (
+STUDY_READY = (
     "The study is ready; the check found nothing that reveals the systems. Download the key, check "
     "the preview, then host the participants' page."
 )
@@ -434,7 +434,7 @@ class StudyRunner(TabRunner):
             f"{_key(token, config.result_lifetime_s)}{_preview(f'{look}&preview')}{''.join(files)}"
         )
         yield {
-            self.status: markup.sentence_status(f"{MADE} {size}"),
+            self.status: markup.sentence_status(f"{STUDY_READY} {size}"),
             self.result_part: update_html(f'<div class="downloads">{html}</div>'),
         }
 

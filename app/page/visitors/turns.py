@@ -21,7 +21,7 @@ from app.page.visitors.job_folders import Jobs
 from app.page.visitors.visitors import CHECKS, RUNS, address_of
 
 MAX_OF_ADDRESS, MAX_CHECKS_OF_ADDRESS = 4, 16
-HEARD_WITHIN_S = 10.0
+MAX_UNATTENDED_S = 10.0
 """Time (s) without a listener after which a waiting event is dropped."""
 MAX_SESSIONS = 2000
 """Maximum number of pages with stored messages."""
@@ -109,7 +109,7 @@ class Turns(queueing.Queue):
 
     def _next_of(self, queue: EventQueue) -> Event | None:
         """Return the first event with a listener; checks alternate between addresses."""
-        heard = [event for event in queue.queue if self._is_heard(event)]
+        heard = [event for event in queue.queue if self._has_listener(event)]
         others = [event for event in heard if not _is_from(event, self._checked)]
         return next(iter((others if queue.concurrency_id == CHECKS else []) or heard), None)
 
@@ -129,7 +129,7 @@ class Turns(queueing.Queue):
         def is_meant(event: Event) -> bool:
             return event.session_hash == session_hash or event._id == event_id
 
-        others = [each for each in self._waiting(RUNS) if self._is_heard(each)]
+        others = [each for each in self._waiting(RUNS) if self._has_listener(each)]
         for event in filter(is_meant, self._begun()):
             if event.concurrency_id == RUNS and self._jobs.outlives(event.session_hash):
                 if not any(not is_meant(other) for other in others):
@@ -161,15 +161,15 @@ class Turns(queueing.Queue):
     def _begun(self) -> list[Event]:
         return [event for events in self.active_jobs for event in events or ()]
 
-    def _is_heard(self, event: Event) -> bool:
+    def _has_listener(self, event: Event) -> bool:
         """Check whether an event has a listener."""
         messages = self.pending_messages_per_session.get(event.session_hash)
         return isinstance(messages, Messages) and messages.num_listening > 0
 
     def _drop_unheard(self) -> None:
-        before = time.monotonic() - HEARD_WITHIN_S
+        before = time.monotonic() - MAX_UNATTENDED_S
         for event in self._waiting():
-            if event.enqueue_time < before and not self._is_heard(event):
+            if event.enqueue_time < before and not self._has_listener(event):
                 self._remove(event)
 
     def _remove(self, event: Event) -> None:
@@ -178,7 +178,7 @@ class Turns(queueing.Queue):
         self.event_ids_to_events.pop(event._id, None)
         ids = self.pending_event_ids_session.get(event.session_hash, set())
         ids.discard(event._id)
-        if not ids and not self._is_heard(event):
+        if not ids and not self._has_listener(event):
             self.pending_event_ids_session.pop(event.session_hash, None)
             self.pending_messages_per_session.pop(event.session_hash, None)
 

@@ -30,7 +30,7 @@ Samples = dict[str, Path]
 
 
 @dataclass(frozen=True)
-class _Found:
+class _PairedFile:
     path: Path
     parts: tuple[str, ...]
     """Parent folders and name of the clip."""
@@ -101,7 +101,7 @@ def shorten_list(names: Iterable[str]) -> str:
     return ", ".join(names[:5]) + more
 
 
-def _files(folder: Path, kind: str, endings: tuple[str, ...]) -> list[_Found]:
+def _files(folder: Path, kind: str, endings: tuple[str, ...]) -> list[_PairedFile]:
     """Find the files of a set; of results and recordings side by side, those of one kind."""
     files = [(path, name) for path, name in motion_files(folder) if has_suffix(endings, name)]
     if any(name.name.startswith(kind) for _, name in files):
@@ -119,32 +119,34 @@ def is_hidden(path: PurePath) -> bool:
     return any(part.startswith((".", "__MACOSX")) for part in path.parts)
 
 
-def _read(path: Path, inside: Path) -> _Found:
+def _read(path: Path, inside: Path) -> _PairedFile:
     stem = inside.stem.removeprefix(GENERATED).removeprefix(RECORDED)
     stem = stem.removesuffix(OUTPUT) or stem
     folders = [file_stem(part) for part in inside.parent.parts]
     if named := _SAMPLE.match(stem):
-        return _Found(path, (*folders, file_stem(named["clip"])), named["sample"])
+        return _PairedFile(path, (*folders, file_stem(named["clip"])), named["sample"])
     samples = [place for place, part in enumerate(folders) if _FOLDER.match(part)]
     if samples:
         sample = folders.pop(samples[-1])
-        return _Found(path, (*folders, file_stem(stem)), _number(_FOLDER, sample))
-    return _Found(path, (*folders, file_stem(stem)))
+        return _PairedFile(path, (*folders, file_stem(stem)), _number(_FOLDER, sample))
+    return _PairedFile(path, (*folders, file_stem(stem)))
 
 
-def _is_numbered(file: _Found) -> bool:
+def _is_numbered(file: _PairedFile) -> bool:
     """Check whether a file in a folder is named only by a number."""
     return not file.sample and len(file.parts) > 1 and bool(_BARE.match(file.parts[-1]))
 
 
-def _of_folders(files: list[_Found], clip_names: set[str], numbers_are_clips: bool) -> list[_Found]:
+def _of_folders(
+    files: list[_PairedFile], clip_names: set[str], numbers_are_clips: bool
+) -> list[_PairedFile]:
     """Convert files named by a number to samples of the clip that their folder is named after.
 
     There must be such a clip, or else all files are named so and no recording is.
     """
     all_are = not numbers_are_clips and all(map(_is_numbered, files))
     return [
-        _Found(each.path, each.parts[:-1], _number(_BARE, each.parts[-1]))
+        _PairedFile(each.path, each.parts[:-1], _number(_BARE, each.parts[-1]))
         if _is_numbered(each) and (all_are or each.parts[-2] in clip_names)
         else each
         for each in files
@@ -157,7 +159,9 @@ def _number(pattern: re.Pattern[str], text: str) -> str:
     return match["sample"]
 
 
-def _clips(files: list[_Found], depth: int) -> tuple[dict[str, Samples], tuple[Path, Path] | None]:
+def _clips(
+    files: list[_PairedFile], depth: int
+) -> tuple[dict[str, Samples], tuple[Path, Path] | None]:
     """Return clips by names of ``depth`` parts, and two files that these do not distinguish."""
     clips: dict[str, Samples] = {}
     for each in files:

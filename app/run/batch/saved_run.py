@@ -34,7 +34,7 @@ from processes.pool import JobPool
 LIMITS = UnpackLimits(files=2_000, total_bytes=10**9, reserve_bytes=10**9)
 """Limits of a visitor's archive."""
 ENDINGS = (".json", ".npz", ".wav")
-SEEN_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
+ALL_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
 """Suffixes of all files of a run, including those that are only viewed."""
 OPENED = "opened"
 """Folder next to the results in which a visitor's archive is unpacked during the run."""
@@ -159,7 +159,7 @@ def copy_run(path: Path, into: Path) -> Path:
     Raises:
         RunError: if there is no run, or one is damaged.
     """
-    folder = run_folder(path, into / "unpacked", SEEN_ENDINGS, UnpackLimits())
+    folder = run_folder(path, into / "unpacked", ALL_ENDINGS, UnpackLimits())
     for file in files_of(folder):
         copy = into / "results" / file.relative_to(folder)
         copy.parent.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,7 @@ from model.storage.npz import MotionError
 
 SAMPLES = 5
 SPLIT = "train_test_split.csv"
-_MOST_FRAMES_APART = 1
+_MAX_FRAME_DIFFERENCE = 1
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, st
         except MotionError as error:
             wrong[name] = str(error).replace(f"{path.name} ", "it ", 1)
             continue
-        if abs(motion.num_frames - frames) > _MOST_FRAMES_APART:
+        if abs(motion.num_frames - frames) > _MAX_FRAME_DIFFERENCE:
             wrong[name] = (
                 f"it has {motion.num_frames} frames where the recording has {frames} at {FPS} a "
                 "second."

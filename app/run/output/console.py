@@ -23,7 +23,7 @@ class ProgressBars:
             is_visible: whether bars are shown; by default only on a terminal.
             stays: whether bars remain when they are finished.
         """
-        self._is_shown, self._stays = is_visible, stays
+        self._is_visible, self._stays = is_visible, stays
         self._bars: dict[str, Any] = {}
 
     def __enter__(self) -> ProgressBars:
@@ -43,7 +43,7 @@ class ProgressBars:
                 total=100,
                 desc=printable(title),
                 bar_format=form,
-                disable=None if self._is_shown is None else not self._is_shown,
+                disable=None if self._is_visible is None else not self._is_visible,
                 leave=self._stays,
             )
         bar = self._bars[title]

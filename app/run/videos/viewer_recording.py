@@ -69,7 +69,7 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
         try:
             draw_videos(
                 bases,
-                _as_seen(request),
+                _video_options(request),
                 body,
                 tip,
                 lambda i, _: parts / f"{i}.mp4",
@@ -109,7 +109,7 @@ def _longest(motions: Sequence[Motion], viewer: ViewerState) -> tuple[int, tuple
     )
 
 
-def _as_seen(request: ViewerVideoRequest) -> VideoOptions:
+def _video_options(request: ViewerVideoRequest) -> VideoOptions:
     """Return the video options that match the viewer."""
     look = request.viewer.look
     return VideoOptions(

@@ -26,7 +26,7 @@ from conventions.names import printable
 INK = "#1f2933"
 FAINT = "#9aa5b1"
 DARKEST, LIGHTEST = (0.34, 0.48, 0.63), (0.91, 0.94, 0.98)
-FILLS_APART = 5
+MAX_PLAIN_FILLS = 5
 """Most fills that can be distinguished by lightness alone; with more, hatching is added."""
 HATCHES = ("", "///", "...", "xx")
 LINE_LENGTH = 14
@@ -177,7 +177,7 @@ def _fill(system: int, count: int) -> dict[str, Any]:
     """Return a bar's fill: dark to light in one hue, also distinguishable in print."""
     place = system / max(1, count - 1)
     shade = [dark + place * (light - dark) for dark, light in zip(DARKEST, LIGHTEST, strict=True)]
-    hatch = HATCHES[system % len(HATCHES)] if count > FILLS_APART else ""
+    hatch = HATCHES[system % len(HATCHES)] if count > MAX_PLAIN_FILLS else ""
     return {"facecolor": shade, "edgecolor": INK, "lw": 0.8, "hatch": hatch}
 
 

@@ -89,13 +89,13 @@ def failed_checks(participant: Participant, key: Key) -> int:
     given = {answer.trial: answer.value for answer in participant.answers}
     checks = {trial: key.trials[trial].expected for trial in key.lists[participant.list_number]}
     return sum(
-        not _is_as_asked(given.get(trial), expected, key)
+        not _is_expected(given.get(trial), expected, key)
         for trial, expected in checks.items()
         if expected is not None
     )
 
 
-def _is_as_asked(value: object, expected: Expected, key: Key) -> bool:
+def _is_expected(value: object, expected: Expected, key: Key) -> bool:
     if isinstance(expected.value, str):
         return value == expected.value
     tolerance = SLIDER_TOLERANCE if key.protocol == "rating" else 0

@@ -36,7 +36,7 @@ from model.systems.planned.planner import KINDS, Planner
 
 BEFORE_FRAMES = 90
 """Frames of the plan before the first requested one."""
-NUM_KEPT_EVENTS = 3
+NUM_PAST_EVENTS = 3
 """Number of events of each tier that are stored from before that."""
 _TOGETHER_FRAMES = 5
 """Frames after a hand's preparation in which the other may start its own as well."""
@@ -75,7 +75,7 @@ class StreamingPlanner:
         self._draw(speech, final, stop)
         origin = first - BEFORE_FRAMES
         for drawer in self._drawers.values():
-            drawer.forget_before(origin, NUM_KEPT_EVENTS)
+            drawer.forget_before(origin, NUM_PAST_EVENTS)
         chains = {name: drawer.chain for name, drawer in self._drawers.items()}
         shifted = {
             name: [replace(one, frame=one.frame - origin) for one in chain]

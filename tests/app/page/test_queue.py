@@ -14,7 +14,7 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 
 from app.page.visitors.job_folders import Jobs
-from app.page.visitors.turns import HEARD_WITHIN_S, MAX_OF_ADDRESS, Turns
+from app.page.visitors.turns import MAX_OF_ADDRESS, MAX_UNATTENDED_S, Turns
 from app.page.visitors.visitors import CHECKS, COOKIE, leaving_route
 from app.run.callbacks import RunCallbacks
 from tests.app.page.test_runner import Runner
@@ -179,7 +179,7 @@ def test_joins_for_which_nobody_listens_shut_nobody_out_and_are_dropped(page):
         assert page.ask(visitor).status_code == 200
     assert page.ask("y").status_code == 503, "for a moment, in which they might be heard"
     for event in page.turns._waiting():
-        event.enqueue_time -= HEARD_WITHIN_S
+        event.enqueue_time -= MAX_UNATTENDED_S
     with page.asked("y"):
         wait_for(first_of(page, 1))
         assert page.begun == ["y"] and len(page.turns) == 0

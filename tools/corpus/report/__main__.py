@@ -89,7 +89,7 @@ def _held(rig: Rig, pose: HandPose, both: bool) -> Float[np.ndarray, " 165"]:
 
 
 AIM, AIM_OVER_FLOOR = 0.85, 0.05
-NUM_FEATURES_SHOWN = 8  # rows of each table: the statistics that separate best alone
+NUM_TABLE_FEATURES = 8  # rows of each table: the statistics that separate best alone
 
 Clips = list[MeasuredClip]
 
@@ -142,7 +142,7 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
     realism = measure_realism(real, corpus)
     rows = []
     for told in (
-        realism.features.head(NUM_FEATURES_SHOWN).reset_index(names="name").to_dict("records")
+        realism.features.head(NUM_TABLE_FEATURES).reset_index(names="name").to_dict("records")
     ):
         medians = [_short(told[which]) for which in ("first", "second", "corpus")]
         areas = [f"{told[which]:.2f}" for which in ("auc", "real_auc")]

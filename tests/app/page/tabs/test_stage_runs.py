@@ -125,9 +125,9 @@ def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
 
     stage = Stage(tmp_path, noted)
     updates = stage.press()
-    seen = [each[stage.parts.seen] for each in updates]
+    seen = [each[stage.parts.viewer_video] for each in updates]
     lines = [each["value"] for each in seen if each != gr.skip()]
-    assert text.SEEN_STARTING in lines[0]
+    assert text.VIEWER_VIDEO_STARTING in lines[0]
     assert any("43%" in line and 'value="0.430"' in line for line in lines)
     assert "one body, 10.0 s, 2.1 MB. It is cut." in lines[-1]
     assert 'download="stage.mp4"' in lines[-1]
