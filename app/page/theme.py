@@ -44,18 +44,10 @@ def head_style() -> str:
 
     The browser fetches what the first bodies need while Gradio's own scripts start.
     """
-    links = [f'<link rel="modulepreload" href="web/{name}">' for name in _first_modules()]
-    links += [
+    links = [
         f'<link rel="preload" href="{url}" as="{kind}" crossorigin>' for url, kind in _PRELOADED
     ]
     return "".join(links) + "".join(f"<style>{path.read_text()}</style>" for path in HEAD_CSS)
-
-
-def _first_modules() -> list[str]:
-    """Return the JavaScript modules of the first tab, relative to the folder of all."""
-    web = _FOLDER.with_name("web")
-    names = sorted(path.relative_to(web).as_posix() for path in web.rglob("*.js"))
-    return [name for name in names if not name.startswith("live/")]
 
 
 def make_theme() -> Base:
