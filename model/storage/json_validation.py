@@ -11,8 +11,9 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from conventions.names import printable
 
-STRICT = ConfigDict(strict=True, allow_inf_nan=False)
-"""Pydantic settings: text and booleans are not numbers; unknown fields are ignored."""
+STRICT = ConfigDict(strict=True, allow_inf_nan=False, validate_by_name=True)
+"""Pydantic settings: text and booleans are not numbers; unknown fields are ignored. Fields with an
+alias can be given by either name."""
 MAX_TEXT = 2000
 """Longest text of a field in characters."""
 Text = Annotated[str, Field(min_length=1, max_length=MAX_TEXT)]

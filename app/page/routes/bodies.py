@@ -99,7 +99,7 @@ def check_values(body: bytes) -> None:
             raise BodyError(TOO_DEEP, 400)
         if isinstance(value, list) and len(value) > MAX_ITEMS:
             raise BodyError(TOO_MANY_ITEMS.format(limit=MAX_ITEMS, count=len(value)))
-        if _is_file(value):
+        if isinstance(value, dict) and _is_file(value):
             num_files += 1
             if value.get("is_stream") or "://" in str(value["path"]):
                 raise BodyError(NOT_UPLOADED, 400)

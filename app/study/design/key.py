@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import urlencode, urlsplit
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
@@ -101,7 +101,7 @@ class AttentionRule:
     """Most attention checks that an included participant may fail."""
 
 
-@dataclass(frozen=True, config=ConfigDict(**STRICT, validate_by_name=True))
+@dataclass(frozen=True, config=STRICT)
 class Key:
     """Everything that participants must not know; consistent, without dangling ids."""
 

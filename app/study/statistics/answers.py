@@ -38,7 +38,7 @@ Count = Annotated[int, Field(ge=0, le=10**9)]
 Time = Annotated[datetime, AfterValidator(lambda t: t if t.tzinfo else t.replace(tzinfo=UTC))]
 
 
-@dataclass(frozen=True, config=ConfigDict(**STRICT, validate_by_name=True))
+@dataclass(frozen=True, config=STRICT)
 class Answer:
     trial: Text
     question: Text
