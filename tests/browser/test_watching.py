@@ -151,7 +151,7 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     other = watched(context.new_page())
     other.goto(f"{address}?run={'x' * 43}")
     expect(other.locator("#message")).to_contain_text("has expired")
-    expect(other.locator("#player .argument-head")).to_contain_text("Same noise")
+    expect(other.locator("#player .argument-head")).to_contain_text("fingertip")
     give_speech(other, speech)
     other.get_by_role("button", name=text.GENERATE).click()
     expect(other.locator("#status").get_by_text("queue: 1/1")).to_be_visible()
