@@ -162,7 +162,7 @@ class Guard:
         headers, path = Headers(scope=scope), scope["path"]
         host = headers.get("host", "")
         if host not in self.names:
-            name = printable(_name_of(host))[:100] or "without a name"
+            name = printable(_name_of(host) or host)[:100] or "(empty)"
             return UNKNOWN_HOST.format(name=name), 421
         origin = headers.get("origin")
         is_foreign = origin is not None and not is_same_origin(origin, host)

@@ -7,7 +7,7 @@ from app.page.routes.guard import Guard
 from app.page.routes.page_cache import INFO, PATHS, PageCache
 from tests.app.page.conftest import ADDRESS, served_page
 
-HOSTS = ("127.0.0.1", "localhost:80", "lab.example:8443", "localhost:<'&>", 'localhost:"')
+HOSTS = ("127.0.0.1", "localhost:80", "lab.example:8443", "localhost:", "LOCALHOST:00080")
 QUERIES = ("", "?page=", "?run=%E2%80%AE&__theme=dark", "?deep_link=a&page=b&all_endpoints=1")
 ACCOUNT = ("ann", "her pass:word")
 
