@@ -355,7 +355,7 @@ def test_tiers_are_read_lit_chosen_by_mouse_and_keys_and_found_where_none_was_pl
     expect(right.locator(".hold")).to_be_focused()
     assert state(page, "time")[0] <= 1.05, "arrows go from event to event here, not through time"
     page.keyboard.press("Enter")
-    expect(why).to_contain_text("The right hand stays after: stroke (offer)")
+    expect(why).to_contain_text("Hold of the right hand after: stroke (offer)")
     expect(right.locator(".hold")).to_have_attribute("aria-pressed", "true")
     page.keyboard.press("ArrowUp")
     expect(page.get_by_role("group", name="Left hand").locator(".event")).to_be_focused()
