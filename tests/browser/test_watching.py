@@ -162,12 +162,14 @@ def test_a_visitor_walks_from_the_example_to_a_link_and_two_runs_beside_each_oth
     expect(page.locator("#status")).to_contain_text(text.CANCELLED)
     expect(page.locator("#player .stage")).to_be_hidden()
     page.wait_for_function(STILL)
-    press(page, text.GENERATE)
+    page.keyboard.press("Tab")
+    generate.press("Enter")
     page.wait_for_function(PLAYS)
     page.evaluate(f"{LOCKSTEP}.seekFrame(45)")
     page.wait_for_function(WAITS)
     fake.windows.let(2)
     page.wait_for_function(ENDED)
+    expect(generate).to_be_focused()  # once more, though it was disabled meanwhile
     expect(waiting).to_be_hidden()
     page.emulate_media(reduced_motion="reduce", color_scheme=scheme)
 

@@ -6,6 +6,7 @@ const SETTLED_MS = 2000; // in which what comes and goes above results moves the
 
 /** Scroll to the results that hold the element of that id, unless their beginning is seen already. */
 export async function reveal(id) {
+  giveFocusBack(document.activeElement);
   const element = await found(`#${id}`);
   const results = element?.closest(".results") ?? element;
   const behavior = wantsStillness() ? "auto" : "smooth";
@@ -16,4 +17,15 @@ export async function reveal(id) {
   look();
   const settling = setTimeout(look, SETTLED_MS);
   for (const act of ["wheel", "touchstart", "pointerdown", "keydown"]) addEventListener(act, () => clearTimeout(settling), { once: true, capture: true, passive: true });
+}
+
+/** Focus a button pressed by a key again once it is enabled: disabled, it has lost the focus. */
+function giveFocusBack(button) {
+  if (!button?.matches("button:focus-visible")) return; // after a click Space plays, it starts no other run
+  const observer = new MutationObserver(() => {
+    if (button.disabled) return;
+    observer.disconnect();
+    if (document.activeElement === document.body) button.focus({ preventScroll: true });
+  });
+  observer.observe(button, { attributeFilter: ["disabled"] });
 }
