@@ -185,9 +185,7 @@ def _check_sets(request: DiagnoseRequest) -> None:
     print_path(out / "check.md")
     wrong = [name for name, checked in found.items() if not checked.is_valid]
     if wrong:
-        raise RunError(
-            f"{', '.join(wrong)}: do not meet the leaderboard's requirements; see above."
-        )
+        raise RunError(f"Not as the leaderboard requires: {', '.join(wrong)}; see above.")
 
 
 def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:

@@ -222,7 +222,7 @@ def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
         )
 
 
-def with_import_notes(measured: Diagnostics, rows: RunMotions) -> Diagnostics:
+def adjusted_for_imports(measured: Diagnostics, rows: RunMotions) -> Diagnostics:
     """Add the assumptions of imported files, and remove findings on parts that the files lack."""
     readings = rows.readings
     return replace(

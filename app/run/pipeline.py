@@ -30,7 +30,7 @@ from app.run.diagnostics import (
     write_diagnostics,
 )
 from app.run.generated_motions import generate_motions
-from app.run.imported_motions import NO_SPEECH, import_motions, with_import_notes
+from app.run.imported_motions import NO_SPEECH, adjusted_for_imports, import_motions
 from app.run.models import get_body, rendering_unavailable_reason
 from app.run.output.provenance import NONE, PROVENANCE, SPEECH, run_title, settings_summary
 from app.run.output.run_folder import RunRecord, read_run, row_files, truncate
@@ -118,7 +118,7 @@ def diagnose(request: DiagnoseRequest, callbacks: RunCallbacks = NO_CALLBACKS) -
         request = _without_unavailable_pictures(request, run)
         motions = import_motions(request, words, run)
         _show(motions, words, run)
-        diagnostics = with_import_notes(_measure(motions, run), motions)
+        diagnostics = adjusted_for_imports(_measure(motions, run), motions)
         _publish_metrics(diagnostics, run)
         motions = _mark_snaps(motions, diagnostics, words, run)
         run.detect_plans(motions.viewer_motions)

@@ -172,8 +172,8 @@ def _times(study: Study) -> Iterator[str]:
     for path in sorted(bundle.rglob("*")):
         if path.stat().st_mtime != media.FIXED_MTIME_S:
             yield (
-                f"time stamp: {path.relative_to(bundle)} has a time of its own; all files must "
-                "have the same."
+                f"time stamp: {path.relative_to(bundle)} has its own modification time; all "
+                "files must have the same one."
             )
 
 
@@ -288,7 +288,10 @@ def _texts(study: Study) -> Iterator[str]:
             name for name in sorted(names) if _contains_word(str(data.get(key) or ""), name)
         ):
             what = "URL" if key == "postTo" else "text"
-            yield f"{what}: `{key}` holds {name!r}, the name of a system or clip; rename one."
+            yield (
+                f"{what}: `{key}` holds {name!r}, the name of a system or clip; reword it, or "
+                "rename the system or clip."
+            )
     if re.search(r"https?:", structure):
         yield "URL: the page's data hold an address."
 

@@ -222,7 +222,7 @@ def style_features(motion: Motion) -> Float64[np.ndarray, "pieces numbers"]:
     return np.concatenate([places.mean(1), spread, np.log(speeds.mean(1) + 1e-3)], axis=1)
 
 
-def speaker_effect(motions: Grid) -> dict[str, float]:
+def arm_speaker_effect(motions: Grid) -> dict[str, float]:
     """Compute the effect of the speaker on the arms for one speech, by speaker and noise seed.
 
     ``arm_rotations_same_noise`` near 1: another speaker has the same gestures.
@@ -306,7 +306,7 @@ class SpeakerComparisonClips:
             for speaker, own in moved.items()
             for seed, motion in enumerate(own)
         }
-        manner = speaker_effect(speaking)
+        manner = arm_speaker_effect(speaking)
         return found | {
             "arms_by_speaker": manner["by_speaker"],
             "arm_rotations_other_speaker": manner["arm_rotations_same_noise"],

@@ -152,7 +152,7 @@ class ClipTargets:
 
     recorded: Motion
     sound: np.ndarray
-    other_speech: np.ndarray
+    other_sound: np.ndarray
     mean_speed: np.ndarray
     cast: "EvaluationModels"
 
@@ -161,7 +161,7 @@ class ClipTargets:
         """Features of the clip's own speech and of the foreign one, for the classifier."""
         own, foreign = (
             MelEncoder().encode(sound, len(sound) * FPS // SAMPLE_RATE)
-            for sound in (self.sound, self.other_speech)
+            for sound in (self.sound, self.other_sound)
         )
         return own, foreign
 
@@ -185,7 +185,7 @@ class ClipTargets:
         """
         others = {
             "shifted": np.roll(self.loudness, round(face.SHIFT_S * FPS)),
-            "foreign": frame_loudness(self.other_speech, self.recorded.num_frames),
+            "foreign": frame_loudness(self.other_sound, self.recorded.num_frames),
         }
         own, *wrong = (
             float(np.mean([lagged_correlation(wrist_speed(joints), track) for joints in positions]))

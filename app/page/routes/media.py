@@ -59,7 +59,7 @@ INLINE_TYPES: Mapping[str, str] = {
     ".png": "image/png",
 }
 """MIME types of the files that a page shows; all others are only downloaded."""
-PAGE_TYPES: Mapping[str, str] = {
+PARTICIPANT_TYPES: Mapping[str, str] = {
     ".mp4": "video/mp4",
     ".html": "text/html",
     ".js": "text/javascript",
@@ -307,10 +307,12 @@ def media_routes(
     ]
 
 
-CHARACTER_TOO_LARGE = "A character may have {limit:.0f} MB; export it with smaller textures."
+CHARACTER_TOO_LARGE = (
+    "A character may have at most {limit:.0f} MB; export it with smaller textures."
+)
 TOO_MANY_CHARACTERS = "Several characters are being read; try again in a moment."
 CHARACTER_GONE = "Your character was deleted after a while without use; choose its file again."
-NO_COOKIE = "Allow this page's cookie, which keeps your character for your browser alone."
+NO_COOKIE = "Allow this page's cookie; it makes your character available to your browser only."
 _MAX_CHARACTERS_AT_ONCE, _MAX_OF_OWNER = 16, 4
 
 

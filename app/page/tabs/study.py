@@ -20,7 +20,7 @@ from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.form_values import Fields, values_of
 from app.page.parts.markup import PRIVATE_EVENT, Updates, hidden_html, reveal_on_click, update_html
 from app.page.results.result_parts import download_link, files_listed
-from app.page.routes.media import PAGE_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
+from app.page.routes.media import PARTICIPANT_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
 from app.page.tabs.motion import SEED_LIMIT, copy_as_upload
 from app.page.tabs.runner import Services, TabRunner
 from app.page.visitors.job_folders import Job
@@ -425,7 +425,7 @@ class StudyRunner(TabRunner):
             shutil.rmtree(waiting, ignore_errors=True)  # if the task ended before that
             raise
         token = services.private_files.keep(waiting, waiting, job.cookie)
-        look = services.media.share(pages, job.cookie, PAGE_TYPES)(pages / "index.html")
+        look = services.media.share(pages, job.cookie, PARTICIPANT_TYPES)(pages / "index.html")
         files = (
             _link("study-participants", address(bundle), bundle.name, PARTICIPANTS),
             _link("study-plan", address(job.folder / plan.name), plan.name, PLAN),

@@ -191,8 +191,8 @@ class _Archive:
         depth = self._depth + 1
         if depth > _MAX_NESTED:
             raise RunError(
-                f"{self._name} holds {path.name!r}, an archive {depth} deep; at most {_MAX_NESTED} "
-                "are unpacked. Pack the files themselves."
+                f"{self._name} holds {path.name!r}, an archive nested {depth} levels deep; at most "
+                f"{_MAX_NESTED} levels are unpacked. Pack the files without inner archives."
             )
         into = path.with_name(stem_of(path) or "set")
         if into.is_file():

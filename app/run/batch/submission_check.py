@@ -115,10 +115,10 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
             "does not hands in 1."
         )
     if missing:
-        told.append(f"clips that are missing: {len(missing)}: {shorten_list(missing)}.")
+        told.append(f"missing clips ({len(missing)}): {shorten_list(missing)}.")
     if extra:
         told.append(
-            f"clips that are not in the test set (remove them): {len(extra)}: "
+            f"clips to remove, as they are not in the test set ({len(extra)}): "
             f"{shorten_list(extra)}."
         )
     told += [f"{shorten_list(named)}: {why}" for why, named in files.items()]

@@ -186,11 +186,12 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
         for of in worst
     )
     title = (
-        f"Clips with the most findings, at most {NUM_WORST} per system; ties are ordered by jerk"
+        f"Clips with the most kinds of findings first, at most {NUM_WORST} per system; "
+        "ties are ordered by jerk"
     )
     (unit,) = (row.unit for row in METRICS if row.key == JERK)
     table = _grid(("system", "clip", "findings", f"jerk ({unit})"), rows)
-    return ["", f"{title} first. All are in `clips.csv`.", "", *table]
+    return ["", f"{title}. All are in `clips.csv`.", "", *table]
 
 
 def _grid(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:

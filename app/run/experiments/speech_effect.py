@@ -25,7 +25,7 @@ from app.run.requests.requests import (
 )
 from app.run.run_writer import RunWriter, open_run_writer
 from conventions.names import file_stem, pluralise, short_names
-from model.evaluation.classifiers import speaker_effect, wrist_speeds
+from model.evaluation.classifiers import arm_speaker_effect, wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
@@ -220,7 +220,7 @@ def _effect_numbers(
         compared = {
             "calm": speakers[0],
             "lively": speakers[1],
-            "manner": speaker_effect(generated.by_speaker),
+            "manner": arm_speaker_effect(generated.by_speaker),
             "calm_over_lively": calm / lively,
         }
     except ValueError as error:

@@ -247,7 +247,7 @@ def _each_once(
         )
     if count := len(under_way):
         files = "file" if count == 1 else "files"
-        doubles.append(f"{count} {files} of answers under way, all of them also in later ones.")
+        doubles.append(f"{count} unfinished {files} ignored, as later ones hold all the answers.")
     return list(best.values()), doubles
 
 

@@ -121,8 +121,9 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "fgd/workbench",
             "Fréchet distance between the codes of generated and recorded motion, by the encoder "
             "that is part of this program. It cannot be compared with a published FGD.",
-            "55 local rotations, velocity of x and z, height", f"{_CODES}; a code per 8 frames",
-            "Yoon et al. 2020", "our own", {"fgd": ""}, ("reference",),
+            "55 local rotations, root velocity along x and z, root height",
+            f"{_CODES}; a code per 8 frames", "Yoon et al. 2020",
+            "our own", {"fgd": ""}, ("reference",),
             encoder="fgd-encoder of the bundled weights",
         ),
         Protocol(

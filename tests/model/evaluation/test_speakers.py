@@ -13,9 +13,9 @@ from model.evaluation.classifiers import (
     SpeakerClassifier,
     SpeakerComparisonClips,
     append_silence,
+    arm_speaker_effect,
     fit_discriminant,
     fit_speaker_classifier,
-    speaker_effect,
     style_features,
     wrist_speeds,
 )
@@ -48,7 +48,7 @@ def test_the_share_of_the_speaker_is_that_of_every_pair_one_by_one(share):
         if seed != seed_:
             r = float(np.corrcoef(arm_speed(a), arm_speed(b))[0, 1])
             alike["speaker" if one == other else "neither"].append(r)
-    found = speaker_effect(motions)
+    found = arm_speaker_effect(motions)
     wanted = np.mean(alike["speaker"]) - np.mean(alike["neither"])
     assert found["by_speaker"] == pytest.approx(wanted, abs=1e-6)
     assert found["by_speaker"] == pytest.approx(share, abs=0.25)
@@ -56,7 +56,7 @@ def test_the_share_of_the_speaker_is_that_of_every_pair_one_by_one(share):
 
 def test_rotations_of_the_same_noise_are_alike_whoever_speaks():
     same = {(name, seed): motion_of(7, seed, 0.0) for name in SPEAKERS for seed in range(2)}
-    assert speaker_effect(same)["arm_rotations_same_noise"] == pytest.approx(1 / 12, abs=1e-6)
+    assert arm_speaker_effect(same)["arm_rotations_same_noise"] == pytest.approx(1 / 12, abs=1e-6)
 
 
 def swinging(speed: float) -> Motion:

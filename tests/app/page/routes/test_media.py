@@ -19,7 +19,7 @@ from app.errors import RunError
 from app.page.routes.media import (
     ENDINGS,
     MAX_EXPORTS,
-    PAGE_TYPES,
+    PARTICIPANT_TYPES,
     RESEARCHER_FILE,
     WEB_FOLDER,
     Media,
@@ -126,7 +126,7 @@ def test_another_browser_gets_nothing_of_a_run_and_nobody_once_its_folder_has_go
     found = [
         mine(job / "a.mp4"),
         f"{mine(job / 'globaldiff-local.npz')}&as=bvh",
-        media.share(job / "bundle", "mine", PAGE_TYPES)(job / "bundle" / "index.html"),
+        media.share(job / "bundle", "mine", PARTICIPANT_TYPES)(job / "bundle" / "index.html"),
     ]
     for address in found:
         for cookie in STRANGERS:
@@ -264,7 +264,7 @@ def test_exports_of_one_address_are_few_and_none_is_made_for_a_client_that_has_g
 
 def test_only_what_belongs_to_it_is_served(media, browser, job, temp):
     mine = browser("mine")
-    start = media.share(job / "bundle", "mine", PAGE_TYPES)(job / "bundle" / "index.html")
+    start = media.share(job / "bundle", "mine", PARTICIPANT_TYPES)(job / "bundle" / "index.html")
     page = mine.get(f"/{start}")
     assert "A study" in page.text and page.headers["content-type"].startswith("text/html")
     base = start.partition("index.html")[0]

@@ -203,7 +203,7 @@ def test_archives_too_deep_cut_or_none_are_refused(tmp_path: Path, folder: Path)
     deep = _packed(tmp_path / "0.zip", **{"a.npz": b"a"})
     for place in range(1, 4):
         deep = _packed(tmp_path / f"{place}.zip", **{"in.zip": deep.read_bytes()})
-    with pytest.raises(RunError, match="an archive 3 deep; at most 2"):
+    with pytest.raises(RunError, match="an archive nested 3 levels deep; at most 2"):
         unpack_archive(deep, folder, NPZ)
     whole = _packed(tmp_path / "w.tar.gz", **{"a.npz": np.random.default_rng(0).bytes(9000)})
     content = whole.read_bytes()

@@ -82,7 +82,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     of_lively = [row for row in by_clip if row["system"] == "lively"]
     mean = np.mean([float(row[SPEED]) for row in of_lively])
     assert mean == pytest.approx(means["lively"])
-    worst = sheet.split("Clips with the most findings")[1].splitlines()[4:]
+    worst = sheet.split("Clips with the most kinds of findings")[1].splitlines()[4:]
     assert [line.split(" | ")[0] for line in worst[-3:]] == ["| same"] * 3  # and not the reference
     order = [
         (-len(findings.split(", ")), -float(jerk.rstrip(" |")))

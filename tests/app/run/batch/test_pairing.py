@@ -184,7 +184,7 @@ def test_the_command_line_tells_by_its_exit_status(
     assert "1 of 2 clips could not be measured" in said.err and "sheet.md" in said.out
     assert main([*argv, str(tmp_path / "check"), "--check", "genea"]) == 1
     said = capsys.readouterr()
-    assert "mine: clips that are missing: 1: c." in said.err and "check.md" in said.out
+    assert "mine: missing clips (1): c." in said.err and "check.md" in said.out
 
 
 def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
