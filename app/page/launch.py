@@ -166,7 +166,7 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
         live=LiveSessions(config.weights),
         characters=Characters(config.private_folder),
         media=media,
-        first_look=first_look(media) if is_warmed_up and config.opened is None else None,
+        first_look=first_look(media) if is_warmed_up else None,
         opened=opened,
     )
 
