@@ -47,6 +47,7 @@ from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, moving_chain, track_points
 from model.motion.transforms import smooth_motion
+from model.storage.json_validation import rename_keys
 
 GLOBALDIFF_WINDOWS = Windowing(frames=60, overlap=8)
 """Windows of GlobalDiff's systems: 60 frames, of which two windows share 8."""
@@ -404,23 +405,19 @@ def parse_diagnostics(content: Mapping[str, Any]) -> dict[str, Any]:
     def metrics(versions: Mapping[str, Any]) -> dict[str, Any]:
         return {
             version: {
-                key: _renamed(value, _FORMER_METRIC_KEYS) if isinstance(value, dict) else value
-                for key, value in _renamed(values, _FORMER_METRIC_KEYS).items()
+                key: rename_keys(value, _FORMER_METRIC_KEYS) if isinstance(value, dict) else value
+                for key, value in rename_keys(values, _FORMER_METRIC_KEYS).items()
             }
             for version, values in versions.items()
         }
 
-    converted: dict[str, Any] = {"format": DIAGNOSTICS_FORMAT} | _renamed(content, _FORMER_KEYS)
+    converted: dict[str, Any] = {"format": DIAGNOSTICS_FORMAT} | rename_keys(content, _FORMER_KEYS)
     for key, convert in (
-        ("findings", lambda each: _renamed(each, _FORMER_FINDING_KEYS)),
+        ("findings", lambda each: rename_keys(each, _FORMER_FINDING_KEYS)),
         ("assumptions", current_assumption),
     ):
         of_all = converted.get(key, {}).items()
         converted[key] = {name: [convert(each) for each in rows] for name, rows in of_all}
-    converted["protocol_of"] = _renamed(converted.get("protocol_of", {}), _FORMER_METRIC_KEYS)
+    converted["protocol_of"] = rename_keys(converted.get("protocol_of", {}), _FORMER_METRIC_KEYS)
     converted["reference"] = converted.get("reference") and metrics(converted["reference"])
     return converted | {"systems": {name: metrics(of) for name, of in converted["systems"].items()}}
-
-
-def _renamed(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
-    return {names.get(key, key): value for key, value in values.items()}

@@ -132,11 +132,9 @@ def _parse_uploads(root: Path, min_free_bytes: int, quota: Quota) -> None:
     """Limit number and size of uploads, and delete interrupted ones, which Gradio keeps."""
     from app.page.visitors.uploads import LimitedUploadParser
 
-    LimitedUploadParser.root, LimitedUploadParser.min_free_bytes, LimitedUploadParser.quota = (
-        root,
-        min_free_bytes,
-        quota,
-    )
+    LimitedUploadParser.root = root
+    LimitedUploadParser.min_free_bytes = min_free_bytes
+    LimitedUploadParser.quota = quota
     _replace("gradio.route_utils", "GradioMultiPartParser", LimitedUploadParser)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from model.storage.json_validation import rename_keys
 from model.storage.npz import MotionError
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ _FORMER_KEYS = {"what": "kind", "why": "reason", "sure": "confidence", "others":
 
 def current_assumption(assumption: Mapping[str, Any]) -> dict[str, Any]:
     """Return the JSON of an assumption with the present keys, also that of earlier versions."""
-    found = {_FORMER_KEYS.get(key, key): value for key, value in assumption.items()}
+    found = rename_keys(assumption, _FORMER_KEYS)
     return found | ({"confidence": "user"} if found.get("confidence") == "told" else {})
 
 

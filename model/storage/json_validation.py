@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import reprlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -24,6 +25,15 @@ T = TypeVar("T")
 
 class FieldError(ValueError):
     """An invalid file; the message describes the problem as the end of a sentence."""
+
+
+def rename_keys(values: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """Return values under present keys.
+
+    Args:
+        names: present keys by former ones; other keys stay.
+    """
+    return {names.get(key, key): value for key, value in values.items()}
 
 
 def read_json(path: Path, kind: type[T], max_bytes: int) -> T:

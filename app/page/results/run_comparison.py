@@ -117,7 +117,7 @@ class RunPair:
     def player(self) -> dict[str, Any]:
         """Return the player's value for both runs, with one sound or a choice of two."""
         values = [run_view.player_value() for run_view in self.run_views]
-        lines = [read_timeline(run_view.folder) for run_view in self.run_views]
+        lines = [read_timeline(run_view.folder, run_view.record) for run_view in self.run_views]
         rows = self._rows(values)
         value = {"run": " ".join(value["run"] for value in values), "rows": rows}
         if not all(lines):

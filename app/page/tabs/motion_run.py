@@ -321,9 +321,8 @@ class PageLoader:
 
     def _open_run(self, run: SavedRun, parts: ResultParts, cookie: str) -> Updates:
         run_view = run.view
-        if run.job.visitor and not equal_in_constant_time(
-            run.job.cookie, cookie
-        ):  # no visitor: public
+        is_own = equal_in_constant_time(run.job.cookie, cookie)
+        if run.job.visitor and not is_own:  # no visitor: public
             run_view = run_view.for_browser(self.services.media.share(run.folder, cookie))
         return {
             **run.updates(parts, run_view),

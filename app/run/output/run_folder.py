@@ -33,7 +33,7 @@ from conventions.names import (
 )
 from model.formats.reading import current_assumption
 from model.storage.files import opened_zip, write_atomically
-from model.storage.json_validation import FieldError, read_json
+from model.storage.json_validation import FieldError, read_json, rename_keys
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
 TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
@@ -88,13 +88,7 @@ class _Strict(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _rename_former_keys(cls, value: Any) -> Any:
-        return _renamed(value, cls._former_keys)
-
-
-def _renamed(value: Any, names: Mapping[str, str]) -> Any:
-    if not isinstance(value, dict):
-        return value
-    return {names.get(key, key): each for key, each in value.items()}
+        return rename_keys(value, cls._former_keys) if isinstance(value, dict) else value
 
 
 class FramesAvailable(_Strict):
@@ -135,8 +129,11 @@ def _current(assumption: Any) -> Any:
     return current_assumption(assumption) if isinstance(assumption, dict) else assumption
 
 
+_FORMER_KINDS = {"performed": "input_plan", "told": "editor", "windows": "state"}
+
+
 def _with_current_kinds(files: Any) -> Any:
-    return _renamed(files, {"performed": "input_plan", "told": "editor", "windows": "state"})
+    return rename_keys(files, _FORMER_KINDS) if isinstance(files, dict) else files
 
 
 class Row(_Strict):

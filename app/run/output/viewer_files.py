@@ -9,7 +9,7 @@ from pydantic import Field, RootModel
 from typing_extensions import TypeAliasType, TypedDict
 
 from app.errors import RunError
-from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, file_of, read_run
+from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RunRecord, file_of, read_run
 from conventions.names import FilterVersion
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.kinds import Place
@@ -112,9 +112,9 @@ class _EditorFile(RootModel[PlanEditorData]):
 T = TypeVar("T", bound=RootModel)
 
 
-def read_timeline(folder: Path) -> dict[str, Any]:
+def read_timeline(folder: Path, record: RunRecord) -> dict[str, Any]:
     """Return the timeline of a run, empty if there is none yet; raises RunError if damaged."""
-    path = file_of(folder, read_run(folder).timeline)
+    path = file_of(folder, record.timeline)
     return {} if path is None else {**_read(path, _TimelineFile).root}
 
 
@@ -126,8 +126,9 @@ def check_viewer_files(folder: Path) -> None:
     Raises:
         RunError: if one is damaged.
     """
-    read_timeline(folder)
-    for row in read_run(folder).rows:
+    record = read_run(folder)
+    read_timeline(folder, record)
+    for row in record.rows:
         if data := file_of(folder, row.files.get("editor")):
             _read(data, _EditorFile)
         for plan in {file_of(folder, row.files.get(kind)) for kind in ("plan", "input_plan")}:

@@ -85,7 +85,7 @@ def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
     for content in ("[" * 10**5, "[1]", "{"):
         (tmp_path / TIMELINE).write_text(content)
         with pytest.raises(RunError, match=r"timeline\.json of this run is damaged"):
-            read_timeline(tmp_path)
+            read_timeline(tmp_path, record)
     told = json.loads((tmp_path / RUN).read_text())
     for assumed in (
         {"kind": "up"},
