@@ -61,7 +61,7 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     worst = sorted(noise, key=lambda name: -noise[name])[:NAMED]
     named = join_names([f"{point_label(name)} ({noise[name]:.1f}°)" for name in worst])
     if len(noise) > len(worst):
-        where = f"{len(noise)} of the {len(JOINT_NAMES)} joints, most in {named}"
+        where = f"{len(noise)} of the {len(JOINT_NAMES)} joints, strongest in the {named}"
     else:
         where = f"the {named}"
     little = ", hardly visible" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
@@ -97,8 +97,8 @@ def single_frame_pops(evidence: Evidence) -> Iterator[Finding]:
     degrees = float(np.degrees(off[frame, BODY[joint]]) / FPS)
     count = f"{len(frames)} frames" if len(frames) > 1 else "one frame"
     yield Finding(
-        f"In {count} a joint jumps away and back; the largest jump is {degrees:.0f}° of the "
-        f"{point_label(name)} at {format_time(int(frame) + 1)}.",
+        f"In {count} a joint jumps away and back; the largest jump is {degrees:.0f}° "
+        f"({point_label(name)}, at {format_time(int(frame) + 1)}).",
         {"frames_popping": len(frames), "joint": name, "pop_deg": degrees},
         limit_ratio=float(beyond.max() / POP_DEG),
         worst_frame=int(frame) + 1,
@@ -122,7 +122,7 @@ def snaps(evidence: Evidence) -> Iterator[Finding]:
     count = f"{len(frames)} times" if len(frames) > 1 else "once"
     yield Finding(
         f"A joint jumps to another angle within one frame, {count}; the largest jump is "
-        f"{steps[at, joint]:.0f}° of the {point_label(name)} at {format_time(int(at) + 1)}.",
+        f"{steps[at, joint]:.0f}° ({point_label(name)}, at {format_time(int(at) + 1)}).",
         {"snaps": len(frames), "joint": name, "snap_deg": float(steps[at, joint])},
         limit_ratio=float(beyond.max() / SNAP_DEG),
         natural_ratio=SNAP_SPAN,
@@ -178,8 +178,9 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     if len(frames) < usual_skips:
         return
     yield Finding(
-        f"Frames seem to be missing in {len(frames)} places: the whole body moves about twice as "
-        f"far as before and after, first at {format_time(int(frames[0]))}.",
+        f"Frames seem to be missing in {len(frames)} places: there the whole body moves about "
+        "twice as far in one frame as in the frames before and after, first at "
+        f"{format_time(int(frames[0]))}.",
         {"skips": len(frames)},
         limit_ratio=len(frames) / usual_skips,
         worst_frame=int(frames[0]),
@@ -201,8 +202,9 @@ def upsampled_rate(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding(
         "Every second frame is interpolated or repeated: the motion seems to have been upsampled "
-        f"to 30 fps from 15 fps or less (movement, or its change, is {100 * ratio:.0f} % of that "
-        "at the other frames). Jitter above 7.5 Hz cannot be in it.",
+        f"to 30 fps from 15 fps or less (movement, or its change, in these frames is "
+        f"{100 * ratio:.0f} % of that in the other frames). It cannot contain jitter above 7.5 "
+        "Hz.",
         {"change_ratio": ratio},
         limit_ratio=HALF_RATE / max(ratio, 0.01),
     )
@@ -226,8 +228,8 @@ def window_seams(evidence: Evidence) -> Iterator[Finding]:
         return
     joins = range(found.phase_frame, evidence.num_frames, advance)
     yield Finding(
-        f"The body jumps every {advance} frames ({advance / FPS:.2f} s): jerk is "
-        f"{found.ratio:.1f} times the median at frame {found.phase_frame} of each window.",
+        f"The body jumps every {advance} frames ({advance / FPS:.2f} s): at frame "
+        f"{found.phase_frame} of each window, the jerk is {found.ratio:.1f} times the median.",
         {
             "window_advance_frames": advance,
             "phase_frame": found.phase_frame,
@@ -248,12 +250,18 @@ def periodic_jerk(evidence: Evidence) -> Iterator[Finding]:
     if windows == found.frames and any(window_seams(evidence)):
         return
     if found.kind == "pulses":
-        how = f"{found.peak_over_median:.1f} times the median, at frame {found.phase_frame} of each"
+        peak = (
+            f"at frame {found.phase_frame} of each period, it is {found.peak_over_median:.1f} "
+            "times the median"
+        )
     else:
-        how = f"{found.peak_over_minimum:.1f} times as high at one of them as at another"
+        peak = (
+            f"the highest frame of the period has {found.peak_over_minimum:.1f} times the jerk of "
+            "the lowest"
+        )
     yield Finding(
         f"The jerk of the {found.part} peaks every {found.frames} frames "
-        f"({found.frames / FPS:.2f} s), as at the seams of windows or codes: it is {how}.",
+        f"({found.frames / FPS:.2f} s), as it does at the seams of windows or codes: {peak}.",
         {
             "period_frames": found.frames,
             "part": found.part,
@@ -304,9 +312,9 @@ def reference_lag(evidence: Evidence) -> Iterator[Finding]:
     if abs(lag) < MIN_LAG_FRAMES or best < COPY_CORRELATION:
         return
     yield Finding(
-        f"This motion follows the reference {abs(lag) / FPS:.2f} s "
-        f"{'later' if lag > 0 else 'earlier'}: shifted by that, their speeds correlate with "
-        f"r = {best:.2f}.",
+        f"This motion seems to be the reference {abs(lag) / FPS:.2f} s "
+        f"{'later' if lag > 0 else 'earlier'}: when shifted back by this time, its joint speeds "
+        f"correlate with those of the reference at r = {best:.2f}.",
         {"against": "reference", "lag_frames": lag, "correlation": best},
         limit_ratio=abs(lag) / MIN_LAG_FRAMES,
     )
@@ -325,18 +333,17 @@ def speech_lag(evidence: Evidence) -> Iterator[Finding]:
         most_s = lag.lag_s
         sentence = (
             f"The {lag.lag_source} moves {_format_lag(lag.lag_s)} relative to the speech (95 % "
-            f"interval {lag.lag_low_s:.2f} to {lag.lag_high_s:.2f} s); the import setting "
-            f"lag={lag.lag_s:.2f} (on the command line: --assume) corrects it."
+            f"confidence interval {lag.lag_low_s:.2f} to {lag.lag_high_s:.2f} s). Correct it with "
+            f"the import setting lag={lag.lag_s:.2f} (on the command line: --assume)."
         )
     else:
         most_s = lag.lag_drift_s
         start, end = (lag.lag_s + sign * lag.lag_drift_s / 2 for sign in (-1, 1))
         sentence = (
-            f"The {lag.lag_source} drifts relative to the speech, {_format_lag(start)} at the "
-            "start and "
-            f"{_format_lag(end)} at the end, as if {lag.lag_corrected_fps:.4g} fps were read as "
-            f"{FPS}; the import setting rate={lag.lag_corrected_fps:.4g} (on the command line: "
-            "--assume) corrects it."
+            f"The {lag.lag_source} drifts relative to the speech, from {_format_lag(start)} at the "
+            f"start to {_format_lag(end)} at the end, as if {lag.lag_corrected_fps:.4g} fps were "
+            f"read as {FPS} fps. Correct it with the import setting "
+            f"rate={lag.lag_corrected_fps:.4g} (on the command line: --assume)."
         )
     limit_ratio = abs(most_s) * FPS / MIN_SPEECH_LAG_FRAMES
     yield Finding(sentence, numbers, limit_ratio=limit_ratio)

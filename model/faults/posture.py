@@ -46,7 +46,7 @@ def lying_body(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding(
         f"The spine is tilted by {tilt.mean:.0f}° on average: the body is lying, or the file's up "
-        "axis is not y (for z-up files: import setting up=z, on the command line --assume).",
+        "axis is not y (if it is z: use the import setting up=z, on the command line --assume).",
         {"spine_tilt_deg": tilt.mean},
         limit_ratio=tilt.mean / LYING_DEG,
     )
@@ -75,7 +75,7 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
     feet = evidence.tracks.joints[:, list(FEET)] * (1.0, 0.0, 1.0)
     contact = evidence.raw.posture.foot_contact_share
     is_rare = contact < CONTACT_SHARE
-    few = f", which is in {100 * contact:.0f} % of the frames only" if is_rare else ""
+    few = f"; they are on the ground in only {100 * contact:.0f} % of the frames" if is_rare else ""
     yield Finding(
         f"Feet slide at {100 * slide:.0f} cm/s on average while on the ground{few}.",
         {"foot_slide_m_s": slide, "contact_share": contact},
@@ -173,8 +173,8 @@ def finger_joint_limits(evidence: Evidence) -> Iterator[Finding]:
         [f"{point_label(name)} ({100 * by_joint[name]:.0f} %)" for name in worst if by_joint[name]]
     )
     yield Finding(
-        f"Fingers bend beyond human joint limits in {100 * share:.1f} % of frames and joints; most "
-        f"often the {named}.",
+        f"Fingers bend beyond human joint limits in {100 * share:.1f} % of all frames and "
+        f"finger joints; most often the {named}.",
         {
             "outside_share": share,
             "joints": {name: by_joint[name] for name in worst if by_joint[name]},
@@ -203,9 +203,8 @@ def hand_penetration(evidence: Evidence) -> Iterator[Finding]:
     is_left = place % 2 == 0 if place < len(knuckles) else place - len(knuckles) < 5
     side = "left" if is_left else "right"
     yield Finding(
-        f"The {side} hand penetrates the body at {format_time(worst)}: it is "
-        f"{100 * distance[worst]:.0f} "
-        f"cm from the spine's line, in {is_inside.sum()} frames.",
+        f"The {side} hand penetrates the body in {is_inside.sum()} frames, deepest at "
+        f"{format_time(worst)}: {100 * distance[worst]:.0f} cm from the axis of the spine.",
         {"side": side, "distance_m": float(distance[worst]), "frames": int(is_inside.sum())},
         limit_ratio=INSIDE_M / max(float(distance[worst]), 0.005),
         worst_frame=worst,
@@ -227,9 +226,8 @@ def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
             return
         how = "as a mirror image" if is_mirrored else "joint by joint"
         yield Finding(
-            f"Left and right seem swapped {how}: upper body and hands are"
-            f" {errors.as_is:.0f}° from the reference, and {error:.0f}° once swapped"
-            " back.",
+            f"Left and right seem swapped {how}: upper body and hands differ from the reference by"
+            f" {errors.as_is:.0f}°, and by {error:.0f}° after swapping them back.",
             {
                 "way": "mirrored" if is_mirrored else "swapped",
                 "error_deg": errors.as_is,
@@ -279,7 +277,7 @@ def frozen_body(evidence: Evidence) -> Iterator[Finding]:
     if not runs:
         return
     first, last = runs[0]
-    times = f"{len(runs)} times, at most" if len(runs) > 1 else "once,"
+    times = f"{len(runs)} times, longest" if len(runs) > 1 else "once,"
     total_s = sum(end - start for start, end in runs) / FPS
     yield Finding(
         f"Upper body and fingers freeze {times} for {(last - first) / FPS:.1f} s at"
@@ -311,8 +309,8 @@ def translation_never_changes(evidence: Evidence) -> Iterator[Finding]:
         return
     where = "all zero" if not trans.any() else "the same in every frame"
     yield Finding(
-        f"The translation is {where}: the body never leaves its place, so that feet slide or float "
-        "wherever it leans. Foot metrics mainly reflect this.",
+        f"The translation is {where}: the pelvis stays at one point, so feet slide or float when "
+        "the body leans. The foot metrics mainly show this.",
         {"trans_m": trans[0].tolist()},
     )
 
@@ -363,8 +361,8 @@ def copied_face(evidence: Evidence) -> Iterator[Finding]:
     if share <= COPIED_SHARE or own.std(axis=0).max() < STILL_COEFFICIENT:
         return
     yield Finding(
-        f"The expressions are the reference's, bit for bit, in {100 * share:.0f} % of the frames: "
-        "they were copied from the reference.",
+        f"In {100 * share:.0f} % of the frames the expressions equal those of a frame of the "
+        "reference bit for bit: they were copied from the reference.",
         {"copied_share": share},
         limit_ratio=share / COPIED_SHARE,
     )

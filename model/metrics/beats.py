@@ -63,8 +63,8 @@ def read_mean_speeds(path: Path) -> Float[np.ndarray, " 13"]:
             raise ValueError
     except (OSError, ValueError, EOFError, TypeError) as error:
         raise MotionError(
-            f"{path.name} does not hold one speed above 0 for each of {NUM_JOINTS} joints; give"
-            " EMAGE's mean_vel_smplxflame_30.npy, from the folder weights of BEAT2."
+            f"{path.name} must contain {NUM_JOINTS} positive numbers, the mean speed of each "
+            "joint. Give EMAGE's mean_vel_smplxflame_30.npy from BEAT2's folder weights."
         ) from error
     return speeds
 

@@ -89,7 +89,9 @@ def measure_error_growth(
     """
     chain = moving_chain(point)
     if not chain:
-        raise ValueError(f"No rotation moves the {point}; follow a joint further from it.")
+        raise ValueError(
+            f"No rotation moves the {point_label(point)}; track a point further from the pelvis."
+        )
     skeleton = RestSkeleton(skeleton.rest_joints.double(), skeleton.tip_offsets.double())
     joints = list(chain)
     R_parent_joint = motion.local_rotations()[:MAX_FRAMES].double()
@@ -135,9 +137,9 @@ def error_growth_summary(growth: ErrorGrowth, noise_rad: float) -> str:
     local, world = (100 * float(s[-1]) for s in (growth.local_rms_m, growth.global_rms_m))
     return (
         f"Noise of {noise_rad:g} rad on every joint moves the {point_label(growth.points[-1])} by"
-        f" {local:.1f} cm when it is put on local rotations and by {world:.1f} cm on global ones:"
-        f" {growth.ratio:.1f} times as far (predicted from lever arms:"
-        f" {growth.predicted_ratio:.1f})."
+        f" {local:.1f} cm if added to local rotations and by {world:.1f} cm if added to global"
+        f" rotations: {growth.ratio:.1f} times as far (predicted from lever arms:"
+        f" {growth.predicted_ratio:.1f} times)."
     )
 
 

@@ -128,13 +128,14 @@ def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
     speeches, seeds = (sorted({key[k] for key in motions}) for k in (0, 1))
     if len(speeches) < 2 or len(seeds) < 2 or len(motions) != len(speeches) * len(seeds):
         raise ValueError(
-            f"Two speeches and two noise seeds or more are compared, each with each; there are "
-            f"{len(motions)} motions of {len(speeches)} speeches and {len(seeds)} seeds."
+            "At least two speeches and two noise seeds are needed, with one motion for each "
+            f"combination; there are {len(motions)} motions, {len(speeches)} speeches and "
+            f"{len(seeds)} seeds."
         )
     shortest = min(motion.num_frames for motion in motions.values())
     if shortest < LEAST_FRAMES:
         raise ValueError(
-            f"Each motion must last {LEAST_FRAMES / FPS:g} s to be compared; one has "
+            f"Each motion must last at least {LEAST_FRAMES / FPS:g} s; the shortest lasts "
             f"{shortest / FPS:.1f} s."
         )
     found = {}

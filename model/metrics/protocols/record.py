@@ -16,7 +16,7 @@ class Protocol:
 
     id: str
     rule: str
-    """Two sentences for a reader of the number."""
+    """Definition of the number for its readers, one to three sentences."""
     input: str
     """Joints, coordinates and units."""
     pieces: str

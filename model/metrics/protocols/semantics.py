@@ -30,7 +30,9 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
     is_labelled = np.zeros(num_frames, bool)
     lines = read_capped(path, MAX_BYTES, MotionError).decode("utf-8", "replace").splitlines()
     if len(lines) > MAX_LABELS:
-        raise MotionError(f"{path.name} has {len(lines)} labels; at most {MAX_LABELS} are read.")
+        raise MotionError(
+            f"{path.name} has {len(lines)} lines; a file of labels may have at most {MAX_LABELS}."
+        )
     for number, line in enumerate(filter(str.strip, lines), 1):
         try:
             start, end, _, score = (float(cell) for cell in line.split("\t")[1:5])
@@ -38,9 +40,9 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
                 raise ValueError
         except ValueError:
             raise MotionError(
-                f"Line {number} of {path.name} is not a label of BEAT: name, start, end, duration "
-                "and"
-                " a score of 0 to 1, separated by tabs; give a file of BEAT's folder sem."
+                f"Line {number} of {path.name} is not a label in BEAT's format (name, start, end, "
+                "duration and a score from 0 to 1, separated by tabs). Give a file from BEAT's "
+                "folder sem."
             ) from None
         inside = (start <= times) & (times <= end) & ~is_labelled
         relevance[inside], is_labelled = score, is_labelled | inside

@@ -208,7 +208,7 @@ def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
     ("names", "sentence"),
     [
         (["what.npz"], "SYSTEM__SPEECH__SEED.npz"),
-        (["a__one__0.npz", "a__one__1.npz"], "Two speeches and two noise seeds"),
+        (["a__one__0.npz", "a__one__1.npz"], "two speeches and two noise seeds"),
         ([], "found 0"),
     ],
 )

@@ -212,7 +212,7 @@ PLANTED = (
     planted("one pose", "still", frames(np.zeros_like)),
     planted("one-frame pops of 1 rad", "pops", popping, "jerk",
             numbers={"frames_popping": 3, "joint": "right_elbow"}),
-    planted("a snap of one frame", "snap", snapping("head"), says="132° of the head at 0:00.1",
+    planted("a snap of one frame", "snap", snapping("head"), says="132° (head, at 0:00.1",
             numbers={"snaps": 1, "joint": "head", "snap_deg": 132.0}),
     planted("bobbing by 11 cm", "floating",
             moved_by(lambda frame: 0.055 * np.sin(2 * np.pi * frame / 105), 1),
