@@ -98,10 +98,10 @@ def read_accounts(path: str) -> tuple[tuple[str, str], ...]:
     try:
         lines = [line.strip() for line in Path(path).read_text("utf-8").splitlines()]
     except (OSError, UnicodeDecodeError) as error:
-        raise RunError(f"The accounts {path} cannot be read: {error}.") from error
+        raise RunError(f"The accounts file {path} cannot be read: {error}.") from error
     pairs = [tuple(line.partition(":")[::2]) for line in lines if line and line[0] != "#"]
     if not pairs or not all(name and password for name, password in pairs):
-        raise RunError(f"{path} must hold lines of NAME:PASSWORD, at least one.")
+        raise RunError(f"{path} must contain at least one line of the form NAME:PASSWORD.")
     return tuple((name, password) for name, password in pairs)
 
 
@@ -186,16 +186,19 @@ class AppConfig:
         for proxy in self.proxies:
             if not _is_network(proxy):
                 raise RunError(
-                    f"--proxy takes an address as 10.0.0.2 or a network as 10.0.0.0/8; got {proxy}."
+                    "--proxy takes an address such as 10.0.0.2 or a network such as 10.0.0.0/8; "
+                    f"got {proxy}."
                 )
         if not _ROOT_PATH.fullmatch(self.root_path):
             raise RunError(
-                f"--root-path takes a path as /lab or https://lab.example/lab; got "
+                "--root-path takes a path such as /lab or https://lab.example/lab; got "
                 f"{self.root_path!r}."
             )
         for origin in self.frame_ancestors:
             if not _ORIGIN.fullmatch(origin):
-                raise RunError(f"--embed-in takes a site as https://lab.example; got {origin}.")
+                raise RunError(
+                    f"--embed-in takes a site such as https://lab.example; got {origin}."
+                )
         if self.body is not None and not self.body.is_file():
             raise RunError(f"There is no body file at {self.body}.")
 

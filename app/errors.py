@@ -100,9 +100,10 @@ def _file_sentence(error: OSError) -> str:
     if is_disk_full(error):
         return disk_full_sentence(folder)
     if path is not None and _is_unreadable(path):
-        return f"{path} may not be read; change its permissions, or give another file."
-    where = f" at {folder}" if folder else ""
-    return f"No permission to write{where or ' there'}; choose another folder."
+        return (
+            f"There is no permission to read {path}; change its permissions or give another file."
+        )
+    return f"There is no permission to write to {folder or 'the folder'}; choose another one."
 
 
 def _is_unreadable(path: Path) -> bool:

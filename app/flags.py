@@ -63,7 +63,7 @@ def parse_names(flag: str) -> tuple[str, ...]:
     """
     names = tuple(name.strip() for name in flag.split(",") if name.strip())
     if not names:
-        raise RunError("name at least one")
+        raise RunError("give at least one name")
     return () if names == ("all",) else names
 
 
@@ -74,7 +74,7 @@ def choice_type(choices: tuple[Any, ...]) -> PrimitiveConstructorSpec:
         for choice in choices:
             if flag == str(choice):
                 return choice
-        raise RunError(f"{flag!r} is none of {', '.join(map(str, choices))}")
+        raise RunError(f"{flag!r} is not one of {', '.join(map(str, choices))}")
 
     return text_type(read, "|".join(map(str, choices)), show=_shortest)
 
@@ -116,7 +116,7 @@ def parse_count(flag: str) -> int:
         RunError: if it is none.
     """
     if not flag.isdecimal() or int(flag) < 1:
-        raise RunError(f"{flag!r} is not a number from 1 on")
+        raise RunError(f"{flag!r} is not a whole number of at least 1")
     return int(flag)
 
 
@@ -255,7 +255,7 @@ def _sentence(box: str, program: str) -> str:
     said = said.removeprefix("Error parsing ").replace("Unrecognized options: ", "There is no ")
     if "Perhaps you meant:" in lines:
         near = lines[lines.index("Perhaps you meant:") + 1].split()[0]
-        said = f"{said}; perhaps {near} is meant"
+        said = f"{said}; did you mean {near}?"
     for found, better in _NO_NUMBER:
         said = found.sub(better, said)
-    return said if said.endswith((".", ")")) else f"{said}."
+    return said if said.endswith((".", ")", "?")) else f"{said}."

@@ -37,9 +37,9 @@ def main() -> int:
 
     if word in ("", "-h", "--help"):
         sys.stdout.write(
-            f"{PROGRAM} page [...]               opens the page; --help says with what\n"
-            f"{PROGRAM} corpus|train|evaluate    as python -m tools.corpus, python -m model.train, "
-            "python -m model.evaluate\n\n"
+            f"{PROGRAM} page [...]               opens the page; page --help lists its options\n"
+            f"{PROGRAM} corpus|train|evaluate    same as python -m tools.corpus, model.train or "
+            "model.evaluate\n\n"
         )
     return command(sys.argv[1:] or ["--help"])
 

@@ -83,7 +83,7 @@ RUN = "run"
 
 
 def _warn_of_name(former: str, name: str) -> None:
-    message = f"{former} is now {name}; the former name will be removed."
+    message = f"{former} is deprecated and will be removed; use {name}."
     warnings.warn(message, FutureWarning, stacklevel=3)
 
 
@@ -174,8 +174,8 @@ def _write_samples(path: Path, samples: Shaped[np.ndarray, " N *channels"], rate
 
     if samples.ndim not in (1, 2) or not np.issubdtype(samples.dtype, np.number):
         raise RunError(
-            "Speech as an array is numbers of the shape (N,) or (N, channels); it is "
-            f"{samples.dtype} of the shape {samples.shape}."
+            "Speech as an array must contain numbers and have the shape (N,) or (N, channels); got "
+            f"{samples.dtype} of shape {samples.shape}."
         )
     if samples.dtype not in (np.int16, np.int32, np.uint8):
         samples = samples.astype(np.float32)
@@ -455,7 +455,7 @@ def plan(speech: SpeechLike, **options: Any) -> GesturePlan:
 
 def _paths(options: Mapping[str, Any]) -> dict[str, Any]:
     if "recognise_words" in options:
-        raise RunError('recognise_words=True is words="recognise" now.')
+        raise RunError('There is no option recognise_words; use words="recognise".')
     files = ("weights", "transcript", "style", "body")
     return {
         name: Path(value) if name in files and isinstance(value, str) else value

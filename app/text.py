@@ -57,8 +57,8 @@ TRANSCRIPT_LABEL = "Transcript: .TextGrid, subtitles, or English text as .txt (o
 WORDS_LABEL = "Recognise words"
 WORDS_HELP = (
     "Recognises English words in the speech if no transcript is given. Systems with gesture plans "
-    "(workbench/planned) choose and time gestures by them, so it then runs before the generation, "
-    "otherwise after it."
+    "(workbench/planned) choose and time gestures by the words; for them, recognition runs before "
+    "the generation, otherwise after it."
 )
 GENERATE = "Generate motion"
 CANCEL = "Cancel"
@@ -110,7 +110,8 @@ FIGURES = {
     ),
     "steps": FigureText(
         "Quality and time by sampling steps",
-        "Each mark is one number of sampling steps. Where a curve is flat, more steps do not help.",
+        "Each mark is the result for one number of sampling steps. Where a curve is flat, more "
+        "steps do not help.",
         (),
     ),
 }
@@ -199,7 +200,7 @@ TAKE_BEGINS = "Regenerating the motion."
 TAKE_COMING = "Regenerating version {number}. The finished part can already be played."
 TAKE_JERK = "Jerk of the tracked point: {} m/s³."
 TAKE_DONE = "Version {number} is ready."
-EDITOR_BEGINS = "The editor is loading the gestures and the systems (only once)."
+EDITOR_BEGINS = "The editor is loading the gestures and the systems. This happens only once."
 EDITOR_READY = "Select a gesture on the timeline, or add one."
 VIEWER_VIDEO_GONE = (
     "A motion in the viewer has expired. Start the run again, then record the video."
@@ -229,7 +230,7 @@ OF_ONE_CLIP = (
     "clip on its own."
 )
 CLIP = "Clip"
-CLIPS_DONE = "{done} of {count} clips are done. Choose the clip to show below the table."
+CLIPS_DONE = "{done} of {count} clips are done. Below the table, choose the clip to show."
 CLIPS_MEAN = "Mean [95 % confidence interval over clips]"
 NO_SPEECH = "There is no speech yet. Upload or record some, or choose an example."
 TOO_MANY_VIDEOS = (

@@ -33,7 +33,7 @@ def measure_video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
     for title, count, settings, aim in (
         ("video, 512 x 512", 1, RenderSettings(512, 512), 75),
         ("video, 720 x 720", 1, RenderSettings(720, 720), 50),
-        ("five side by side, 320 x 480 each", 5, RenderSettings(320, 480), 35),
+        ("five videos side by side, 320 x 480 each", 5, RenderSettings(320, 480), 35),
     ):
         jobs = {
             f"bench{i}": RenderJob(motion, folder / f"bench{i}.mp4", settings=settings)
@@ -50,7 +50,7 @@ def measure_video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
         frames, cores = motion.num_frames, len(os.sched_getaffinity(0))
         at_least = f"at least {aim}"
         figures.append(Figure(title, frames / wall_s, "frames/s", at_least, cores * frames / cpu_s))
-        figures.append(Figure(f"processor, {title}", 1e3 * cpu_s / frames / count, "ms/frame"))
+        figures.append(Figure(f"CPU time, {title}", 1e3 * cpu_s / frames / count, "ms/frame"))
     return figures
 
 
@@ -99,5 +99,5 @@ def measure_stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     wall, cpu = (1e3 * each / len(few) for each in seconds)
     ours = [each for each in figures if not each.name.startswith(("skinning", "encoding"))]
     own_wall, own_cpu = sum(each.value for each in ours), sum(each.cpu or 0.0 for each in ours)
-    title = "naive loop over normals, shadow and drawing"
+    title = "time ratio of naive loop to our drawing"
     return [*figures, Figure(title, wall / own_wall, "x", "at least 35; CPU 40", cpu / own_cpu)]

@@ -66,7 +66,7 @@ def peak_mb(*arguments: str) -> float:
     child = subprocess.Popen(command, cwd=PROJECT, stdout=nowhere, stderr=nowhere)
     _, status, usage = os.wait4(child.pid, 0)
     if status:
-        raise RuntimeError(f"It failed: {' '.join(command)}")
+        raise RuntimeError(f"The command failed: {' '.join(command)}")
     return usage.ru_maxrss / 1024  # kilobytes on Linux
 
 
@@ -159,7 +159,7 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
     first = moving_at[0] - started
     whole = f"{len(explained)} systems end to end, 10 s clip, as on the page"
     return [
-        Figure("first window for the stage, 10 s clip", first, "s", "at most 2 s"),
+        Figure("first window in the viewer, 10 s clip", first, "s", "at most 2 s"),
         Figure("first whole motion, 10 s clip", whole_at[0] - started, "s"),
         Figure(whole, seconds, "s", "at most 30 s"),
     ]
@@ -189,7 +189,7 @@ def time_figures(clip: Path, folder: Path) -> list[Figure]:
         how = {"has_video": False, "figure_forms": forms}
         generate(request_from(GenerateRequest, given | how), RunCallbacks(watch))
         seconds = cpu_at[of_figures[-1]] - cpu_at[of_figures[0] - 1]  # from what came before them
-        name = f"processor, figures of {len(systems)} systems, {title}"
+        name = f"CPU time, figures of {len(systems)} systems, {title}"
         figures.append(Figure(name, seconds, "s", f"at most {aim} s"))
     return figures
 
@@ -224,7 +224,7 @@ def time_measures(motion: Motion) -> Figure:
     started = time.perf_counter()
     diagnose({"motion": minute}, open_body_skeleton())
     seconds = time.perf_counter() - started
-    return Figure("all measures, 1-minute clip, one system", seconds, "s", "at most 1 s")
+    return Figure("all metrics, 1-minute clip, one system", seconds, "s", "at most 1 s")
 
 
 def measure_memory(folder: Path) -> list[Figure]:
@@ -246,8 +246,13 @@ def measure_memory(folder: Path) -> list[Figure]:
     return [
         Figure("peak memory, 1-minute clip", short_mb, "MB"),
         Figure("peak memory, 10-minute clip", long_mb, "MB"),
-        Figure("10-minute clip above the imports", long_mb - imports_mb, "MB", "at most 600 MB"),
-        Figure("10-minute over 1-minute clip", long_mb / short_mb, "x", "at most 1.3"),
+        Figure(
+            "peak memory, 10-minute clip minus imports",
+            long_mb - imports_mb,
+            "MB",
+            "at most 600 MB",
+        ),
+        Figure("peak memory ratio, 10-minute to 1-minute", long_mb / short_mb, "x", "at most 1.3"),
     ]
 
 

@@ -252,7 +252,7 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
     if is_motion(source):
         refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "The plan of a motion is detected")
         if request.is_empty:
-            raise RunError("The plan of a motion is detected; leave --empty out.")
+            raise RunError("The plan of a motion is detected; remove --empty.")
         _finish(
             [request.out], write_plan_from_motion(source, request.out, request.import_overrides)
         )

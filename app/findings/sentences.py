@@ -107,7 +107,7 @@ def _attribution(diagnostics: Diagnostics) -> str:
     if not told:
         effect = f"reduces the jerk of the {point} by less than {least}"
         return f"Filtering a single joint {effect} in {join_names(without)}."
-    few = f"; in {join_names(without)} no joint does by {least} or more" if without else ""
+    few = f"; in {join_names(without)}, no joint reduces it by {least} or more" if without else ""
     return (
         f"Joint that, if filtered, reduces the jerk of the {point} most: {join_names(told)}{few}."
     )
@@ -119,11 +119,11 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     if not values.keys() - {REFERENCE_NAME} or diagnostics.windows is None:
         return ""
     found = _with_finding(diagnostics, "seams")
-    beyond = f"in {join_names(found)}" if found else "in none"
+    motions = f"in {join_names(found)}" if found else "in no motion"
     return (
-        f"Peak jerk at window seams, every {diagnostics.windows.advance} frames, as a multiple of "
-        f"that elsewhere: {format_means(values)}. Jerk that recurs significantly with the windows: "
-        f"{beyond}."
+        f"Peak jerk at window seams (every {diagnostics.windows.advance} frames) divided by the "
+        f"peak jerk elsewhere: {format_means(values)}. Jerk that repeats significantly at every "
+        f"seam: {motions}."
     )
 
 
@@ -139,13 +139,13 @@ def _with_finding(diagnostics: Diagnostics, kind: str) -> list[str]:
 def _periods(diagnostics: Diagnostics) -> str:
     """Describe detected jerk periods, for motions with unknown windows."""
     found = _with_finding(diagnostics, "period")
-    told = [
+    periods = [
         f"in {name} every {period.frames} frames, most in the {period.part}"
         for name in found
         if (period := diagnostics.systems[name].raw.seams.period) is not None
     ]
-    if told:
-        return f"The jerk is periodic, as it is at window seams: {'; '.join(told)}."
+    if periods:
+        return f"The jerk is periodic, which is a sign of window seams: {'; '.join(periods)}."
     if any("detail" in lacks for lacks in diagnostics.missing_parts.values()):
         return ""
     return "The jerk has no period between 2 and 240 frames, so there is no sign of window seams."
@@ -164,7 +164,7 @@ def _beats(diagnostics: Diagnostics) -> str:
         for name, (score, chance, highest) in beats.items()
         if round(score, 2) > round(highest, 2)
     ]
-    rest = "; not of the others" if len(told) < len(beats) else ""
+    rest = "; the others are not above chance" if len(told) < len(beats) else ""
     return f"BeatAlign above chance: {', '.join(told)}{rest}." if told else ""
 
 
@@ -172,15 +172,14 @@ def _lag_sentence(diagnostics: Diagnostics) -> str:
     """Describe the lag of each motion behind the speech."""
     found = {name: versions.raw.lag for name, versions in diagnostics.all_motions.items()}
     told = [
-        f"{name} {lag.lag_s:z.2f} s ({lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, by its"
-        f" {lag.lag_source})"
+        f"{name} {lag.lag_s:z.2f} s (95 % interval {lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, "
+        f"measured from the {lag.lag_source})"
         for name, lag in found.items()
         if lag is not None and lag.is_detected
     ]
     if unknown := [name for name, lag in found.items() if lag is not None and not lag.is_detected]:
         told.append(
             f"{join_names(unknown)} unknown, because neither face nor body follows the speech "
-            "closely "
-            "enough"
+            "closely enough"
         )
     return f"Lag behind the speech: {'; '.join(told)}." if told else ""

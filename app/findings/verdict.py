@@ -95,11 +95,7 @@ def make_verdict(
         order = sorted(names, key=lambda name: mean(jerk[name]))
         ratio = ratio_of(jerk[order[0]], jerk[order[-1]])
         least, most = names[order[0]], names[order[-1]]
-        sentences = [
-            f"From {most}, which has the most jerk, to {least} {_change(ratio)}."
-            if _is_calmer(ratio)
-            else f"The largest difference in jerk, from {most} to {least}: {_change(ratio)}."
-        ]
+        sentences = [f"Jerk of {least} (lowest) compared with {most} (highest): {_change(ratio)}."]
     worth = _evidence_note(count, len(clips), is_generated)
     return Verdict(numbers, " ".join([*sentences, *others, worth]))
 
@@ -129,7 +125,7 @@ def _without_jerk(clips: Sequence[Mapping[str, Numbers]], jerk: Mapping[str, Sam
         for name in dict.fromkeys(name for clip in clips for name in clip)
         if name not in known and SampleName.parse(name).system not in known
     ]
-    return [f"No jerk to compare: {join_names(left_out)}."] if left_out else []
+    return [f"The jerk cannot be compared for {join_names(left_out)}."] if left_out else []
 
 
 def _ablation_sentences(
@@ -146,13 +142,13 @@ def _ablation_sentences(
         as_claimed, has = (
             ("as the paper claims", "has")
             if _is_calmer(ratio)
-            else ("unlike the paper's claim", "does not have clearly")
+            else ("unlike the paper's claim", "does not clearly have")
         )
-        which = "" if base == claim.plain else f", which has {claim.less_jerk_group} too,"
+        which = "" if base == claim.plain else f", which also has {claim.less_jerk_group},"
         sentences.append(
             f"{here}, {as_claimed}, the system with {claim.less_jerk_group} {has} less jerk than "
-            f"the one with {claim.more_jerk_group}: from {names[claim.more]} to {names[base]}"
-            f"{which} {_change(ratio)}."
+            f"the one with {claim.more_jerk_group}. Jerk of {names[base]}{which} compared with "
+            f"{names[claim.more]}: {_change(ratio)}."
         )
         if worse := _worse(table, base, claim.more):
             sentences.append(
@@ -162,13 +158,13 @@ def _ablation_sentences(
     added = {name: ratio_of(jerk[name], jerk[base]) for name in rungs if name != base}
     if not added:
         return sentences
-    told = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
+    changes = ", ".join(f"{names[name]} {_change(ratio)}" for name, ratio in added.items())
     calmer = [names[name] for name, ratio in added.items() if _is_calmer(ratio)]
     which = (
         f"{join_names(calmer)} {'has' if len(calmer) == 1 else 'have'}" if calmer else "none has"
     )
-    start = f"Compared with {names[base]}, with {claim.added} added one by one"
-    return [*sentences, f"{start}: {told}; {which} less jerk here."]
+    start = f"Jerk compared with {names[base]} when {claim.added} are added one by one"
+    return [*sentences, f"{start}: {changes}. Of these, {which} clearly less jerk."]
 
 
 def _worse(table: Table, system: str, other: str) -> list[str]:
@@ -248,7 +244,7 @@ def _evidence_note(count: int, clips: int, is_generated: bool) -> str:
     samples = "one sample" if count == 1 else f"{count} samples"
     seen = f"{count} clips" if clips > 1 else f"One clip, {samples}"
     if clips > 1 and count >= MIN_CLIPS_FOR_CLAIM:
-        return f"{seen}, one training run per system: other runs may give other numbers."
+        return f"{seen}, one training run per system: other training runs may give other numbers."
     return (
         f"{seen}, one training run per system: an example, not evidence. A claim needs "
         f"{MIN_CLIPS_FOR_CLAIM} clips or more, several samples of each, and several training seeds "

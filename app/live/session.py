@@ -169,7 +169,7 @@ NORMAL_BACKLOG_S = 2.0
 EARLIER = "Only the last {kept:.0f} s are stored; the {first:.1f} s before them were discarded."
 BEHIND = (
     "{kept:.1f} s were saved. The last {behind:.1f} s of speech had no motion yet when you saved "
-    "or the session ended, because this machine was behind."
+    "or the session ended, because this machine was too slow."
 )
 TOO_SLOW = (
     "This machine is too slow for {visitors}: the motion is {behind:.0f} s late. Try again later, "
@@ -247,7 +247,8 @@ class LiveSession:
         """
         if not self.plans:
             raise RunError(
-                f"{self.name} does not use gesture plans, so its sliders have no effect."
+                f"{self.name} does not use gesture plans, so the style sliders have no effect on "
+                "it."
             )
         self._manner = parse_live_style(message)
 

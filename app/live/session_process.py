@@ -38,7 +38,7 @@ FULL_EACH = (
     "{limit} live sessions are already running from your network address, which is the limit. Try "
     "again when one has ended."
 )
-TAKEN_OVER = "The live session goes on in another tab of this browser."
+TAKEN_OVER = "The live session continues in another tab of this browser."
 
 
 def live_options(message: Any) -> SamplingOptions:

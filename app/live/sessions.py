@@ -17,8 +17,8 @@ from conventions.rates import SAMPLE_RATE
 from processes.child import Child, ChildExited
 
 NOT_THERE = "There is no live recording to save, or it has expired. Start a live session."
-SESSIONS_ENDED = "The process of live speech"
-MEMORY_ADVICE, RETRY_ADVICE = "choose a system that takes fewer steps", "start again"
+SESSIONS_ENDED = "The live generation process"
+MEMORY_ADVICE, RETRY_ADVICE = "choose a system with fewer sampling steps", "start again"
 MessageCallback = Callable[[object], None]
 
 
@@ -33,10 +33,10 @@ def decode_audio(content: bytes) -> np.ndarray:
         RunError: if the bytes are not such samples, or more than a second of sound.
     """
     if not content or len(content) % 2:
-        raise RunError("The sound that came is damaged; start again.")
+        raise RunError("The received audio is damaged. Start again.")
     if len(content) > MAX_SOUND_BYTES:
         raise RunError(
-            f"A block of sound has {len(content)} bytes; at most {MAX_SOUND_BYTES} are taken."
+            f"A block of audio has {len(content)} bytes; the limit is {MAX_SOUND_BYTES}."
         )
     return np.frombuffer(content, "<i2").astype(np.float32) / 32_768
 
@@ -55,12 +55,12 @@ SILENCE_LEVEL = 0.001
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
 TOO_FAST = "Audio arrived faster than real time. Start again."
 TOO_LITTLE = (
-    "Only {came:.1f} s of audio arrived in the last {seconds:.0f} s, but live generation needs "
-    "all of it. Check your connection, then start again."
+    "Only {came:.1f} s of audio arrived in the last {seconds:.0f} s; live generation needs audio "
+    "without gaps. Check your connection, then start again."
 )
 TOO_QUIET = (
-    "No sound for {minutes:g} minutes. The session was closed because others may be waiting. "
-    "Check your microphone, then start again."
+    "There was no sound for {minutes:g} minutes. The session was closed because others may be "
+    "waiting. Check your microphone, then start again."
 )
 
 

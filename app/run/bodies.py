@@ -86,12 +86,14 @@ def picture_motions(motions: Mapping[str, Motion]) -> tuple[dict[str, Motion], t
     """Align the motions and cut them to a renderable length; return them with notes on the cuts."""
     longest = max(MAX_FRAMES // max(len(motions), 1), 1)
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]
-    told = f"The viewer and the videos show the first {longest / FPS:.0f} s of {', '.join(cut)}."
+    note = (
+        f"The viewer and the videos show only the first {longest / FPS:.0f} s of {', '.join(cut)}."
+    )
     placed = {
         name: align_to_origin(first_frames(motion, min(motion.num_frames, longest)))
         for name, motion in motions.items()
     }
-    return placed, (told,) if cut else ()
+    return placed, (note,) if cut else ()
 
 
 _PIECE_FRAMES = 4096
@@ -117,7 +119,7 @@ class TrackedPoint:
     def __post_init__(self) -> None:
         if self.point not in (*JOINT_INDEX, *TIP_VERTICES):
             raise RunError(
-                f"There is no point {self.point!r} to follow; choose a fingertip "
+                f"There is no point {self.point!r} to track; choose a fingertip "
                 f"({', '.join(TIP_VERTICES)}) or a joint of SMPL-X, such as right_wrist "
                 f"or {DEFAULT_TRACKED_POINT}3."
             )

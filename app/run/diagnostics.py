@@ -158,12 +158,16 @@ def check_figure(
     last = num_frames - 1
     frames, panels = figures.figure_frames, figures.figure_panels
     if is_drawn and figures.figure_width == "85mm" and not fits_column(num_motions, panels):
-        told = f"Figure 6 of {num_motions} motions with the panels {','.join(panels)} is taller"
-        raise RunError(f"{told} than a page at 85mm; ask for 174mm, or for fewer panels.")
+        raise RunError(
+            f"Figure 6 of {num_motions} motions with the panels {','.join(panels)} is taller than "
+            "a page if it is 85mm wide; choose 174mm or fewer panels."
+        )
     if not 0 <= figures.start_frame <= last:
-        raise RunError(f"Figure 6 must start at frame 0 to {last}; got {figures.start_frame}.")
+        raise RunError(
+            f"The start frame of Figure 6 must be 0 to {last}; got {figures.start_frame}."
+        )
     if frames and frames[-1] > last:
-        raise RunError(f"Snapshots of Figure 6 are of frames 0 to {last}; got {frames[-1]}.")
+        raise RunError(f"Snapshot frames of Figure 6 must be 0 to {last}; got {frames[-1]}.")
 
 
 def figure6_of(

@@ -61,9 +61,9 @@ class Display:
 
 
 LIMITS: Mapping[str, tuple[float, float, str]] = {
-    "exaggeration": (1.0, 20.0, "Jitter can be exaggerated by a factor of {}"),
-    "cutoff_hz": (3.0, 8.0, "The jitter cutoff frequency can be {} Hz"),
-    "trail_frames": (5, 90, "A trail can be {} frames long"),
+    "exaggeration": (1.0, 20.0, "The exaggeration factor must be {}"),
+    "cutoff_hz": (3.0, 8.0, "The jitter cutoff frequency must be {} Hz"),
+    "trail_frames": (5, 90, "The trail must be {} frames long"),
     "jerk_m_s3": (50.0, 2000.0, "The maximum of the jerk colour scale must be {} m/s³"),
 }
 """Minimum, maximum and error message of the fields of `Display`; the limits replace its braces. The
@@ -214,8 +214,8 @@ class ViewerState(BrowserMessage):
             raise RunError("There is no body in the viewer yet. Wait until one is shown.")
         if not 1 <= len(self.visible) <= MAX_SHOWN:
             raise RunError(
-                f"A video shows 1 to {MAX_SHOWN} bodies; the stage shows {len(self.visible)}: "
-                "enlarge one, or compare two."
+                f"A video can show 1 to {MAX_SHOWN} bodies; the viewer shows {len(self.visible)}. "
+                "Enlarge one body, or compare two."
             )
         is_pair = self.mode != "grid"
         fits = len(self.panels) == 1 + is_pair and not (is_pair and len(self.visible) != 2)

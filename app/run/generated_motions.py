@@ -244,7 +244,7 @@ def _load_systems(request: GenerateRequest) -> tuple[System, ...]:
     if not names:
         raise RunError(
             f"No trained systems were found in {sampling.weights}; "
-            "name a folder of weights with --weights DIR."
+            "give a folder of trained systems with --weights DIR."
         )
     by_name = sampling.steps if isinstance(sampling.steps, Mapping) else {}
     unused = [name for name in by_name if name not in names]
@@ -283,7 +283,8 @@ def _plan_for(path: Path, speech: Speech) -> PlanResult:
         return read
     note = (
         f"The plan {printable(path.name)} lasts {read.plan.duration_s:.1f} s and the speech "
-        f"{speech.duration_s:.1f} s: it may belong to another clip. What lies beyond is left out."
+        f"{speech.duration_s:.1f} s: it may belong to another clip. Its part after the end "
+        "of the speech is ignored."
     )
     return PlanResult(read.plan.until(speech.duration_s), (*read.notes, note))
 
@@ -319,11 +320,11 @@ def _options(
         performs = _performs(system)
         own = generation_options(sampling, system, conditions=plans if performs else ())
         if sampler not in (None, own.sampler):
-            run.add_notes(f"{system.name} has no sampler {sampler}; it took {own.sampler}.")
+            run.add_notes(f"{system.name} has no sampler {sampler}; it used {own.sampler}.")
         if guidance not in (None, own.guidance):
-            run.add_notes(f"{system.name} takes no guidance.")
+            run.add_notes(f"{system.name} does not support guidance.")
         if (plans or style) and not performs:
-            run.add_notes(f"{system.name} performs no plans.")
+            run.add_notes(f"{system.name} does not use gesture plans.")
         options[system.name] = own
     return options
 
@@ -344,7 +345,7 @@ def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) ->
             + (
                 f"the reference was cut to {speech.num_frames}."
                 if is_longer
-                else "after its end, the comparison video repeats its last frame."
+                else "after the reference ends, the comparison video repeats its last frame."
             )
         )
     return {REFERENCE_NAME: first_frames(motion, speech.num_frames)}
@@ -396,7 +397,7 @@ def make_plan(request: PlanRequest) -> PlanResult:
     request.check()
     check_ending(request.out)
     if request.is_empty and request.style is not None:
-        raise RunError("An empty plan has no style; leave one of the two out.")
+        raise RunError("An empty plan cannot have a style; remove one of the two options.")
     sound = request.speech.path
     speech = load_speech(sound, SpeechLimits(max_s=MAX_SPEECH_S, channel=request.speech.channel))
     if request.is_empty:

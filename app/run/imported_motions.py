@@ -96,8 +96,8 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         row.file_suffix = safe_suffix(files[row.name])
     if len(shown) < len(motions) and not request.motions.visible:
         run.add_notes(
-            f"The figures show the first {MAX_COMPARED} motions; say which they are to show"
-            " (--show)."
+            f"The figures show only the first {MAX_COMPARED} motions; others can be chosen "
+            "(--show)."
         )
     return RunMotions(
         motions=motions,
@@ -163,7 +163,9 @@ def _visible_motions(request: DiagnoseRequest, motions: Mapping[str, Motion]) ->
     if unknown:
         raise RunError(f"Unknown motion {unknown[0]}; choose from {', '.join(others)}.")
     if len(names) > limit:
-        raise RunError(f"Figures show at most {limit} motions of these; {len(names)} were named.")
+        raise RunError(
+            f"Figures can show at most {limit} of these motions; {len(names)} were chosen."
+        )
     chosen = [*(names or others[:limit]), *(name for name in motions if name == REFERENCE_NAME)]
     return {name: motions[name] for name in chosen}
 
@@ -186,7 +188,7 @@ def _files_of(request: DiagnoseRequest) -> dict[str, Path]:
     names = motion_labels(request.motions)
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise RunError(f"Two of the files would be called {twice!r}; rename one of them.")
+        raise RunError(f"Two of the files have the name {twice!r}; rename one of them.")
     if REFERENCE_NAME in names:
         raise RunError(f"A motion may not be called {REFERENCE_NAME!r}; rename the file.")
     files = dict(zip(names, request.motions.motions, strict=True))
@@ -217,8 +219,8 @@ def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
     count, limit = sum(motion.num_frames for motion in motions), request.motions.max_frames
     if limit is not None and count > limit:
         raise RunError(
-            f"The files have over {limit} frames together "
-            f"({limit / 1800:.0f} minutes), the most that is measured at once here."
+            f"The files together have more than {limit} frames ({limit / 1800:.0f} minutes), which "
+            "is the limit here; remove some."
         )
 
 
@@ -253,7 +255,7 @@ def _in_step(findings: Iterable[Finding]) -> Iterator[Assumption]:
         numbers = finding.numbers
         if finding.kind == "time_shift" and numbers.get("lag_drift_s") == 0.0:
             late = f"{numbers['lag_s']:.2f}"
-            yield Assumption("lag", "0", f"it seems {late} s late", "unsure", (late,))
+            yield Assumption("lag", "0", f"the motion seems {late} s late", "unsure", (late,))
 
 
 def _windows(request: DiagnoseRequest, motions: Iterable[str]) -> dict[str, Windowing]:

@@ -72,7 +72,7 @@ _POSES = 0.6
 """Share of the figures' progress bar for rendering the poses."""
 Request = TypeVar("Request", bound=RunRequest)
 MEASURED = "Measured {motions}."
-OPENED = "Opened from its file; its {motions} were measured again."
+OPENED = "The run was opened from its file, and its {motions} were measured again."
 
 
 def generate(request: GenerateRequest, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:

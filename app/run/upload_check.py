@@ -21,10 +21,10 @@ from model.storage.files import opened_zip
 
 ARCHIVE_SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar")
 """Suffixes of archives."""
-TOO_MANY_CLIPS = "At most {limit} clips go into one run; {count} were given."
+TOO_MANY_CLIPS = "A run can have at most {limit} clips; {count} were given."
 TOO_LONG = (
-    "The clips of one run may last {limit:g} minutes together; these last {count:.1f}. Leave some "
-    "out, or use the command line."
+    "These clips last {count:.1f} minutes in total; the limit of a run is {limit:g} minutes. "
+    "Remove some, or use the command line."
 )
 NO_ZIP = "{name} is not a readable zip; pack it again."
 

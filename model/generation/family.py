@@ -63,7 +63,7 @@ class Claim:
 
     less_jerk_group: str
     """Property of the systems in ``less``, as in "the system with *global rotations* has less jerk
-    than the one with *local ones*"."""
+    than the one with *local rotations*"."""
     more_jerk_group: str
     """Property of the systems in ``more``, in the same sentence."""
     more: str

@@ -43,7 +43,7 @@ def test_what_is_no_sound_is_refused():
 def test_fields_that_no_run_has_are_refused():
     sound = (np.zeros(16_000, np.float32), 16_000)
     for asked, words in (
-        ({"sped": 1}, "no 'sped' to ask for; there are body,"),
+        ({"sped": 1}, "no option 'sped'; choose from body,"),
         ({"recognise_words": 1}, "is words="),
     ):
         with pytest.raises(RunError, match=words):
@@ -146,7 +146,9 @@ def test_it_runs_from_top_to_bottom(monkeypatch):
 
 
 def test_former_names_are_accepted_with_a_sentence():
-    with pytest.warns(FutureWarning, match="find_plan is now detect_plan; the former name will be"):
+    with pytest.warns(
+        FutureWarning, match="find_plan is deprecated and will be removed; use detect_plan"
+    ):
         assert notebook.find_plan is notebook.detect_plan
     with pytest.raises(AttributeError):
         notebook.nothing  # noqa: B018

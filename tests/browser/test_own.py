@@ -239,7 +239,7 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     assert kept.name.endswith(".zip")
     other.get_by_role("tab", name=text.MOTION_TAB, exact=True).click()
     other.evaluate(DROPPED, base64.b64encode(kept.read_bytes()).decode("ascii"))
-    expect(other.locator("#own-status")).to_contain_text("Opened from its file")
+    expect(other.locator("#own-status")).to_contain_text("was opened from its file")
     other.wait_for_function(OWN_STAGED, arg=1)
     expect(other.locator("#own-runs .link a")).to_be_visible()
     other.close()

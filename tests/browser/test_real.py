@@ -203,7 +203,9 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     add(page, 0, kind="beat")  # where there is no time something else is offered
     said(page, "there is no time")
     offered = editor(page).locator(".said-of-edits + .row button")
-    expect(offered).to_have_text([re.compile(r"Nearest free time, \d\.\d s"), "In place of you"])
+    expect(offered).to_have_text(
+        [re.compile(r"Nearest free time, \d\.\d s"), "Replace the 'you' gesture"]
+    )
     offered.last.click()
     done()
     assert right_hand(page, tmp_path) == [2.1, 4.15, 6.5]

@@ -122,7 +122,7 @@ def unpack_archive(
     count = _Archive(archive, endings, limits or UnpackLimits(), is_named).unpack(folder)
     if not count and is_named is None:
         raise RunError(
-            f"{printable(archive.name)} contains no supported files: {', '.join(endings)}."
+            f"{printable(archive.name)} contains no supported files ({', '.join(endings)})."
         )
     return count
 
@@ -170,7 +170,7 @@ class _Archive:
             raise
         except FileExistsError as error:
             raise RunError(
-                f"{name} contains two files with the same name and was not extracted."
+                f"{name} contains two files with the same name and was not extracted; rename one."
             ) from error
         except OSError as error:
             if is_disk_full(error):
@@ -191,13 +191,14 @@ class _Archive:
         depth = self._depth + 1
         if depth > _MAX_NESTED:
             raise RunError(
-                f"{self._name} holds {path.name!r}, an archive nested {depth} levels deep; at most "
-                f"{_MAX_NESTED} levels are unpacked. Pack the files without inner archives."
+                f"{self._name} contains {path.name!r}, an archive nested {depth} levels deep; at "
+                f"most {_MAX_NESTED} levels are unpacked. Pack the files without inner archives."
             )
         into = path.with_name(stem_of(path) or "set")
         if into.is_file():
             raise RunError(
-                f"{self._name} contains two files with the same name and was not extracted."
+                f"{self._name} contains two files with the same name and was not extracted; "
+                "rename one."
             )
         into.mkdir(exist_ok=True)
         count = _Archive(path, self._endings, self._limits, None, depth).unpack(into)
@@ -224,7 +225,7 @@ class _Archive:
                 ]
         except LongDirectoryError:
             raise RunError(
-                f"{self._name} holds more files than the {most} that are read; split it."
+                f"{self._name} contains more than {most} files, which is the limit; split it."
             ) from None
 
     @contextmanager
@@ -248,7 +249,8 @@ class _Archive:
         name, left = self._name, self._limits
         if len(entries) > left.files:
             raise RunError(
-                f"{name} holds {len(entries)} files; at most {left.files} are read. Split it."
+                f"{name} contains {len(entries)} files; the limit is {left.files}. Split the "
+                "archive."
             )
         wanted: dict[PurePosixPath, _Entry] = {}
         for entry in entries:
@@ -259,7 +261,9 @@ class _Archive:
             if entry.is_folder or not is_wanted or is_hidden(path):
                 continue
             if path in wanted:
-                raise RunError(f"{name} holds {str(path)!r} twice; it is not unpacked.")
+                raise RunError(
+                    f"{name} contains {str(path)!r} twice and was not extracted; remove one."
+                )
             if entry.size > left.file_bytes and not is_archive:
                 raise RunError(
                     f"{name} contains {str(path)!r} of {_mib(entry.size)}; the limit for a file is "
@@ -280,8 +284,8 @@ class _Archive:
         shown = printable(path[:80])
         if not is_usual:
             raise RunError(
-                f"{self._name} holds {shown!r}, which is a link or device; it is not unpacked. "
-                "Pack the files themselves."
+                f"{self._name} contains {shown!r}, which is a link or device, and was not "
+                "extracted. Pack the files themselves."
             )
         parts = path.removesuffix("/").split("/")
         is_plain = (
@@ -291,7 +295,7 @@ class _Archive:
         )
         if not is_plain and path != ".":
             raise RunError(
-                f"{self._name} holds {shown!r}, an unsafe path. The archive was not extracted; "
+                f"{self._name} contains {shown!r}, an unsafe path. The archive was not extracted; "
                 "rename the file and pack it again."
             )
         return PurePosixPath(*parts)
@@ -320,7 +324,7 @@ class _Capped:
     def _check(self, place: int) -> None:
         if place > self._most + tarfile.RECORDSIZE:
             raise RunError(
-                f"{self._name} would extract to over {_mib(self._most)}, the most that is read."
+                f"{self._name} would extract to over {_mib(self._most)}, which is the limit."
             )
 
 

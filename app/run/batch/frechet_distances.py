@@ -32,8 +32,8 @@ from model.systems.helpers import emage, genea
 from model.systems.helpers.config import FGD_ENCODER
 
 LEFT_OUT = (
-    "FGD by {whose} is left out: all clips together have {codes} codes, one for every {frames} "
-    "frames; at least {least} are needed."
+    "FGD with {encoder} was not computed: the clips together have {codes} feature vectors, one for "
+    "every {frames} frames, and at least {least} are needed."
 )
 _CLIPS_AT_ONCE = 50
 
@@ -88,7 +88,9 @@ def _load_encoders(metrics: MetricOptions, versions: FileVersions) -> tuple[Feat
         encoder = genea.load_genea_encoder(path)
         key, length = FGD_GENEA[encoder.length], encoder.length
         if any(judge.metric == key for judge in judges):
-            raise CheckpointError(f"{path.name} is a second encoder of {length} frames; give one.")
+            raise CheckpointError(
+                f"{path.name} is the second encoder for {length} frames; give only one of them."
+            )
         codes, sha256 = partial(genea.genea_codes, encoder), file_sha256(path)
         judges.append(FeatureEncoder(key, f"fgd/genea-{length}", codes, length // 2, sha256))
     return tuple(judges)
@@ -113,7 +115,7 @@ def check_weights(metrics: MetricOptions, reference: Path | None) -> None:
         return
     if reference is None:
         raise RunError(
-            "An encoder of FGD tells how far a set is from the recorded one; give it, too "
+            "FGD compares a set with recorded motion; also give the recorded set "
             "(--reference FOLDER)."
         )
     feature_encoders(metrics)
@@ -191,8 +193,8 @@ def distance_rows(
         shapes = [codes.shape for codes in _codes_of(number, records, REFERENCE_NAME)]
         count, least = sum(length for length, _ in shapes), least_codes(shapes[0][1])
         if count < least:
-            told = {"codes": count, "frames": judge.frames_a_code, "least": least}
-            notes.append(LEFT_OUT.format(whose=TITLES[judge.metric].rsplit(", ", 1)[1], **told))
+            counts = {"codes": count, "frames": judge.frames_a_code, "least": least}
+            notes.append(LEFT_OUT.format(encoder=TITLES[judge.metric].rsplit(", ", 1)[1], **counts))
             continue
         known = [record for record, (length, _) in zip(records, shapes, strict=True) if length]
         rows += _rows(judge, systems, len(known), partial(_codes_of, number, known))

@@ -136,17 +136,17 @@ def _entries(results: dict[str, Any], folder: Path, note: str, names: set[str]) 
     where = results["provenance"]
     if not where["reference"]:
         raise RunError(
-            f"{folder.name} was measured without a recorded set, and so cannot be held against "
+            f"{folder.name} was measured without a recorded set, so it cannot be compared with "
             "others; measure it again with --reference."
         )
     wanted = names or set(where["systems"]) - {REFERENCE_NAME}
     unknown = sorted(wanted - set(where["systems"]))
     if unknown:
         raise RunError(
-            f"{folder.name} has no {unknown[0]!r}; it has {', '.join(where['systems'])}."
+            f"{folder.name} has no system {unknown[0]!r}; it has {', '.join(where['systems'])}."
         )
     if len(note) > MAX_NOTE:
-        raise RunError(f"A note has at most {MAX_NOTE} letters; this one has {len(note)}.")
+        raise RunError(f"A note may have {MAX_NOTE} characters; this one has {len(note)}.")
     taken = wanted | {REFERENCE_NAME}
     entries = [_entry(results, where, name, note) for name in where["systems"] if name in taken]
     return Leaderboard.model_validate_json(

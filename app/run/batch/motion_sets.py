@@ -157,21 +157,21 @@ def _diagnose_sets(
     if not clips:
         raise no_common_clips(files)
     notes = [
-        f"{name}: {len(found) - len(clips)} of {len(found)} clips have no clip of the same name in "
-        f"the other sets: {shorten_list(set(found) - set(clips))}."
+        f"{name}: {len(found) - len(clips)} of {len(found)} clips are missing in another set and "
+        f"were not measured: {shorten_list(set(found) - set(clips))}."
         for name, found in files.items()
         if len(found) > len(clips)
     ]
     notes += [
-        f"{name} has {told} samples of each clip, which are averaged first."
+        f"{name} has {count} samples of each clip; their metrics are averaged first."
         for name, found in files.items()
-        if (told := _counts(len(found[clip]) for clip in clips)) != "1"
+        if (count := _counts(len(found[clip]) for clip in clips)) != "1"
     ]
     paths = [path for found in files.values() for each in found.values() for path in each.values()]
     notes += filter(None, [request.imports.import_overrides.unknown(paths, *files)])
     silent = [clip for clip in clips if clip not in sounds]
     if request.speech.path is not None and silent:
-        notes.append(f"{len(silent)} of {len(clips)} clips have no sound of their name.")
+        notes.append(f"{len(silent)} of {len(clips)} clips have no audio file of the same name.")
     return _diagnose_clips(request, files, sounds, clips, notes, on_progress, pool)
 
 
@@ -201,7 +201,7 @@ def _diagnose_clips(
     jobs = [Job(clip, each.is_measured, each.measure) for clip, each in measured.items()]
     known, left_out = run_jobs(jobs, pool, lambda clip, share: on_progress(share))
     if known:
-        notes.append(f"{known} clips had already been measured and were reused.")
+        notes.append(f"{known} clips had already been measured; their results were reused.")
     if len(left_out) == len(jobs):
         raise RunError(next(iter(left_out.values())))
     left_out = dict(sorted(left_out.items()))
@@ -302,17 +302,21 @@ def _named_folders(request: DiagnoseRequest) -> dict[str, Path]:
         folders[REFERENCE_NAME] = request.imports.reference
     wrong = next((folder for folder in folders.values() if not folder.is_dir()), None)
     if wrong is not None:
-        raise RunError(f"{wrong} is not a folder or zip; give sets only, or files only.")
+        raise RunError(
+            f"{wrong} is not a folder or zip; give only folders and zips, or only motion files."
+        )
     return folders
 
 
 def _speech_folder(request: DiagnoseRequest) -> Path | None:
     if request.metrics.mean_speeds is not None and request.speech.path is None:
-        raise RunError("Mean speeds are of use with sound only; give both (--speech FOLDER).")
+        raise RunError(
+            "Mean joint speeds are only used together with speech; also give it (--speech FOLDER)."
+        )
     if request.speech.path is not None and not request.speech.path.is_dir():
         raise RunError(
-            f"{request.speech.path} is not a folder or zip; sets of motion go with a set of sound, "
-            "whose files have the clips' names."
+            f"{request.speech.path} is not a folder or zip; for folders of motions, give a folder "
+            "of audio files with the names of the clips."
         )
     return request.speech.path
 
@@ -551,7 +555,7 @@ def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
             rows = [row for row in METRICS if part in row.parts]
             rows += [row for row in METRICS if part in row.compared_with and part in apart[name]]
             titles = ", ".join(row.title for row in rows)
-            out = f": {titles} say nothing of it and are left out" if rows else ""
+            out = f"; these metrics are left out: {titles}" if rows else ""
             some = "" if count == len(of_set) else f" in {count} of {len(of_set)} files"
             if count:
                 yield f"{name} {what}{some}{out}."
@@ -564,5 +568,5 @@ def _reading_differences(counts: Mapping[str, Counter[tuple[str, str]]]) -> Iter
             for name, many in counts.items()
         }
         if len(set(values.values())) > 1:
-            said = "; ".join(f"{name} {told or 'the default'}" for name, told in values.items())
-            yield f"The sets differ in {kind}: {said}."
+            each = "; ".join(f"{name} {value or 'the default'}" for name, value in values.items())
+            yield f"The sets were read with different assumptions about {kind}: {each}."

@@ -73,7 +73,7 @@ def pair_files(
             folder = folders[name][0]
             one, other = (path.relative_to(folder) for path in twice)
             raise RunError(
-                f"Two files of {name} would both be called {_read(twice[0], one).parts[-1]!r}: "
+                f"Two files of {name} have the same clip name {_read(twice[0], one).parts[-1]!r}: "
                 f"{one} and {other}. Rename one."
             )
     return {name: found for name, (found, _) in clips.items()}
@@ -85,7 +85,7 @@ def no_common_clips(files: Mapping[str, Mapping[str, Samples]]) -> RunError:
         f"{name} has {', '.join(sorted(clips)[:3]) or 'none'}" for name, clips in files.items()
     )
     return RunError(
-        f"No file name is in all of {', '.join(files)}; clips are paired by name: {some}."
+        f"No clip is in all of {', '.join(files)}. Clips are paired by file name: {some}."
     )
 
 

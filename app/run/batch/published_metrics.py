@@ -1,4 +1,4 @@
-"""Published protocols of sets of clips, and how much the rule alone changes a number.
+"""Published protocols of sets of clips, and how much the protocol alone changes a number.
 
 The sums of each clip are stored next to its record; those of sets and of bootstrap draws are added
 from them. With expected values, the sums are stored once more for each variation of the rule: other
@@ -203,7 +203,7 @@ def rule_lines(
     values: Mapping[tuple[str, str, str, str], float],
     expected: Expected,
 ) -> list[str]:
-    """Format how much the rule alone changes the metrics that several protocols measured.
+    """Format how much the protocol alone changes the metrics that several protocols measured.
 
     Args:
         values: values by system, protocol, name and variation.
@@ -249,14 +249,14 @@ def rule_lines(
                 rows.append(cells)
     if not rows:
         return []
-    head = ["metric", "system", "rule", "value", "change by the rule"]
-    head += ["above the expected value"] if expected else []
-    told = ", ".join(f"{name} {value:g}" for name, value in expected)
+    head = ["metric", "system", "protocol", "value", "change"]
+    head += ["difference to the expected value"] if expected else []
+    papers = ", ".join(f"{name} {value:g}" for name, value in expected)
     return [
         "",
-        "The same motion by different rules: how much the rule alone changes the number. Another "
-        "protocol is compared with the first one, a variation with the same protocol unvaried."
-        + (f" Expected: {told}." if told else ""),
+        "The same motion measured by different protocols: how much the protocol alone changes the "
+        "number. Each protocol is compared with the first one, and each variation of a protocol "
+        "with that protocol." + (f" Expected: {papers}." if papers else ""),
         "",
         *(f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)),
     ]

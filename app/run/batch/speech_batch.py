@@ -66,8 +66,8 @@ def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
     request.check()
     if request.imports.reference is not None or request.speech.transcript is not None:
         raise RunError(
-            "A reference and a transcript belong to one piece of speech; leave them out of a run "
-            "over many, and compare with recordings by `python -m app diagnose`."
+            "A reference or a transcript belongs to a single speech; remove it from a run over "
+            "several. To compare with recordings, use `python -m app diagnose`."
         )
     speeches = find_speeches(request.speech.path)
     plans, request = _plans(request.planning.plan, speeches), with_paths(request, Path.absolute)
@@ -171,7 +171,7 @@ def find_speeches(source: Path) -> dict[str, Path]:
         inside = sorted(path for path in source.iterdir() if path.is_file())
         found = [path for path in inside if has_suffix(ENDINGS, Path(path.name))]
         if not found:
-            raise RunError(f"{source} has no sound file ({', '.join(ENDINGS)}).")
+            raise RunError(f"{source} contains no audio files ({', '.join(ENDINGS)}).")
     else:
         found = _listed(source)
     speeches: dict[str, Path] = {}
@@ -179,7 +179,7 @@ def find_speeches(source: Path) -> dict[str, Path]:
         name = file_stem(path.stem)
         if name in speeches:
             raise RunError(
-                f"{speeches[name]} and {path} would both be called {name!r}; rename one."
+                f"{speeches[name]} and {path} have the same clip name {name!r}; rename one."
             )
         speeches[name] = path.absolute()
     return speeches
@@ -192,11 +192,11 @@ def _listed(source: Path) -> list[Path]:
         raise RunError(f"The list {source} cannot be read: {error}.") from error
     found = [source.parent / line for line in lines if line and line[0] != "#"]
     if not found:
-        raise RunError(f"{source} names no sound file; it needs one path a line.")
+        raise RunError(f"{source} lists no audio files; write one path per line.")
     missing = [path for path in found if not path.is_file()]
     if missing:
         raise RunError(
-            f"{source} names {len(missing)} files that are not there; the first is {missing[0]}."
+            f"{source} lists {len(missing)} files that do not exist; the first is {missing[0]}."
         )
     return found
 
@@ -213,9 +213,8 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
         return {}
     if not folder.is_dir():
         raise RunError(
-            f"{folder} is not a folder; many pieces of speech take a folder of plans, each named "
-            "as "
-            f"its speech ({', '.join(PLAN_ENDINGS)})."
+            f"{folder} is not a folder; for several speeches, give a folder of plans with the "
+            f"names of the speech files ({', '.join(PLAN_ENDINGS)})."
         )
     known = tuple(ending.lower() for ending in PLAN_ENDINGS)
     found = {
@@ -225,7 +224,7 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
     }
     missing = [clip for clip in clips if clip not in found]
     if missing:
-        raise RunError(f"{folder} lacks plans of {len(missing)} clips; the first is {missing[0]}.")
+        raise RunError(f"{folder} has no plan for {len(missing)} clips; the first is {missing[0]}.")
     return found
 
 

@@ -53,8 +53,8 @@ def check_sets(
     """
     if reference is None:
         raise RunError(
-            "--check genea holds a set against the recorded test clips, for names and lengths; "
-            "give them, too (--reference BEAT2's folder, or one of the recorded clips)."
+            "--check genea compares names and lengths with the recorded test clips; also give "
+            "these (--reference BEAT2's folder, or a folder of the recorded clips)."
         )
     sets = [(path, ENDINGS) for path in (*folders, reference)]
     with ResultFolder(out) as results:
@@ -65,9 +65,9 @@ def check_sets(
             raise RunError("Two sets have the same name, or one is called 'reference'; rename one.")
         for folder in (*named.values(), recorded):
             if not folder.is_dir():
-                raise RunError(f"{folder} is not a folder or archive; --check takes whole sets.")
+                raise RunError(f"{folder} is not a folder or archive; --check needs whole sets.")
         found = {name: _checked(name, folder, recorded) for name, folder in named.items()}
-        lines = ["# Held against the rules of the GENEA leaderboard", ""]
+        lines = ["# Check against the rules of the GENEA leaderboard", ""]
         for each in found.values():
             lines += [f"- {line}" for line in each.messages] + [
                 f"  - {clip}" for clip in each.listed
@@ -90,7 +90,7 @@ def _of_test_split(clips: Mapping[str, Samples], folder: Path) -> dict[str, Path
             test = {row["id"] for row in csv.DictReader(file) if row.get("type") == "test"}
         wanted = {clip: path for clip, path in wanted.items() if clip in test}
     if not wanted:
-        raise RunError(f"{folder} holds no recorded clips ({', '.join(ENDINGS)}) of a test set.")
+        raise RunError(f"{folder} contains no recorded clips ({', '.join(ENDINGS)}) of a test set.")
     return wanted
 
 
@@ -108,11 +108,13 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
             files.setdefault(why, []).append(file)
     told = []
     if uneven:
-        told.append(f"{shorten_list(uneven)} have fewer samples than the {most} of others.")
+        told.append(
+            f"{shorten_list(uneven)} have fewer samples than other clips, which have {most}."
+        )
     if most not in (0, 1, SAMPLES):
         told.append(
-            f"it has {most} samples of a clip; a system that draws hands in {SAMPLES}, one that "
-            "does not hands in 1."
+            f"it has {most} samples per clip; a probabilistic system must submit {SAMPLES}, a "
+            "deterministic one 1."
         )
     if missing:
         told.append(f"missing clips ({len(missing)}): {shorten_list(missing)}.")
@@ -123,7 +125,7 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
         )
     told += [f"{shorten_list(named)}: {why}" for why, named in files.items()]
     random = f", {most} samples of each" if most > 1 else ""
-    right = f"all {len(counts)} clips are as the leaderboard asks{random}."
+    right = f"all {len(counts)} clips meet the leaderboard's rules{random}."
     return SubmissionReport(
         [f"{name}: {sentence}" for sentence in told or [right]],
         [*(f"Missing: {clip}" for clip in missing), *(f"Extra: {clip}" for clip in extra)],
@@ -144,8 +146,8 @@ def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, st
             continue
         if abs(motion.num_frames - frames) > _MAX_FRAME_DIFFERENCE:
             wrong[name] = (
-                f"it has {motion.num_frames} frames where the recording has {frames} at {FPS} a "
-                "second."
+                f"it has {motion.num_frames} frames, but the recording has {frames} (at {FPS} "
+                "frames per second)."
             )
         other = names_by_digest.setdefault(file_sha256(path), name)
         if other != name:

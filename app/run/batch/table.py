@@ -33,7 +33,7 @@ Cells = dict[str, list[str]]
 ClipsBySystem = dict[str, list[tuple[str, dict[str, Any]]]]
 """Clips with their records by system."""
 Row = tuple[Any, ...]
-OTHER_PROTOCOLS = f"Rows that name no other protocol: {WORKBENCH}."
+OTHER_PROTOCOLS = f"Rows that name no protocol use {WORKBENCH}."
 HEADER = (
     *("measure", "unit", "system", "clips", "mean", "low", "high"),
     *("difference_to", "difference", "difference_low", "difference_high", "protocol"),
@@ -214,7 +214,7 @@ def _spread_lines(of_systems: ClipsBySystem) -> list[str]:
         if any(known):
             cells = (format_value(float(np.mean(each)) if each else None) for each in known)
             rows.append((title_with_unit(row), *cells))
-    title = "Variation between samples of one clip: standard deviation, averaged over clips."
+    title = "Standard deviation between the samples of a clip, averaged over clips."
     return ["", title, "", *_grid(("measure", *spreads), rows)] if spreads else []
 
 
@@ -285,7 +285,7 @@ def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
 def star_legend(systems: Sequence[str], clips: int) -> str:
     """Return the explanation of stars; with few clips there are none."""
     if clips < MIN_CLIPS_FOR_CLAIM:
-        return f"With fewer than {MIN_CLIPS_FOR_CLAIM} clips no difference is starred."
+        return f"Differences are starred only with {MIN_CLIPS_FOR_CLAIM} clips or more."
     return f"* The 95 % interval of the paired difference to {systems[-1]} excludes 0."
 
 
@@ -308,7 +308,7 @@ def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list
         "",
         *noted,
         *([""] if noted else []),
-        "Mean over clips [95 % bootstrap interval over clips], as generated, never filtered."
+        "Mean over clips [95 % bootstrap interval over clips] of unfiltered motion."
         f" {escape_markdown(star_legend(systems, len(results['clips'])))} {OTHER_PROTOCOLS}"
         " Differences of all pairs are in `many.csv`.",
         "",
@@ -361,11 +361,16 @@ def draw_spread(
     if values.empty:
         return (), []
     draw = partial(draw_distributions, values, shown, REFERENCE_NAME)
-    told = f"Numbers by protocol {WORKBENCH}, BeatAlign by {protocol_of('beat_align', speeds)}."
-    files = save_figure(draw, out / "distributions", f"{DISTRIBUTIONS_CAPTION} {told}")
+    protocols = (
+        f"Metrics by protocol {WORKBENCH}, BeatAlign by {protocol_of('beat_align', speeds)}."
+    )
+    files = save_figure(draw, out / "distributions", f"{DISTRIBUTIONS_CAPTION} {protocols}")
     if not left_out:
         return tuple(files), []
-    return tuple(files), [f"distributions.png leaves out {', '.join(left_out)}: too many systems."]
+    return tuple(files), [
+        f"distributions.png shows at most {MAX_SYSTEMS} systems and leaves out "
+        f"{', '.join(left_out)}."
+    ]
 
 
 def _point_suffix(row: Metric) -> str:

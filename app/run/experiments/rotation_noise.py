@@ -106,7 +106,7 @@ def _draw_bodies(
     video = run.folder.path(ROTATION_NOISE_VIDEO)
     compose_videos(
         list(paths.values()),
-        [f"{request.noise_rad:g} rad of noise on {name}" for name in noisy],
+        [f"{name}, {request.noise_rad:g} rad" for name in noisy],
         video,
         request.speech,
         on_progress=run.progress_callback("video", 1.0 - _DRAWN, _DRAWN),
@@ -119,10 +119,10 @@ def _growth_sentences(growth: ErrorGrowth, noise_rad: float) -> Iterator[str]:
     jerk = growth.jerk_m_s3
     yield error_growth_summary(growth, noise_rad)
     yield (
-        f"Its jerk is {jerk['local']:.0f} m/s³ with noise on local rotations, {jerk['global']:.0f} "
-        f"on global ones and {jerk['clean']:.0f} without noise."
+        f"The jerk of this point is {jerk['local']:.0f} m/s³ with noise on local rotations, "
+        f"{jerk['global']:.0f} m/s³ on global ones and {jerk['clean']:.0f} m/s³ without noise."
     )
     yield (
-        "Equal noise is an assumption: how much a trained network errs in either form has to be "
-        "measured."
+        "Equal noise is an assumption. The errors of a trained network in local and in global "
+        "rotations have to be measured."
     )

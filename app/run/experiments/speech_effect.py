@@ -192,7 +192,7 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
         grid = grids.setdefault(named["system"] or folder.name, {})
         grid[named["speech"], int(named["seed"])] = read_any_motion(path).motion
     if not 1 <= len(grids) <= MAX_SYSTEMS:
-        raise RunError(f"{folder} must hold 1 to {MAX_SYSTEMS} systems; found {len(grids)}.")
+        raise RunError(f"{folder} must contain 1 to {MAX_SYSTEMS} systems; found {len(grids)}.")
     return dict(grids)
 
 

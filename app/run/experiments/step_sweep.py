@@ -121,9 +121,11 @@ def _step_sentences(points: Sequence[StepPoint]) -> Iterator[str]:
         calm = AS_CALM * most.tip_jerk_m_s3
         least = next(each for each in of_it if each.tip_jerk_m_s3 <= calm)
         yield (
-            f"{label}: with fewer than {most.steps} steps, fingertip jerk is over 5 % higher."
+            f"{label}: with fewer than {most.steps} sampling steps, fingertip jerk is over 5 % "
+            "higher."
             if least is most
-            else f"{label}: {least.steps} of {most.steps} steps reach the same fingertip jerk "
-            f"within 5 %, {least.distance_cm:.1f} cm from the result with {most.steps}, in "
-            f"{least.ms_per_frame:.1f} instead of {most.ms_per_frame:.1f} ms per frame."
+            else f"{label}: with {least.steps} instead of {most.steps} sampling steps, fingertip "
+            f"jerk is at most 5 % higher, the joints differ by {least.distance_cm:.1f} cm on "
+            f"average, and a frame takes {least.ms_per_frame:.1f} instead of "
+            f"{most.ms_per_frame:.1f} ms."
         )

@@ -41,7 +41,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
         RunError: if another command has locked it, or if it cannot be written to.
     """
     if folder.exists() and not folder.is_dir():
-        raise RunError(f"{folder} is a file; name a folder for the results.")
+        raise RunError(f"{folder} is a file; give a folder for the results.")
     was_there = folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -107,7 +107,7 @@ def _who(folder: Path, file: IO[str]) -> str:
             f"{facts['host']}, since {facts['since']}, `{facts['command']}`; {end}"
         )
     except (OSError, ValueError, KeyError, TypeError):  # the other command has just started
-        return f"Another command is at work in {folder}; {end}"
+        return f"Another command is already writing to {folder}; {end}"
 
 
 def _remove_if_empty(folder: Path) -> None:

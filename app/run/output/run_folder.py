@@ -44,7 +44,7 @@ NO_RUN = (
     "{name} is not a run folder that can be opened ({why}). Give a folder written by `generate` "
     "or `diagnose` of this version, or its zip."
 )
-DAMAGED = "{name} of this run is damaged: {why}; take the run's folder or zip as it was written."
+DAMAGED = "{name} of this run is damaged: {why}; use the run's original folder or zip."
 MAX_RUN_BYTES = 20_000_000
 MAX_ROWS, MAX_FINDINGS, MAX_TEXT = 512, 5_000, 2_000
 NUM_TOP_FINDINGS = 3
@@ -62,7 +62,7 @@ _MAX_NAME_BYTES = 255
 def _stays_inside(name: str) -> str:
     own = name.removeprefix(f"{SHOWN}/")
     if own in ("", ".", "..") or "/" in own or "\0" in own:
-        raise ValueError("it leads elsewhere")
+        raise ValueError("it is outside of the folder")
     if len(own.encode()) > _MAX_NAME_BYTES:
         raise ValueError(f"its name is longer than {_MAX_NAME_BYTES} bytes")
     return name
@@ -251,7 +251,7 @@ class RunRecord(_Strict):
     def _each_once(self) -> RunRecord:
         names = [row.name for row in self.rows]
         if len(set(names)) < len(names):
-            raise ValueError("two rows have one name")
+            raise ValueError("two rows have the same name")
         return self
 
     def row(self, name: str) -> Row | None:

@@ -97,8 +97,8 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
     plan, words = read_plan_file(performed).plan, read_transcript_of_run(request.run).words
     if plan.duration_s > MAX_EDITED_S:
         raise RunError(
-            f"This speech lasts {plan.duration_s:.0f} s; gestures are edited in speech of at most "
-            f"{MAX_EDITED_S:.0f} s: cut it, and generate motion for a part."
+            f"This speech lasts {plan.duration_s:.0f} s; gestures can be edited in speech of at "
+            f"most {MAX_EDITED_S:.0f} s. Generate motion for a part of it instead."
         )
     numbers = [row.edit.number for row in record.rows if row.edit]
     if request.edits and len(numbers) >= MAX_TAKES:

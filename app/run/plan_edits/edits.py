@@ -113,7 +113,7 @@ def parse_edits(message: object) -> tuple[Edit, ...]:
         RunError: if it is anything else.
     """
     if not isinstance(message, list) or len(message) > MAX_EDITS:
-        raise RunError(f"Edits come as a list of at most {MAX_EDITS}.")
+        raise RunError(f"Edits must be a list of at most {MAX_EDITS}.")
     return tuple(_edit(one) for one in message)
 
 
@@ -163,8 +163,8 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
                 )
         if error.gesture is not None:
             one = {"side": error.gesture.side, "lands": error.gesture.lands_s}
-            kind = error.kind.replace("_", " ") or "what is there"
-            instead = EditSuggestion(f"In place of {kind}", (Edit("delete", one), edit))
+            kind = repr(error.kind.replace("_", " ")) if error.kind else "existing"
+            instead = EditSuggestion(f"Replace the {kind} gesture", (Edit("delete", one), edit))
             offers += [instead] if can_be(*instead.edits) else []
         return tuple(offers)
     except (PlanError, RunError):
@@ -176,26 +176,26 @@ def check_duration(plan: GesturePlan, duration_s: float) -> GesturePlan:
     """Return the plan if it has the length of the speech; raises PlanError otherwise."""
     if abs(plan.duration_s - duration_s) > 0.5:
         raise PlanError(
-            f"The plan is of {plan.duration_s:.2f} s and the speech lasts {duration_s:.2f} s; use "
-            "the plan of this speech."
+            f"The plan lasts {plan.duration_s:.2f} s and the speech {duration_s:.2f} s; use a plan "
+            "of this speech."
         )
     return plan
 
 
 def _edit(message: object) -> Edit:
     if not isinstance(message, dict):
-        raise RunError("An edit is an object that says what to do.")
+        raise RunError("An edit must be an object with the kind of edit in 'do'.")
     do = message.get("do")
     kind = KINDS.get(do) if isinstance(do, str) else None
     if not isinstance(do, str) or kind is None:
         known = ", ".join(KINDS)
-        raise RunError(f"There is no edit {printable(str(do))[:40]!r}; there are {known}.")
+        raise RunError(f"There is no edit {printable(str(do))[:40]!r}; choose from {known}.")
     try:
         values = kind.reader.validate_python({k: v for k, v in message.items() if k != "do"})
     except ValidationError as error:
         raise RunError(f"The edit {do!r} cannot be read: {validation_message(error)}.") from error
     if do in ("move", "add") and ("at" in values) == ("word" in values):
-        raise RunError(f"The edit {do!r} needs a time or a word.")
+        raise RunError(f"The edit {do!r} needs either a time or a word.")
     return Edit(do, values)
 
 
@@ -208,7 +208,7 @@ def _place(values: Values, words: Words) -> tuple[float, str | None]:
     if "word" not in values:
         return values["at"], None
     if values["word"] >= len(words):
-        raise RunError(f"The transcript has {len(words)} words; choose one of them.")
+        raise RunError(f"The transcript has only {len(words)} words; choose one of them.")
     word = words[values["word"]]
     return editing.stroke_time_on_word(word), word.text.lower()[:80]
 
@@ -269,7 +269,7 @@ def _end(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
 def _look(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     end_s = min(plan.duration_s, values["at"] + values.get("lasts", LOOK_S))
     if end_s <= values["at"]:
-        raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; a look begins before.")
+        raise PlanError(f"The speech ends at {plan.duration_s:.2f} s; gaze must begin before.")
     return editing.with_event(plan, Gaze(values["at"], end_s, values["yaw"], values["pitch"]))
 
 
@@ -280,7 +280,7 @@ def _remove(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     events = getattr(plan, values["list"])
     nearest = min(events, key=off, default=None)
     if nearest is None or off(nearest) >= AT_S:
-        raise PlanError(f"The plan has none of its {values['list']} at {values['at']:.2f} s.")
+        raise PlanError(f"The plan has no {values['list']} at {values['at']:.2f} s.")
     left = tuple(event for event in events if event is not nearest)
     return PlanResult(replace(plan, **{values["list"]: left}))
 

@@ -114,7 +114,7 @@ def _check_names(kind: type, names: Iterable[str]) -> None:
     for name in names:
         if name not in known:
             there = ", ".join(sorted(request_fields(kind)))
-            raise RunError(f"There is no {name!r} to ask for; there are {there}.")
+            raise RunError(f"There is no option {name!r}; choose from {there}.")
 
 
 def nested_fields(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -213,7 +213,7 @@ def refuse_ignored(request: object, names: Sequence[str], why: str, **usual: Any
             flag = next((mark.name for mark in marks if getattr(mark, "name", None)), name)
             given.append(f"--{flag.replace('_', '-')}")
     if given:
-        raise RunError(f"{why}; leave {join_names(given)} out.")
+        raise RunError(f"{why}; remove {join_names(given)}.")
 
 
 def with_paths(request: Request, change: Callable[[Path], Path]) -> Request:

@@ -92,8 +92,8 @@ def check_size(size_px: int) -> None:
     """Check the width or height of a picture; raises RunError."""
     if not MIN_SIZE_PX <= size_px <= MAX_SIZE_PX or size_px % 2:
         raise RunError(
-            f"{size_px} pixels; pictures have {MIN_SIZE_PX} to {MAX_SIZE_PX} on each side, an even "
-            "number."
+            f"The picture size must be an even number of pixels from {MIN_SIZE_PX} to "
+            f"{MAX_SIZE_PX}; got {size_px}."
         )
 
 
@@ -111,7 +111,7 @@ def parse_channel(value: str) -> int:
     if value in sides:
         return sides[value]
     if not value.isdecimal() or not 1 <= int(value) <= 64:
-        raise RunError(f"{value!r} is not a channel; say left, right, or a number from 1")
+        raise RunError(f"{value!r} is not a channel; choose left, right, or a number from 1 to 64")
     return int(value) - 1
 
 
@@ -145,9 +145,11 @@ def parse_expected(text: str) -> tuple[tuple[str, float], ...]:
         try:
             expected.append((name, float(value)))
         except ValueError:
-            raise RunError(f"{part!r} is not an expected value, such as fgd=4.2.") from None
+            raise RunError(
+                f"Expected values are numbers by metric, such as fgd=4.2; got {part!r}."
+            ) from None
         if name not in names:
-            raise RunError(f"There is no metric {name!r}; there are {', '.join(sorted(names))}.")
+            raise RunError(f"There is no metric {name!r}; choose from {', '.join(sorted(names))}.")
     return tuple(expected)
 
 
@@ -179,12 +181,14 @@ OverridesFlag = Annotated[
 Channel = Annotated[int | None, text_type(parse_channel, "left|right|N", "all, mixed")]
 CloseUps = Annotated[
     tuple[CloseUp, ...],
-    subset_type(CLOSE_UPS, "no close-up {name!r}; there are {names}, or off", "V,...|off", "off"),
+    subset_type(
+        CLOSE_UPS, "there is no close-up {name!r}; choose from {names}, or off", "V,...|off", "off"
+    ),
     arg(name="close-up"),
 ]
 FigureForms = Annotated[
     tuple[str, ...],
-    subset_type(FORMS, "no form {name!r}; figures are written as {names}", "png,svg,..."),
+    subset_type(FORMS, "there is no figure format {name!r}; choose from {names}", "png,svg,..."),
     arg(name="figures"),
 ]
 FigureFrames = Annotated[
@@ -194,7 +198,9 @@ FigureFrames = Annotated[
 ]
 FigurePanels = Annotated[
     tuple[str, ...],
-    subset_type(tuple(FIGURE_PANELS), "no panel {name!r}; Figure 6 has {names}", "a,b,..."),
+    subset_type(
+        tuple(FIGURE_PANELS), "there is no panel {name!r}; Figure 6 has {names}", "a,b,..."
+    ),
     arg(name="panels"),
 ]
 FigureWidth = Literal["85mm", "174mm"]
@@ -204,7 +210,7 @@ PerSystem = Annotated[Steps, text_type(parse_steps, "N|A=N,...", "default of eac
 Sampler = Annotated[str | None, text_type(str, "NAME", "default of each system")]
 GuidanceScale = Annotated[float | None, text_type(float, "N", "default of each system")]
 Views = Annotated[
-    tuple[View, ...], subset_type(VIEWS, "no view {name!r}; views are {names}", "V,...")
+    tuple[View, ...], subset_type(VIEWS, "there is no view {name!r}; choose from {names}", "V,...")
 ]
 Window = Annotated[
     int | None, text_type(parse_count, "N", "all periods from 2 to 240 frames are tested")
@@ -229,7 +235,7 @@ class SpeechInput:
     duration on one core."""
 
     def check(self) -> None:
-        check_choice(self.words, WORD_SOURCES, "way to words")
+        check_choice(self.words, WORD_SOURCES, "word source")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,7 +267,7 @@ class PlanSource(SpeechInput):
 class SamplingOptions:
     """Systems to run and their sampling options; all systems have the same noise seed."""
 
-    systems: Annotated[Names, arg(help=f"Names of systems, some of {', '.join(_SYSTEMS)}.")] = ()
+    systems: Annotated[Names, arg(help=f"Names of systems, from {', '.join(_SYSTEMS)}.")] = ()
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
     speaker: Text = None
@@ -331,7 +337,7 @@ class MotionInput:
             metavar="MOTION",
             help_behavior_hint="(required)",
             help=".npz (BEAT2, AMASS, SMPL-X parameters), .npy (rotations, TalkSHOW) or .bvh; or "
-            "folders or zips of them, paired by name, for numbers over many clips.",
+            "folders or zips of them, paired by name, for metrics over many clips.",
         ),
     ]
     names: Suppress[tuple[str, ...]] = ()
@@ -373,15 +379,15 @@ class MetricOptions:
     """GENEA's model_checkpoint_30, _60 and _90.bin, one or several, for FGD as its evaluations
     report it; for folders of motions with --reference."""
     semantics: File = None
-    """BEAT's labels of semantic relevance, for SRGR: a file of its folder sem, or for folders of
-    motions that folder."""
+    """BEAT's labels of semantic relevance, for SRGR: one file of BEAT's folder sem; for folders of
+    motions, the folder sem."""
     expected: Annotated[
         tuple[tuple[str, float], ...],
         text_type(parse_expected, "NAME=N,...", "none"),
         arg(name="expect"),
     ] = ()
-    """Values that a paper reports, such as fgd=4.2,beats/emage=.77: a table shows how much the rule
-    alone changes them on these motions; for folders of motions (docs/evaluation.md)."""
+    """Values that a paper reports, such as fgd=4.2,beats/emage=.77. A table shows how much the
+    protocol alone changes them on these motions; for folders of motions (docs/evaluation.md)."""
     weights: Suppress[Path] = BUNDLED_WEIGHTS
     """Folder of the accent network, which marks prominent words in the timeline."""
 
@@ -433,7 +439,7 @@ class VideoOptions:
         for close_up in self.close_ups:
             check_choice(close_up, CLOSE_UPS, "close-up")
         if not self.views:
-            raise RunError(f"No view selected; choose from {', '.join(VIEWS)}.")
+            raise RunError(f"No view was chosen; choose from {', '.join(VIEWS)}.")
         check_display(self.display)
 
 

@@ -174,9 +174,11 @@ class StillOptions:
 
     def check(self) -> None:
         if self.num_stills is not None and not 1 <= self.num_stills <= MAX_STILLS:
-            raise RunError(f"Stills must be 1 to {MAX_STILLS}; got {self.num_stills}.")
+            raise RunError(
+                f"The number of stills must be 1 to {MAX_STILLS}; got {self.num_stills}."
+            )
         if self.sheet_every is not None and self.sheet_every < 1:
-            raise RunError(f"A contact sheet needs N of at least 1; got {self.sheet_every}.")
+            raise RunError(f"--contact-sheet-every must be at least 1; got {self.sheet_every}.")
 
 
 def _render_video() -> VideoOptions:
@@ -229,24 +231,28 @@ class RenderRequest:
         is_transparent = self.stills.background == "transparent"
         if not self.is_picture and not display.is_default:
             raise RunError(
-                f"A {self.suffix} file holds the motion as it is; trails, colours and exaggeration "
-                "are for a .png or .mp4."
+                f"A {self.suffix} file stores the unchanged motion; for trails, colours and "
+                "exaggeration write a .png or .mp4."
             )
         if not self.out.parent.is_dir():
             raise RunError(f"The folder {self.out.parent} does not exist; create it first.")
         self.stills.check()
         if not self.is_picture and (self.stills.num_stills or self.stills.sheet_every):
             raise RunError(
-                f"A {self.suffix} file holds no pictures; write stills to a .png or .mp4."
+                f"A {self.suffix} file cannot store pictures; write stills to a .png or .mp4."
             )
         if is_transparent and self.suffix != ".png":
             raise RunError(
                 f"A {self.suffix} file cannot have a transparent background; write a .png."
             )
         if is_transparent and not display.is_default:
-            raise RunError("Trails, colours and exaggeration are shown in the studio only.")
+            raise RunError(
+                "Trails, colours and exaggeration are not possible with a transparent background."
+            )
         if is_transparent and self.video.close_ups:
-            raise RunError("Close-ups are shown in the studio only; leave the background out.")
+            raise RunError(
+                "Close-ups are not possible with a transparent background; remove one of them."
+            )
         if self.speech is not None and not self.speech.is_file():
             raise RunError(f"There is no speech file at {self.speech}.")
 
@@ -320,12 +326,12 @@ class SpeechEffectRequest:
             return
         if not 2 <= len(self.speeches) <= MAX_SPEECHES:
             raise RunError(
-                f"Two to {MAX_SPEECHES} speeches are compared; got {len(self.speeches)}."
+                f"Two to {MAX_SPEECHES} speeches can be compared; got {len(self.speeches)}."
             )
         if len({file_stem(path.stem) for path in self.speeches}) < len(self.speeches):
-            raise RunError("Two of the speeches have one name; rename one of the files.")
+            raise RunError("Two of the speeches have the same name; rename one of the files.")
         if not 2 <= self.seeds <= MAX_SEEDS:
-            raise RunError(f"Noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")
+            raise RunError(f"The number of noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")
         _check_count(self)
 
 
@@ -367,13 +373,14 @@ class RotationNoiseRequest:
             raise RunError(f"The seed must not be negative; got {self.seed}.")
         if not MIN_NOISE_RAD <= self.noise_rad <= MAX_NOISE_RAD:
             raise RunError(
-                f"Noise must be {MIN_NOISE_RAD:g} to {MAX_NOISE_RAD:g} rad; got {self.noise_rad:g}."
+                f"The noise must be {MIN_NOISE_RAD:g} to {MAX_NOISE_RAD:g} rad; got "
+                f"{self.noise_rad:g}."
             )
         if self.has_video:
             check_size(self.size)
         if self.output.out.suffix.lower() == ".mp4":
             raise RunError(
-                f"--out is a folder, in which the video is called {ROTATION_NOISE_VIDEO}."
+                f"--out must be a folder, not a video; its video is called {ROTATION_NOISE_VIDEO}."
             )
 
 
@@ -395,7 +402,7 @@ class StepSweepRequest:
     output: ExperimentOutput
     weights: Path = BUNDLED_WEIGHTS
     """Folder of trained systems."""
-    systems: Annotated[Names, arg(help="At most six.")] = ()
+    systems: Annotated[Names, arg(help="Names of systems, at most six.")] = ()
     speaker: Text = None
     """Speaker style of the motion."""
     seed: int = 0
@@ -466,6 +473,6 @@ def _check_count(request: SpeechEffectRequest | StepSweepRequest) -> None:
     systems = systems_of(request)
     if not 1 <= len(systems) <= MAX_SYSTEMS:
         raise RunError(
-            f"One to {MAX_SYSTEMS} systems are compared at once; got {len(systems)}"
+            f"One to {MAX_SYSTEMS} systems can be compared at once; got {len(systems)}"
             f"{': ' if systems else ''}{', '.join(systems)}."
         )

@@ -94,8 +94,8 @@ def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Pat
                 frame = request.stills.frame
                 if not 0 <= frame < motion.num_frames:
                     raise RunError(
-                        f"Frame {frame} is outside the motion, which has {motion.num_frames} "
-                        "frames, counted from 0."
+                        f"There is no frame {frame}: the motion has {motion.num_frames} frames, "
+                        "counted from 0."
                     )
                 write_still(body, motion, frame, part)
             case ".bvh":
@@ -157,8 +157,8 @@ def _chosen_frames(
     sheet = range(0, num_frames, every) if every else ()
     if len(sheet) > MAX_STILLS:
         raise RunError(
-            f"One in {every} of {num_frames} frames are {len(sheet)} pictures; a sheet "
-            f"holds {MAX_STILLS} at most; use --contact-sheet-every "
+            f"A picture every {every} of {num_frames} frames gives {len(sheet)} pictures; a "
+            f"contact sheet has at most {MAX_STILLS}. Use --contact-sheet-every "
             f"{-(-num_frames // MAX_STILLS)} or more."
         )
     return tuple(stills.tolist()), tuple(sheet)

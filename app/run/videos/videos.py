@@ -349,8 +349,11 @@ def limit_compared(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
     reference = [name for name in names if name == REFERENCE_NAME]
     first = [name for name in names if name not in reference and SampleName.parse(name).number == 1]
     fitting = [*first[: MAX_COMPARED - len(reference)], *reference]
-    told = f"The comparison and the figures show at most {MAX_COMPARED} motions: "
-    return fitting, (f"{told}{', '.join(fitting)}.",)
+    note = (
+        f"The comparison and the figures show only {', '.join(fitting)}; at most {MAX_COMPARED} "
+        "motions fit."
+    )
+    return fitting, (note,)
 
 
 @contextmanager

@@ -104,8 +104,8 @@ def _longest(motions: Sequence[Motion], viewer: ViewerState) -> tuple[int, tuple
     if max(motions[i].num_frames for i in viewer.visible) <= limit:
         return max(motion.num_frames for motion in motions), ()
     return limit, (
-        f"The video shows the first {limit / FPS:.0f} s: all its bodies together may have "
-        f"{MAX_FRAMES / FPS:.0f} s.",
+        f"The video shows only the first {limit / FPS:.0f} s, because the motions of all bodies "
+        f"together may last {MAX_FRAMES / FPS:.0f} s.",
     )
 
 

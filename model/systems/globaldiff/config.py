@@ -252,7 +252,7 @@ FAMILY = Family(
     ablation=ABLATION_EXPLAINED,
     claim=Claim(
         less_jerk_group="global rotations",
-        more_jerk_group="local ones",
+        more_jerk_group="local rotations",
         more=_LOCAL,
         less=tuple(name for name in ABLATION if name != _LOCAL),
         plain=_GLOBAL,

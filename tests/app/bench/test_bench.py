@@ -51,7 +51,7 @@ def test_the_naive_loop_draws_the_same_body():
 def test_every_stage_and_video_costs_something(tmp_path):
     costs = drawing.measure_stages(waving_motion(8), tmp_path)
     names = [cost.name.partition(",")[0] for cost in costs]
-    naive = "naive loop over normals"
+    naive = "time ratio of naive loop"
     assert names == ["skinning", "normals", "ground shadow", "drawing", "encoding", naive]
     costs += drawing.measure_video_rates(waving_motion(8), tmp_path)
     assert all(cost.value > 0 and cost.cpu for cost in costs)

@@ -49,18 +49,24 @@ def test_wrong_arguments_exit_with_2_and_one_sentence(capsys):
         ("generate --out o", "Missing: SPEECH"),
         ("generate a.wav", "Missing: --out"),
         ("generate a.wav --out o --post-filter blur", "'blur'"),
-        ("generate a.wav --out o --views top", "--views: no view 'top'; views are front, "),
+        (
+            "generate a.wav --out o --views top",
+            "--views: there is no view 'top'; choose from front, ",
+        ),
         ("generate a.wav --out o --seed 1.5", "--seed: '1.5' is not a whole number."),
         ("generate a.wav --out o --guidance x", "--guidance: 'x' is not a number."),
-        ("generate a.wav --out o --look clay", "'clay' is none of average-light, "),
-        ("generate a.wav --out o --systems ,", "--systems: name at least one"),
-        ("generate a.wav --out o --seeed 1", "There is no --seeed, 1; perhaps --seed is meant."),
+        ("generate a.wav --out o --look clay", "'clay' is not one of average-light, "),
+        ("generate a.wav --out o --systems ,", "--systems: give at least one name"),
+        ("generate a.wav --out o --seeed 1", "There is no --seeed, 1; did you mean --seed?"),
         ("render a.npz", "--out"),
-        ("render a.npz --out a.mp4 --size 254", "254 pixels; pictures have 256 to 1080"),
+        (
+            "render a.npz --out a.mp4 --size 254",
+            "an even number of pixels from 256 to 1080; got 254",
+        ),
         ("render a.npz --out a.mp4 --size big", "'big' is not a number of pixels"),
         ("render a.npz --out a.png --background green", "'green'"),
         ("render a.npz --out a.mp4 --close-up feet", "no close-up 'feet'"),
-        ("render a.npz --out a.mp4 --exaggerate 7", "'7' is none of 1, 5, 20"),
+        ("render a.npz --out a.mp4 --exaggerate 7", "'7' is not one of 1, 5, 20"),
     ]:
         with pytest.raises(SystemExit) as left:
             main(command.split())
@@ -292,15 +298,15 @@ def test_render_says_what_it_cannot_do(motion, capsys):
         ("a.png --stills 0", "1 to 64; got 0"),
         ("a.png --stills 65", "1 to 64; got 65"),
         ("a.png --contact-sheet-every 0", "got 0"),
-        ("a.glb --stills 2", "A .glb file holds no pictures"),
-        ("a.bvh --contact-sheet-every 2", "A .bvh file holds no pictures"),
-        ("a.glb --exaggerate 5", "holds the motion as it is"),
+        ("a.glb --stills 2", "A .glb file cannot store pictures"),
+        ("a.bvh --contact-sheet-every 2", "A .bvh file cannot store pictures"),
+        ("a.glb --exaggerate 5", "stores the unchanged motion"),
         ("a.mp4 --background transparent", "A .mp4 file cannot have"),
-        ("a.png --background transparent --trail", "in the studio only"),
-        ("a.png --background transparent --close-up face", "Close-ups are shown in the studio"),
+        ("a.png --background transparent --trail", "not possible with a transparent background"),
+        ("a.png --background transparent --close-up face", "Close-ups are not possible with a"),
         ("a.mp4 --speech /nowhere.wav", "no speech file at /nowhere.wav"),
-        ("a.mp4 --frame 3 --plan a.json", "A .mp4 file holds all frames; leave --frame out."),
-        ("a.glb --views side", "A .glb file holds the body alone; leave --views out."),
+        ("a.mp4 --frame 3 --plan a.json", "A .mp4 file holds all frames; remove --frame."),
+        ("a.glb --views side", "A .glb file holds the body alone; remove --views."),
         ("a.mp4 --body /nowhere.npz", "nowhere.npz"),
     ]:
         assert words in sentence_after(["render", str(motion), "--out", *flags.split()], capsys)
@@ -348,15 +354,15 @@ def test_flags_that_a_command_would_ignore_are_refused(motion, tmp_path, capsys)
     for argv, words in [
         (
             ["diagnose", str(folder), "--tracked-point", "neck", "--window", "60"],
-            "leave --tracked-point and --win",
+            "remove --tracked-point and --win",
         ),
-        (["diagnose", str(folder), "--figures", "png"], "leave --figures out"),
-        (["diagnose", str(folder), "--check", "genea", "--channel", "left"], "leave --channel out"),
+        (["diagnose", str(folder), "--figures", "png"], "remove --figures"),
+        (["diagnose", str(folder), "--check", "genea", "--channel", "left"], "remove --channel"),
         (
             ["speech-effect", str(folder), "--guidance", "2", "--seeds", "3"],
-            "--guidance and --seeds out",
+            "remove --guidance and --seeds",
         ),
-        (["convert", str(motion), "--out", "a.bvh", "--to", ".glb"], "leave --to out"),
+        (["convert", str(motion), "--out", "a.bvh", "--to", ".glb"], "remove --to"),
     ]:
         argv = argv if "--out" in argv else [*argv, "--out", out]
         said = sentence_after(argv, capsys)

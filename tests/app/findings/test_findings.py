@@ -97,7 +97,9 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
         a, b = ({"tip_jerk_attribution": shares(*each)} for each in (of_joints, (0.0, 0.3)))
         assert told("attribution", a=a) == words
         if words == few:
-            words = f"{start} b the right elbow (by 30 %); in a no joint does by 5 % or more."
+            words = (
+                f"{start} b the right elbow (by 30 %); in a, no joint reduces it by 5 % or more."
+            )
             assert told("attribution", a=a, b=b) == words
 
 
@@ -106,13 +108,13 @@ def test_joins_stand_out_where_a_finding_says_so_and_nowhere_else() -> None:
     systems = {"x/planned": both(seam_jerk_ratio=2.1), "b": both(seam_jerk_ratio=1.02)}
     seams = Finding("The body jumps every 52 frames.", {}, kind="seams")
     for found, words in (
-        ([], "with the windows: in none."),
-        ([seams], "with the windows: in planned."),
+        ([], "at every seam: in no motion."),
+        ([seams], "at every seam: in planned."),
     ):
         findings = {"x/planned": found, "b": []}
         measured = replace(diagnostics_of(**systems), findings=findings)
         said = figure_sentences(measured)["seams"]
-        assert "planned 2.1, b 1.0. Jerk that recurs significantly with" in said
+        assert "planned 2.1, b 1.0. Jerk that repeats significantly at" in said
         assert said.endswith(words)
         out = finding_records(findings)[-1].sentence
         assert ("planned" in out) == (not found)
@@ -148,7 +150,10 @@ def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict
         verdict = make_verdict("right_middle", [clip], is_generated=False)
         assert verdict is not None
         assert ("b 14" in verdict.numbers) == (not is_left_out)
-        told = "From a, which has the most jerk, to c 33 % less. No jerk to compare: b."
+        told = (
+            "Jerk of c (lowest) compared with a (highest): 33 % less. The jerk cannot be compared "
+            "for b."
+        )
         assert (told in verdict.comparison) == is_left_out
 
 
@@ -222,8 +227,8 @@ def test_only_beats_above_chance_are_told() -> None:
         ({"a": high}, "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most)."),
         (
             {"a": high, "b": low},
-            "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most); not of "
-            "the others.",
+            "BeatAlign above chance: a 0.71 (chance 0.42 on average, 0.70 at most); the "
+            "others are not above chance.",
         ),
         ({"a": both()}, ""),
     ):
@@ -259,9 +264,10 @@ def test_the_verdict_goes_through_the_ladder() -> None:
     )
     assert verdict.comparison.startswith(
         "On this clip, as the paper claims, the system with global rotations has less jerk than "
-        "the one with local ones: from local to global 33 % less. Compared with global, with "
-        "constraints added one by one: joint 10 % less, full 20 % more; joint has less jerk here. "
-        "One clip, one sample, one training run per system"
+        "the one with local rotations. Jerk of global compared with local: 33 % less. Jerk "
+        "compared with global when constraints are added one by one: joint 10 % less, full 20 % "
+        "more. Of these, joint has clearly less jerk. One clip, one sample, one training run per "
+        "system"
     )
     assert "10 clips or more" in verdict.text and "several training seeds" in verdict.text
 
@@ -270,22 +276,22 @@ def test_swapped_numbers_turn_the_verdict_round() -> None:
     for jerks, words, are_calmer in [
         (
             (120, 90, 80),
-            "the paper claims; from local to global 25 % less.",
-            "full has less jerk",
+            "the paper claims; Jerk of global compared with local: 25 % less.",
+            "full has clearly less jerk",
         ),
         (
             (100, 80, 110),
-            "the paper claims; from local to global 20 % less.",
-            "none has less jerk",
+            "the paper claims; Jerk of global compared with local: 20 % less.",
+            "none has clearly less jerk",
         ),
         (
             (100, 98, 99),
-            "the paper's claim; from local to global equal within 5 %.",
+            "the paper's claim; Jerk of global compared with local: equal within 5 %.",
             "none has",
         ),
         (
             (90, 100, 110),
-            "the paper's claim; from local to global 11 % more.",
+            "the paper's claim; Jerk of global compared with local: 11 % more.",
             "none has",
         ),
     ]:
@@ -309,7 +315,7 @@ def test_samples_give_an_interval_and_where_they_do_not_tell_systems_apart_show_
         (apart, "as the paper claims", "50 % less (47 to 52 %)."),
         (open_, "unlike the paper's claim", "no clear difference."),
     ):
-        words = f"local ones: from local to full, which has global rotations too, {words}"
+        words = f"Jerk of full, which also has global rotations, compared with local: {words}"
         verdict = said(**local, **other)
         assert verdict is not None and words in verdict.comparison and shows in verdict.comparison
         assert "3 samples, one training run per system" in verdict.comparison
@@ -320,7 +326,7 @@ def test_without_the_ladder_nothing_is_said_of_the_paper_and_without_jerk_nothin
     assert verdict is not None
     assert verdict.numbers.endswith("gan/20 80, ddim 90.")
     assert verdict.comparison.startswith(
-        "From ddim, which has the most jerk, to gan/20 11 % less. One clip"
+        "Jerk of gan/20 (lowest) compared with ddim (highest): 11 % less. One clip"
     )
     alone = said(globaldiff_local=80)
     assert alone is not None and alone.comparison == ""
@@ -405,7 +411,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     verdict = record.verdict
     assert verdict is not None and verdict.numbers.endswith("A 185, B 1226.")
     assert verdict.comparison.startswith(
-        "From B, which has the most jerk, to A 85 % less. One clip is"
+        "Jerk of A (lowest) compared with B (highest): 85 % less. One clip is"
     )
     first, last = record.findings[0], record.findings[-1]
     assert first.name == "B"
@@ -420,10 +426,10 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
 
 JERKS = st.floats(1.0, 500.0)
 CHANGES = re.compile(
-    r"[Ff]rom ([\w/]+)(?:, which has the most jerk,)? to ([\w/]+)(?:, which has [\w ]+ too,)?:? "
-    r"(.*?)(?=\. |; |$)"
+    r"Jerk of ([\w/]+)(?: \(lowest\)|, which also has [\w ]+,)? compared with ([\w/]+)"
+    r"(?: \(highest\))?: (.*?)(?=\. |$)"
 )
-"""Both systems of a comparison, and how much less or more the second one has."""
+"""Both systems of a comparison, and how much less or more jerk the first one has."""
 SHARES = re.compile(r"\((\d+) % of its jerk(?: at (\d+) % of its speed: ([\w ,-]+))?\)")
 
 
@@ -456,27 +462,26 @@ def test_no_words_of_a_verdict_contradict_its_numbers(
             r"([\w/]+) ([\d.]+)(?=[,; ]|\.)", verdict.numbers.split(":")[1]
         )
     }
-    for one, other, change in CHANGES.findall(said):
+    for other, one, change in CHANGES.findall(said):
         if change.startswith("equal"):
             assert 0.9 < means[other] / means[one] < 1.1, verdict.text
         elif "less" in change:
             assert means[other] <= means[one], verdict.text
         elif "more" in change:
             assert means[other] >= means[one], verdict.text
-    if ", which has the most jerk," in said:
-        most = re.search(
-            r"From ([\w/]+), which has the most jerk, to [\w/]+ (?:over )?[\d.]+ % less", said
-        )
-        assert most and means[most[1]] == max(v for n, v in means.items() if n != "reference")
+    if most := re.search(r"\(lowest\) compared with ([\w/]+) \(highest\)", said):
+        assert means[most[1]] == max(v for n, v in means.items() if n != "reference")
     if "as the paper claims" in said:
-        assert re.search(r"local ones: from [^.;]*? (over )?[\d.]+ % less", said), verdict.text
+        assert re.search(r"local rotations\. Jerk [^.:]*: (over )?[\d.]+ % less", said), (
+            verdict.text
+        )
     calmer = re.search(r"Less jerk than the reference: (.*?\))\.", said)
     for share, speed, how in SHARES.findall(calmer[1] if calmer else ""):
         assert int(share) < 80
         if how:
             assert (how.startswith("moves less,")) == (int(speed) < 80), how
             assert ("about as much" in how) == (int(speed) >= 95), how
-    added = re.search(r"one by one: (.*?); (.*?) (?:has|have) less jerk here", said)
+    added = re.search(r"one by one: (.*?)\. Of these, (.*?) (?:has|have) clearly", said)
     if added:
         less = re.findall(r"([\w/]+) (?:over )?[\d.]+ % less", added[1])
         assert sorted(less) == sorted(re.findall(r"[\w/]+", added[2].replace(" and ", " "))) or (

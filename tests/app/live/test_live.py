@@ -166,7 +166,7 @@ def test_caps_of_speed_and_length_are_told(microphone, clock, monkeypatch):
         ("word", [(180, 3.0), (100, 5.0)], "needs all of it"),
         ("sample", [(81, 9.0)], r"Only 0\.0 s of audio arrived in the last 27 s"),
         ("silence", [(180, 1.0)], ""),
-        ("silence", [(182, 1.0)], "No sound for 3 minutes"),
+        ("silence", [(182, 1.0)], "There was no sound for 3 minutes"),
     ],
 )
 def test_a_place_that_is_not_used_is_lost(microphone, clock, spoken, steps, sentence):
@@ -304,7 +304,7 @@ def test_its_sliders_lead_from_the_next_window_on_and_of_other_systems_they_are_
     for lead in leads:
         with pytest.raises(RunError):
             lead()
-    with pytest.raises(RunError, match="does not use gesture plans, so its sliders have no effect"):
+    with pytest.raises(RunError, match="does not use gesture plans, so the style sliders have no"):
         session.set_style({"manner": {}})
 
 

@@ -192,7 +192,7 @@ def test_speech_decides_more_only_where_the_printed_interval_says_so(
 
 def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
     for changes, sentence in [
-        ({"speeches": ("one.wav",)}, "Two to 8 speeches are compared; got 1"),
+        ({"speeches": ("one.wav",)}, "Two to 8 speeches can be compared; got 1"),
         ({"speeches": ("a/one.wav", "b/one.wav")}, "one name"),
         ({"seeds": 1}, "2 to 8; got 1"),
         ({"systems": ()}, "One to"),
@@ -271,7 +271,10 @@ def test_a_mechanism_that_cannot_be_is_refused(asked: RotationNoiseRequest) -> N
         ({"noise_rad": 0.2}, "0.005 to 0.1 rad; got 0.2"),
         ({"noise_rad": 0.0}, "got 0"),
         ({"seed": -1}, "must not be negative"),
-        ({"out": Path("two.mp4")}, "is a folder, in which the video is called mechanism.mp4"),
+        (
+            {"out": Path("two.mp4")},
+            "must be a folder, not a video; its video is called mechanism.mp4",
+        ),
         ({"joint": "pelvis"}, "No rotation moves the pelvis"),
     ]:
         with pytest.raises(RunError, match=words):
@@ -317,7 +320,11 @@ def test_points_are_what_generation_and_measures_say(
     record = read_run(out)
     assert record.result_files == ["run.json", *(f"steps.{ending}" for ending in endings)]
     calm = table[0]["tip_jerk_m_s3"] <= 1.05 * table[1]["tip_jerk_m_s3"]
-    words = "1 of 3 steps reach" if calm else "with fewer than 3 steps, fingertip jerk is over 5 %"
+    words = (
+        "with 1 instead of 3"
+        if calm
+        else "with fewer than 3 sampling steps, fingertip jerk is over"
+    )
     assert record.message == "Measured 2 motions." and words in record.notes[0]
     assert (out / "steps.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
     rows = csv_rows(out / "steps.csv")
@@ -349,7 +356,7 @@ def test_what_cannot_be_measured_is_refused() -> None:
         (("a",), (0,), "from 1 to 1000; got 0"),
         (("a",), (5, 2000), "from 1 to 1000; got 5, 2000"),
         (("a",), (), "got none"),
-        ((), (1,), r"One to 6 systems are compared at once; got 1\d: .*globaldiff/local, "),
+        ((), (1,), r"One to 6 systems can be compared at once; got 1\d: .*globaldiff/local, "),
         (tuple("abcdefg"), (1,), "got 7"),
     ]:
         with pytest.raises(RunError, match=says):

@@ -206,7 +206,7 @@ def test_of_more_motions_than_a_figure_holds_all_are_measured_and_the_shown_are_
     assert len(found.diagnostics.systems) == 7
     drawn = (asked.output.out / "figure6.svg").read_text()
     assert "m6" in drawn and "m0" not in drawn
-    assert not any("say which they are to show" in note for note in found.notes)
+    assert not any("others can be chosen" in note for note in found.notes)
     for shown, words in (
         (("m9",), "Unknown motion m9"),
         (tuple(path.stem for path in paths), "at most 6"),

@@ -173,7 +173,7 @@ def test_figure_6_of_a_finished_run_is_drawn_again_from_its_folder(
     with Image.open(picture) as drawn:
         assert drawn.width == 1003, "85 mm at 300 dpi"
     assert "jerk of each joint" not in caption.read_text()
-    with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
+    with pytest.raises(RunError, match=f"must be 0 to {SHORT - 1}; got {SHORT}"):
         redraw_figure6(replace_fields(same, figure_frames=(SHORT,)))
 
 
@@ -243,7 +243,7 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
         ({"views": ()}, "No view"),
         ({"sampler": "magic"}, "no sampler 'magic'"),
         ({"post_filter": "blur"}, "no post-filter 'blur'"),
-        ({"words": "guess"}, "no way to words 'guess'; choose one of recognise, none"),
+        ({"words": "guess"}, "no word source 'guess'; choose one of recognise, none"),
         ({"samples": 0}, "1 to 8; got 0"),
         ({"steps": 0}, "1 to 1000; got 0"),
         ({"steps": {LOCAL: 1, WORLD: 1001}}, f"Steps of {WORLD} must be 1 to 1000; got 1001"),
@@ -251,10 +251,10 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
         ({"guidance": 11.0}, "0 to 10; got 11"),
         ({"guidance": float("nan")}, "0 to 10; got nan"),
         ({"seed": -1}, "got -1"),
-        ({"joint": "nose"}, "no point 'nose' to follow; choose a fingertip"),
-        ({"start_frame": SHORT}, f"start at frame 0 to {SHORT - 1}; got {SHORT}"),
-        ({"start_frame": -1}, f"start at frame 0 to {SHORT - 1}; got -1"),
-        ({"size": 254, "has_video": True}, "254 pixels; pictures have 256 to 1080"),
+        ({"joint": "nose"}, "no point 'nose' to track; choose a fingertip"),
+        ({"start_frame": SHORT}, f"start frame of Figure 6 must be 0 to {SHORT - 1}; got {SHORT}"),
+        ({"start_frame": -1}, f"start frame of Figure 6 must be 0 to {SHORT - 1}; got -1"),
+        ({"size": 254, "has_video": True}, "an even number of pixels from 256 to 1080; got 254"),
         ({"size": 333, "has_video": True}, "333 pixels"),
         ({"weights": Path("/nowhere")}, "No trained systems were found in /nowhere"),
         ({"speech": Path("/nowhere/speech.wav")}, "speech.wav does not exist"),
@@ -395,7 +395,7 @@ def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> N
     assert drawn.count("<image") == 1 and "Snapshots by frame" in drawn and "time (s)" not in drawn
     assert 'width="240.94' in drawn, "85 mm in points"
     late = replace_fields(asked, figure_frames=(3, SHORT), out=asked.output.out / "late")
-    with pytest.raises(RunError, match=f"frames 0 to {SHORT - 1}; got {SHORT}"):
+    with pytest.raises(RunError, match=f"must be 0 to {SHORT - 1}; got {SHORT}"):
         run(late)
     column = replace_fields(asked, samples=5, figure_panels=tuple(FIGURE_PANELS), figure_frames=())
     with pytest.raises(RunError, match="motions with the panels a,b,c,d is taller than a page"):

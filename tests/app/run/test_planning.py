@@ -46,7 +46,7 @@ def test_a_run_leaves_the_plan_that_it_performs_and_a_run_with_it_performs_the_s
     assert read_plan_file(plans[0]).plan.duration_s == 4.0
     other = replace_fields(asked, out=tmp_path / "given", plan=plans[0], systems=(WORLD, PLANNED))
     given = run(other)
-    assert f"{WORLD} performs no plans." in given.notes
+    assert f"{WORLD} does not use gesture plans." in given.notes
     first, again = (load_motion(out / f"{STEM}.npz").poses for out in (asked.output.out, given.out))
     np.testing.assert_allclose(first, again, atol=2e-3)  # a file of plans has four decimals
     record = json.loads((given.out / "provenance.json").read_text())
@@ -216,9 +216,14 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
         ),
         (asked.speech.path, plan, ("--guidance", "99"), "Guidance must be 0 to 10; got 99."),
         (asked.speech.path, plan, ("--seed", "-1"), "must not be negative; got -1"),
-        (asked.speech.path, plan, ("--empty", "--style", str(style)), "An empty plan has no style"),
-        (asked.speech.path, plan, ("--empty", "--seed", "3"), "not drawn; leave --seed out"),
-        (asked.speech.path, plan, ("--assume", "up=z"), "leave --assume out"),
+        (
+            asked.speech.path,
+            plan,
+            ("--empty", "--style", str(style)),
+            "An empty plan cannot have a style",
+        ),
+        (asked.speech.path, plan, ("--empty", "--seed", "3"), "not drawn; remove --seed"),
+        (asked.speech.path, plan, ("--assume", "up=z"), "remove --assume"),
         (asked.speech.path, plan, ("--style", str(style), *weights), "a style has no 'more'"),
         (asked.speech.path, plan, ("--weights", str(tmp_path)), f"There is no system '{PLANNED}'"),
     ):

@@ -107,7 +107,7 @@ def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch
     motion = load_motion(CLEAN)
     pictured, notes = picture_motions({"long": motion, "short": motion.part(slice(20))})
     assert [each.num_frames for each in pictured.values()] == [30, 20]
-    assert notes == ("The viewer and the videos show the first 1 s of long.",)
+    assert notes == ("The viewer and the videos show only the first 1 s of long.",)
 
 
 class _Drawing(Exception):
@@ -227,9 +227,9 @@ def test_what_no_stage_shows_is_refused() -> None:
         ),
         (
             {"bodies": many, "visible": tuple(range(MAX_SHOWN + 1))},
-            "1 to 12 bodies; the stage shows 13",
+            "1 to 12 bodies; the viewer shows 13",
         ),
-        ({"visible": ()}, "the stage shows 0"),
+        ({"visible": ()}, "the viewer shows 0"),
         ({"visible": (0, 3)}, "views do not match the bodies"),
         ({"visible": (-1,)}, "greater than or equal to 0"),
         ({"size": (10.0, 420.0)}, "greater than or equal to 64"),
@@ -238,7 +238,7 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"panels": ((body, right, right),)}, "views do not match the bodies"),
         ({"panels": ((ViewerPanel(rect=(0, 0, 900, 100)),),)}, "The body does not fit"),
         ({"panels": ((body, thin),)}, "right hand does not fit"),
-        ({"exaggeration": 50.0}, "by a factor of 1 to 20; got 50"),
+        ({"exaggeration": 50.0}, "factor must be 1 to 20; got 50"),
         ({"tone": "green"}, "'light', 'medium', 'dark' or 'clay'"),
         ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom is 0.4 to 10; got 99"),
     ]:

@@ -184,7 +184,7 @@ def test_a_folder_of_something_else_is_refused(inputs, tmp_path):
     (tmp_path / "out" / "participant_bundle" / "thesis.txt").write_text("years of work")
     with pytest.raises(RunError, match="holds a bundle of something else"):
         export_study(plan_of(inputs), tmp_path / "out", draw=draw_noise)
-    with pytest.raises(RunError, match="is a file; name a folder"):
+    with pytest.raises(RunError, match="is a file; give a folder"):
         export_study(plan_of(inputs), inputs / "plan.toml", draw=draw_noise)
 
 

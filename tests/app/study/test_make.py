@@ -227,7 +227,7 @@ def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(tmp
     with pytest.raises(RunError, match="The plan of 'given' for clip 'one' is missing"):
         planned_sources(tmp_path, text)
     write_plan_file(GesturePlan(9.0), tmp_path / "one.json")
-    with pytest.raises(RunError, match=r"for clip 'one': The plan is of 9\.00 s and the speech"):
+    with pytest.raises(RunError, match=r"for clip 'one': The plan lasts 9\.00 s and the speech"):
         planned_sources(tmp_path, text)
 
 

@@ -127,7 +127,7 @@ def test_a_list_of_too_many_files_is_not_even_read(comment, folder, tmp_path, mo
         for place in range(100):
             archive.writestr(f"{place:0100}.npz", b"")
     monkeypatch.setattr("zipfile.ZipInfo", None)  # of an entry that is read
-    with pytest.raises(RunError, match="more files than the 10"):
+    with pytest.raises(RunError, match="more than 10 files"):
         unpack_archive(path, folder, NPZ, UnpackLimits(files=10))
 
 
@@ -175,7 +175,7 @@ def test_what_is_no_zip_is_told(folder: Path, tmp_path: Path):
     path.write_bytes(data)
     with pytest.raises(RunError, match="without a password"):
         unpack_archive(path, folder, NPZ)
-    with pytest.raises(RunError, match=r"contains no supported files: .npz"):
+    with pytest.raises(RunError, match=r"contains no supported files \(.npz"):
         unpack_archive(_zip(tmp_path / "other.zip", ("a.txt", b"text")), folder, NPZ)
     with pytest.raises(RunError, match=r"none.zip cannot be read: No such file"):
         unpack_archive(tmp_path / "none.zip", folder, NPZ)

@@ -56,7 +56,7 @@ def measured(folders: Path) -> Path:
     shares: list[float] = []
     result = diagnose_folders(asked(folders, folders / "measured"), shares.append)
     assert tuple(result.summary["clips"]) == CLIPS and shares[-1] == 1.0
-    assert any("1 of 4 clips have no clip of the same name" in note for note in result.notes)
+    assert any("1 of 4 clips are missing in another set" in note for note in result.notes)
     return folders / "measured"
 
 
@@ -77,7 +77,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     (protocols,) = {row["protocols"] for row in by_clip}
     assert protocols.startswith("workbench/1; ") and "l1_diversity_m l1div/emage" in protocols
     assert "beat_align beats/workbench;" in protocols
-    assert all("name no other protocol: workbench/1" in (tmp_path / name).read_text()
+    assert all("name no protocol use workbench/1" in (tmp_path / name).read_text()
                for name in ("sheet.md", "table.tex"))  # fmt: skip
     of_lively = [row for row in by_clip if row["system"] == "lively"]
     mean = np.mean([float(row[SPEED]) for row in of_lively])
@@ -91,7 +91,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     assert order == sorted(order) and all("copy of the reference" in line for line in worst[-3:])
     paper = (tmp_path / "table.tex").read_text()
     assert paper.count("\\\\\n") == 1 + len({row["measure"] for row in rows})
-    assert "fewer than 10 clips no difference is starred" in paper and "{*}" not in paper
+    assert "starred only with 10 clips or more" in paper and "{*}" not in paper
     measures = json.loads((tmp_path / "many.json").read_text())["measures"]
     of_ten = cells_of(["lively", "same", "reference"], [{**row, "clips": 10} for row in measures])
     assert of_ten["Tracked point: Speed (m/s)"][0].endswith("*")
@@ -144,7 +144,7 @@ def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_pa
         speech=tmp_path / "sound",
     )
     result = diagnose_folders(request)
-    assert "1 of 3 clips have no sound of their name." in result.notes
+    assert "1 of 3 clips have no audio file of the same name." in result.notes
     by_clip = csv_rows(tmp_path / "out" / "clips.csv")
     rows = {(row["clip"], row["system"]): row for row in by_clip}
     for clip in CLIPS[:1]:

@@ -69,7 +69,7 @@ def test_folders_tell_clips_apart_where_names_do_not(tmp_path: Path):
         "nora": ["1"],
     }
     with pytest.raises(
-        RunError, match=r"of mine would both be called .a.: a\.npz and a_output\.npz"
+        RunError, match=r"of mine have the same clip name .a.: a\.npz and a_output\.npz"
     ):
         pair_files(sets(tmp_path / "c", mine=("a.npz", "a_output.npz")))
 
@@ -99,7 +99,7 @@ def rows_of(out: Path) -> dict[tuple[str, str], dict[str, str]]:
 
 def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_path: Path):
     found = diagnose_folders(asked(made, tmp_path / "both"))
-    assert "mine has 2 samples of each clip, which are averaged first." in found.notes
+    assert "mine has 2 samples of each clip; their metrics are averaged first." in found.notes
     both = rows_of(tmp_path / "both")
     parts = []
     for sample in (0, 1):
@@ -123,7 +123,7 @@ def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_pat
             for clip in "abc"
         ]
     )
-    sheet = (tmp_path / "both" / "sheet.md").read_text().split("Variation between samples")[1]
+    sheet = (tmp_path / "both" / "sheet.md").read_text().split("Standard deviation between")[1]
     (line,) = (line for line in sheet.splitlines() if title in line)
     assert float(line.split("|")[2]) == pytest.approx(spread, rel=0.01)
 
@@ -210,21 +210,21 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
     found = check_sets(folders, tmp_path / "beat2", tmp_path / "out")
     good, bad = found.values()
     assert good.is_valid and not bad.is_valid
-    assert good.messages == ["good: all 3 clips are as the leaderboard asks, 5 samples of each."]
+    assert good.messages == ["good: all 3 clips meet the leaderboard's rules, 5 samples of each."]
     assert bad.listed == [f"Missing: {clips[2]}", "Extra: 2_scott_0_9_9"]
     for words in (
-        f"{clips[1]} have fewer samples than the 3",
-        "3 samples of a clip; a system that draws hands in 5",
-        f"{clips[0]}_sample0.npz: it has 15 frames where the recording has 20",
+        f"{clips[1]} have fewer samples than other clips, which have 3",
+        "3 samples per clip; a probabilistic system must submit 5",
+        f"{clips[0]}_sample0.npz: it has 15 frames, but the recording has 20",
         f"{clips[0]}_sample2.npz: it is identical to {clips[0]}_sample0.npz",
         f"{clips[1]}_sample0.npz: it lacks trans",
     ):
         assert any(words in line for line in bad.messages), words
     report = (tmp_path / "out" / "check.md").read_text()
     assert all(sentence in report for sentence in (*bad.messages, *bad.listed))
-    with pytest.raises(RunError, match="give them, too"):
+    with pytest.raises(RunError, match="also give these"):
         check_sets(folders, None, tmp_path / "none")
     save_motion(smooth_motion_example(9, 0), tmp_path / "bad" / "2_scott_0_9_9_output.npz")
-    with pytest.raises(RunError, match="files of bad would both be called"):
+    with pytest.raises(RunError, match="files of bad have the same clip name"):
         check_sets(folders, tmp_path / "beat2", tmp_path / "twice")
     assert REFERENCE_NAME not in found

@@ -156,7 +156,9 @@ def test_values_of_different_protocols_are_in_different_rows_of_tables(results: 
 
 def _rule_rows(out: Path) -> dict[tuple[str, str, str], list[str]]:
     """Read cells of the table of rules, by metric, system and rule."""
-    _, told = (out / "sheet.md").read_text().split("The same motion by different rules")
+    _, told = (
+        (out / "sheet.md").read_text().split("The same motion measured by different protocols")
+    )
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()[2:]]
     return {(row[0], row[1], row[2]): row[3:] for row in cells if len(row) == 6}
 
@@ -224,8 +226,8 @@ def test_sums_are_kept_and_measured_again_if_values_are_expected(results: AnyRun
 
 def test_unknown_expected_values_are_refused(tmp_path: Path, capsys):
     for text, told in (
-        ("fgd", "not an expected value"),
-        ("fgd=x", "not an expected"),
+        ("fgd", "numbers by metric, such as fgd=4.2; got 'fgd'"),
+        ("fgd=x", "numbers by metric, such as fgd=4.2; got 'fgd=x'"),
         ("dy=1", "no metric"),
     ):
         with pytest.raises(RunError, match=told):
@@ -283,7 +285,7 @@ def test_distances_by_encoders_of_genea_are_protocols_of_their_own(
     assert float(told["fgd", "calm", f"fgd/workbench, {taller}"][1]) == 0
     assert float(told["fgd", "calm", f"fgd/genea-30, {still}"][1]) == 0
     assert float(told["fgd", "calm", f"fgd/workbench, {still}"][1]) != 0
-    with pytest.raises(CheckpointError, match="second encoder of 30 frames"):
+    with pytest.raises(CheckpointError, match="second encoder for 30 frames"):
         diagnose_folders(replace_fields(results, genea_weights=(genea[30], genea[30])))
 
 

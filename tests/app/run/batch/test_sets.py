@@ -112,7 +112,7 @@ def test_zips_of_one_name_and_without_a_common_clip_are_refused(folders, tmp_pat
     with zipfile.ZipFile(other, "w") as archive:
         archive.write(next(folders.rglob("res_a.npz")), "x.npz")
     mine = zipped(folders / "mine", tmp_path / "mine.zip")
-    with pytest.raises(RunError, match="No file name is in all of mine, other"):
+    with pytest.raises(RunError, match="No clip is in all of mine, other"):
         measure_sets(
             diagnose_request(
                 motions=(mine, other), names=("mine", "other"), out=tmp_path / "second"
