@@ -14,6 +14,8 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
+from conventions.names import pluralise
+
 _FINGERS = ("Index", "Middle", "Pinky", "Ring", "Thumb")
 BONES: dict[str, str] = {
     f"{side}_{start}": f"{side}_{end}"
@@ -121,10 +123,10 @@ class JointTree:
         pelvis = next((at for at in forks if self._trunk(at) is not None), 0)
         trunk = self._trunk(pelvis)
         if trunk is None:
-            raise self._unknown("no trunk from which two arms go")
+            raise self._unknown("no joint of its trunk has two arms")
         chest = next((at for at in self._down(trunk) if len(self._limbs(at)) >= 2), None)
         if chest is None:
-            raise self._unknown("no joint from which two arms go")
+            raise self._unknown("no joint has two arms")
         below = range(trunk, trunk + self._sizes[trunk])
         branches = (
             [each for each in self._limbs(at) if each != trunk]
@@ -133,7 +135,7 @@ class JointTree:
         )
         legs = next((self._mirrored(each, LEG) for each in branches if len(each) >= 2), ())
         if not legs and len(self._limbs(chest)) > 3:
-            raise self._unknown("no joint from which two legs and a trunk go")
+            raise self._unknown("no joint has two legs and a trunk")
         arms = self._mirrored(self._limbs(chest), ARM)
         ahead, left = np.zeros(3), np.zeros(3)
         if legs:
@@ -158,8 +160,9 @@ class JointTree:
     def _unknown(self, why: str) -> NoHumanoidError:
         names = ", ".join(name[:24] for name in self._joint_names[:12])
         return NoHumanoidError(
-            f"{self.source} has {len(self._parents)} joints and {why} ({names} …); a trunk and"
-            " two arms are needed. Retarget it to a Mixamo or SMPL-X skeleton first."
+            f"{self.source} is not recognised as a humanoid, because {why}; its"
+            f" {len(self._parents)} joints are {names} …. A trunk and two arms are needed: retarget"
+            " it to a Mixamo or SMPL-X skeleton first."
         )
 
     def _down(self, index: int) -> list[int]:
@@ -190,7 +193,7 @@ class JointTree:
         ]
         limbs = named if len(named) >= 2 else limbs
         if len(limbs) < 2:
-            raise self._unknown("fewer than two limbs at its trunk")
+            raise self._unknown("its trunk has fewer than two limbs")
         return min(combinations(limbs, 2), key=lambda two: self._length_difference(*two))
 
     def _length_difference(self, one: int, other: int) -> float:
@@ -224,7 +227,7 @@ class JointTree:
         places = self.rest[path]
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
         if len(lengths) < 2:
-            raise self._unknown(f"a limb of {len(path)} joints")
+            raise self._unknown(f"a limb has only {pluralise(len(path), 'joint')}")
         before, *three, after = names
         first, middle, end = self._named_limb(path, assigned) or self._longest(lengths, three[1])
         starts = {three[0]: path[first:middle], three[1]: path[middle:end], three[2]: [path[end]]}

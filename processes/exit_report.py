@@ -66,10 +66,10 @@ class ExitReport:
     def exit_text(self) -> str:
         """Text that continues "it ended", such as "with exit status 1"."""
         if self.status is None:
-            return "without a status"
+            return "with an unknown exit status"
         if self.status >= 0:
             return f"with exit status {self.status}"
-        name = self.signal.name if self.signal else "no name"
+        name = self.signal.name if self.signal else "unknown"
         return f"by signal {-self.status} ({name})"
 
     def user_message(
@@ -88,10 +88,11 @@ class ExitReport:
             why = f"because it ran out of memory (according to {source})"
             return f"{noun} ended {self.exit_text} {why}; {for_memory}.{self._lines()}"
         if self.signal == signal.SIGKILL:
-            why = "It was killed from outside; the system reports no lack of memory."
+            why = "Another program killed it; the system reports no lack of memory."
             return f"{noun} ended {self.exit_text}. {why} {_capital(again)}.{self._lines()}"
         if self.signal is not None and self.signal not in CRASHES:
-            return f"{noun} ended {self.exit_text}, which was sent to it; {again}.{self._lines()}"
+            why = "which another program sent"
+            return f"{noun} ended {self.exit_text}, {why}; {again}.{self._lines()}"
         why = suspect if self.signal is not None else _PROGRAM_FAULT_NOTE
         report = (
             "report it with these lines" if self.log_lines else "report it; its log has no lines"

@@ -24,9 +24,10 @@ MAX_BREAKS = 3
 """Number of worker processes in a row that may crash without any job done in between."""
 
 _BROKEN = (
-    f"Worker processes ended {MAX_BREAKS} times before any got its work done; what is done is kept."
+    f"Worker processes ended {MAX_BREAKS} times in a row without finishing a job; finished jobs "
+    "are kept."
 )
-_LAST, _FEWER, _AGAIN = "The last one", "use fewer processes", "give the same command again"
+_LAST, _FEWER, _AGAIN = "The last one", "use fewer processes", "run the same command again"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """Environment with one thread for numpy and torch: results do not depend on the core count."""
 _POLL_S = 0.02
@@ -180,8 +181,8 @@ def _raised(work: bytes, on_news: Callable[[Any], object]) -> Exception | None:
         job.do(on_news)
     except SystemExit as end:
         return JobsError(
-            f"{name} left its worker process with exit status {end.code}; that is a fault of the "
-            "program, which please report."
+            f"{name} ended its worker process with exit status {end.code}. This is a bug in the "
+            "program; please report it."
         )
     except Exception as error:
         error.add_note(traceback.format_exc())
@@ -207,7 +208,7 @@ def run_on_cluster(
         from distributed import Client, as_completed
     except ImportError as error:
         raise JobsError(
-            "A scheduler needs Dask: pip install --no-deps -r locks/cluster.txt."
+            "A scheduler needs Dask; install it with: pip install --no-deps -r locks/cluster.txt"
         ) from error
     for name in _CONNECTION_LOGGERS:
         logging.getLogger(name).addFilter(_is_no_lost_connection)
@@ -248,8 +249,8 @@ def run_on_cluster(
                     on_done(job.name)
                 else:
                     failed[job.name] = JobsError(
-                        f"{job.name} was done by a worker, but its result is not here; workers "
-                        "must see the same folders."
+                        f"A worker finished {job.name}, but its result is missing on this machine; "
+                        "workers must share its folders."
                     )
             future.release()  # or Dask would do it again if this worker were lost
     finally:
@@ -289,8 +290,8 @@ def _worker_error(error: Exception, job: Job) -> Exception:
 
     if isinstance(error, KilledWorker):
         return JobsError(
-            f"Every worker that began {job.name} ended before it was done; the logs of the workers "
-            "say how."
+            f"Every worker that started {job.name} ended before finishing it; the workers' logs "
+            "show why."
         )
     return error
 

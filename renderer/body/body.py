@@ -59,13 +59,13 @@ class BodyMotion:
         distance = float(np.abs(self.trans).max(initial=0.0))
         if distance > MAX_DISTANCE_M:
             raise BodyError(
-                f"The motion moves the body {distance:.0f} m away; "
-                f"at most {MAX_DISTANCE_M:.0f} m can be shown ('trans' is in metres)."
+                f"'trans' moves the body {distance:.0f} m from the origin; at most "
+                f"{MAX_DISTANCE_M:.0f} m can be shown. Check that 'trans' is in metres."
             )
         if np.abs(self.betas).max(initial=0.0) > MAX_BETA:
             raise BodyError(
-                f"The motion's 'betas' reach {np.abs(self.betas).max():.0f}; "
-                f"a body shape lies within {MAX_BETA:.0f}."
+                f"The body shape ('betas') has a value of size {np.abs(self.betas).max():.0f}; at "
+                f"most {MAX_BETA:.0f} is possible for a human body."
             )
 
     @property
@@ -147,9 +147,9 @@ class Body(BodyArrays):
             )
         if motion.betas[num_betas:].any():
             notes.append(
-                f"{self.name} has {num_betas} betas; the further ones of the motion are left out."
+                f"{self.name} has {num_betas} betas; the motion's other betas are left out."
                 if num_betas
-                else f"The body shape (betas) is left out: the {self.name} has one shape only."
+                else f"The body shape (betas) is left out: the {self.name} has only one shape."
             )
         return tuple(notes)
 
@@ -238,14 +238,14 @@ def load_body(path: Path | None = None, look: str = BODY_LOOKS[0]) -> Body:
             or not available for the file.
     """
     if look not in BODY_LOOKS:
-        raise BodyError(f"Unknown look '{look}'; known are {', '.join(BODY_LOOKS)}.")
+        raise BodyError(f"Unknown look '{look}'; choose one of {', '.join(BODY_LOOKS)}.")
     if path is None:
         arrays = read_body_file(OPEN_BODY_PATH, look.partition("-")[0])
         return Body(**vars(arrays), look_name=look)
     if look != BODY_LOOKS[0]:
         raise BodyError(
-            f"The look '{look}' belongs to the open body; {Path(path).name} has one look only, so "
-            "leave one of the two out."
+            f"The look '{look}' is for the open body, and {Path(path).name} has only one look; "
+            "leave out either the look or the body file."
         )
     if Path(path).suffix.lower() in SUFFIXES:
         return Body(**vars(read_character(Path(path))))

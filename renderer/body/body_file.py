@@ -128,7 +128,9 @@ def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
     except BodyError:
         raise
     except Exception as error:  # zipfile and numpy's header reader raise many kinds of errors
-        raise BodyError(f"{path.name} is damaged and cannot be read as a body.") from error
+        raise BodyError(
+            f"{path.name} is damaged and cannot be read as a body; download it again."
+        ) from error
     if np.abs(arrays.weights.sum(axis=1) - 1).max() > 0.01:
         raise BodyError(f"{path.name}: the skinning weights of a vertex do not sum to one.")
     return arrays
@@ -142,7 +144,7 @@ def _open_body(
     if version != OPEN_BODY_FORMAT:
         raise BodyError(
             f"{name} is an open body of format {version}; "
-            f"this version reads format {OPEN_BODY_FORMAT}."
+            f"this program reads format {OPEN_BODY_FORMAT}."
         )
     template = file["template"].astype(np.float32)
     num_vertices = len(template)
@@ -246,13 +248,14 @@ def _licensed_body(
     outside = faces[(faces < 0) | (faces >= num_vertices)]
     if outside.size:
         raise BodyError(
-            f"{path.name}: 'f' names number {outside[0]:g}, but only 0 to {num_vertices - 1} exist."
+            f"{path.name}: 'f' refers to vertex {outside[0]:g}, but the vertices are 0 to "
+            f"{num_vertices - 1}."
         )
     kintree = numbers("kintree_table", 2, None)
     if kintree.shape[1] != NUM_JOINTS:
         raise BodyError(
             f"{path.name} has {kintree.shape[1]} joints; SMPL-X has {NUM_JOINTS} "
-            "(SMPL and SMPL-H files do not fit)."
+            "(SMPL and SMPL-H files cannot be used)."
         )
     if tuple(kintree[0, 1:]) != PARENTS[1:]:
         raise BodyError(f"{path.name}: 'kintree_table' is not the joint tree of SMPL-X.")

@@ -144,7 +144,7 @@ class _Character:
         missing = [name for name in ("pelvis", *arms) if name not in bones]
         if missing or len(set(bones.values())) < len(bones):
             raise BodyError(
-                f"{self._gltf.name} has no bone of its own for "
+                f"{self._gltf.name} has no separate bone for "
                 f"{join_names(missing or ['each joint'])}; a pelvis and two whole arms are needed."
             )
         return bones
@@ -178,8 +178,8 @@ class _Character:
             trees[-1].append(node)
         if not trees:
             raise BodyError(
-                f"{gltf.name} has no skin, so its mesh does not follow bones; rig it as a humanoid "
-                "first, for example with Mixamo."
+                f"{gltf.name} has no skin, so its mesh is not attached to bones; rig it as a "
+                "humanoid first, for example with Mixamo."
             )
         nodes = max(trees, key=len)
         place = {node: index for index, node in enumerate(nodes)}
@@ -232,7 +232,7 @@ class _Character:
         ours = {name: self._rest[index] for name, index in JOINT_INDEX.items()}
         scale = length(ours) / length({name: self._origins[at] for name, at in self.bones.items()})
         if not 1e-6 < scale < 1e6:
-            raise BodyError(f"{self._gltf.name} has limbs without length.")
+            raise BodyError(f"The limbs of {self._gltf.name} have no length.")
         return np.stack([x, y, np.cross(x, y)]), scale
 
     def _owners(self) -> list[int]:
@@ -252,8 +252,8 @@ class _Character:
                 is_below, joint = joint == above, PARENTS[joint]
             if not is_below:
                 raise BodyError(
-                    f"{self._gltf.name}: the bone of {JOINT_NAMES[owners[node]]} hangs on that of "
-                    f"{JOINT_NAMES[above]}, which is no person's order."
+                    f"{self._gltf.name}: the bone of {JOINT_NAMES[owners[node]]} is a child of the "
+                    f"bone of {JOINT_NAMES[above]}, unlike in a human skeleton."
                 )
         return owners
 
@@ -305,14 +305,16 @@ class _Character:
                 if num_vertices > MAX_VERTICES or num_values > MAX_TARGET_VALUES:
                     raise BodyError(
                         f"{path.name} has more than {MAX_VERTICES} vertices or "
-                        f"{MAX_TARGET_VALUES // 10**6} million values of blendshapes; "
+                        f"{MAX_TARGET_VALUES // 10**6} million blendshape values; "
                         "export a coarser mesh."
                     )
                 positions = gltf.array(primitive["attributes"]["POSITION"]).astype(np.float64)
                 faces = self._faces(primitive, count)
                 num_faces += len(faces)
                 if num_faces > MAX_FACES:
-                    raise BodyError(f"{path.name} has more than {MAX_FACES} triangles.")
+                    raise BodyError(
+                        f"{path.name} has more than {MAX_FACES} triangles; export a coarser mesh."
+                    )
                 weights, blended = self._skinning(primitive, node, posed, count)
                 shapes.add(mesh, number, blended[:, :, :3], targets)
                 maker.add(primitive, count)
@@ -323,7 +325,7 @@ class _Character:
                     normals = np.einsum("vab,vb->va", blended[:, :, :3], stored)
                 parts.append((placed, faces + num_vertices - count, weights, normals))
         if not parts:
-            raise BodyError(f"{path.name} has no mesh of triangles.")
+            raise BodyError(f"{path.name} has no triangle mesh.")
         template = np.concatenate([placed for placed, *_ in parts])
         weights = sp.csr_array(sp.vstack([each for _, _, each, _ in parts]), dtype=np.float32)
         soles = weights[:, [JOINT_INDEX[f"{s}_{p}"] for s in _SIDES for p in ("ankle", "foot")]]
@@ -337,8 +339,8 @@ class _Character:
             MAX_REACH_M
         ):
             raise BodyError(
-                f"{path.name} has vertices more than {MAX_REACH_M:.0f} m away when its legs are as "
-                "long as a person's."
+                f"{path.name}, scaled until its legs are as long as a person's, has vertices more "
+                f"than {MAX_REACH_M:.0f} m away or not finite."
             )
         jaw = None if "jaw" in self.bones or not shapes.drives("jawOpen") else "jawOpen"
         return BodyArrays(
@@ -378,7 +380,9 @@ class _Character:
             corners = np.arange(count)
         faces = corners[: len(corners) // 3 * 3].reshape(-1, 3)
         if len(faces) and not 0 <= faces.min() <= faces.max() < count:
-            raise BodyError(f"{self._gltf.name}: a triangle has a corner that does not exist.")
+            raise BodyError(
+                f"{self._gltf.name}: a triangle refers to a vertex that does not exist."
+            )
         return faces
 
     def _skinning(
@@ -396,7 +400,7 @@ class _Character:
         skin = gltf.item("skins", gltf.nodes[node]["skin"])
         joints = np.array(skin["joints"], np.int64)
         if len(joints) == 0 or not 0 <= joints.min() <= joints.max() < len(gltf.nodes):
-            raise BodyError(f"{gltf.name}: a skin names a joint that does not exist.")
+            raise BodyError(f"{gltf.name}: a skin refers to a joint that does not exist.")
         binds = np.tile(np.eye(4), (len(joints), 1, 1))
         if "inverseBindMatrices" in skin:
             stored = gltf.array(skin["inverseBindMatrices"])[: len(joints)]
@@ -407,7 +411,7 @@ class _Character:
         shares = np.hstack([gltf.array(attributes[f"WEIGHTS_{n}"]) for n in sets]).clip(0)
         shares = shares.astype(np.float64)
         if which.shape[0] != count or shares.shape != which.shape or which.max() >= len(joints):
-            raise BodyError(f"{gltf.name}: skinning weights do not fit their vertices.")
+            raise BodyError(f"{gltf.name}: the skinning weights do not match vertices and joints.")
         total = shares.sum(axis=1, keepdims=True)
         shares[:, :1] += total <= 0  # a vertex without weights follows its first joint
         shares /= shares.sum(axis=1, keepdims=True)
@@ -422,14 +426,14 @@ class _Character:
         """Return sentences on what of the character moves and what does not."""
         name = self._gltf.name
         without = [each.replace("_", " ") for each in JOINT_NAMES if each not in self.bones]
-        told = [f"{name} has {pluralise(NUM_JOINTS - len(without), 'joint')} of SMPL-X's 55"]
+        told = [f"{name} has {NUM_JOINTS - len(without)} of SMPL-X's 55 joints"]
         if without:
             shown = without if len(without) <= 8 else [*without[:7], f"{len(without) - 7} more"]
-            told[0] += f"; without a bone, so at rest: {join_names(shown)}"
+            told[0] += f"; joints without a bone do not move: {join_names(shown)}"
         told.append(shapes.remark)
         told.append(
-            "Its proportions are its own, so a hand may miss the body where the motion touches it; "
-            "metrics are of the standard skeleton"
+            "It keeps its own proportions, so a hand may miss the body where the motion touches "
+            "it; metrics are computed on the standard skeleton"
         )
         if num_missing:
             told.append(f"{pluralise(num_missing, 'texture')} could not be read and are left out")

@@ -116,7 +116,7 @@ class FaceShapes:
                     break
         if len(matches) < 3:
             self._driven: frozenset[str] = frozenset()
-            return "Its face has no blendshapes that are known; jaw and eyes move if it has bones"
+            return "Its face has no known blendshapes; jaw and eyes move only if they have bones"
         for name, shapes in matches.items():
             for shape, share in shapes:
                 for mesh, target, weight in self._binds[_plain(shape)]:
@@ -124,7 +124,7 @@ class FaceShapes:
                     component = self._names.index(name)
                     of_target[component] = of_target.get(component, 0.0) + share * weight
         self._driven = frozenset(matches)
-        return f"Its face moves by {kind}"
+        return f"Its face is animated with {kind}"
 
     def drives(self, name: str) -> bool:
         """Check whether an expression component moves the face."""

@@ -45,8 +45,8 @@ def read_glb(path: Path) -> bytes:
     num_bytes = path.stat().st_size
     if num_bytes > MAX_FILE_BYTES:
         raise BodyError(
-            f"{path.name} has {num_bytes / 1e6:.0f} MB; a character may have "
-            f"{MAX_FILE_BYTES / 1e6:.0f}: export it with smaller textures."
+            f"{path.name} has {num_bytes / 1e6:.0f} MB; a character may have at most "
+            f"{MAX_FILE_BYTES / 1e6:.0f} MB. Export it with smaller textures."
         )
     return path.read_bytes()
 
@@ -65,19 +65,19 @@ class Gltf:
         self.version, length, json_bytes = struct.unpack_from("<III", content, 4)
         if self.version != 2 or content[16:20] != b"JSON" or length > len(content):
             raise BodyError(
-                f"{name} is not a whole glTF 2.0 file; export it again as .glb or .vrm."
+                f"{name} is not a complete glTF 2.0 file; export it again as .glb or .vrm."
             )
         if json_bytes > MAX_JSON_BYTES:
             raise BodyError(
-                f"The description in {name} has {json_bytes / 1e6:.0f} MB; "
-                f"at most {MAX_JSON_BYTES / 1e6:.0f} are read."
+                f"The JSON part of {name} has {json_bytes / 1e6:.0f} MB; "
+                f"at most {MAX_JSON_BYTES / 1e6:.0f} MB are read."
             )
         self.document: dict[str, Any] = json.loads(content[20 : 20 + json_bytes])
         self.binary = content[28 + json_bytes : length]
         for extension, usual in COMPRESSIONS.items():
             if extension in self.document.get("extensionsUsed", ()):
                 raise BodyError(
-                    f"{name} is compressed with {usual}, which is not read here; "
+                    f"{name} is compressed with {usual}, which cannot be read; "
                     "export it without mesh compression."
                 )
         self.nodes: list[dict] = self.document["nodes"]
@@ -91,7 +91,7 @@ class Gltf:
             if self.parents[node] >= 0:
                 self.world[node] = self.world[self.parents[node]] @ self.local[node]
         if not np.isfinite(self.world).all():
-            raise BodyError(f"{name}: its nodes are placed by values that are not finite.")
+            raise BodyError(f"{name}: the position of a node is not finite.")
 
     def _tree(self) -> tuple[list[int], list[int]]:
         """Return the parent of each node, and the nodes depth first; refuse cycles."""
@@ -107,7 +107,7 @@ class Gltf:
             order.append(waiting.pop())
             waiting += self.nodes[order[-1]].get("children", ())[::-1]
         if len(order) < len(parents):
-            raise BodyError(f"{self.name}: its nodes contain each other.")
+            raise BodyError(f"{self.name}: the nodes form a cycle.")
         return parents, order
 
     def item(self, kind: str, index: int) -> dict:
@@ -122,7 +122,9 @@ class Gltf:
         kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
         count = accessor["count"]
         if not 0 <= count <= MAX_ELEMENTS:
-            raise BodyError(f"{self.name} has an array of {count} elements; too many are refused.")
+            raise BodyError(
+                f"{self.name} has an array of {count} elements; at most {MAX_ELEMENTS} are read."
+            )
         values = np.zeros((count, width), kind)
         if "bufferView" in accessor:
             offset = accessor.get("byteOffset", 0)
@@ -148,7 +150,7 @@ class Gltf:
             )
         stride = view.get("byteStride") or kind.itemsize * width
         if min(offset, view.get("byteOffset", 0), stride, count) < 0:
-            raise BodyError(f"{self.name}: an array begins before its file.")
+            raise BodyError(f"{self.name}: an array starts before the beginning of the file.")
         start = view.get("byteOffset", 0) + offset
         return np.ndarray(
             (count, width), kind, self.binary, start if count else 0, (stride, kind.itemsize)

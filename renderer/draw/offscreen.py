@@ -45,7 +45,7 @@ def load_opengl(backend: Backend) -> None:
     if "OpenGL" in sys.modules and os.environ.get("PYOPENGL_PLATFORM") != backend:
         raise GLError(
             f"OpenGL is already loaded for {os.environ.get('PYOPENGL_PLATFORM')!r}; "
-            f"{backend!r} needs a process of its own."
+            f"{backend!r} needs a separate process."
         )
     os.environ["PYOPENGL_PLATFORM"] = backend
     if "pyrender.viewer" not in sys.modules:
@@ -57,7 +57,7 @@ def load_opengl(backend: Backend) -> None:
         importlib.import_module("renderer.draw.gl")
     except (ImportError, OSError, AttributeError, TypeError) as error:
         raise GLError(
-            f"The system libraries of OpenGL through {backend} are missing or broken ({error})."
+            f"The system libraries for OpenGL with {backend} are missing or broken ({error})."
         ) from error
 
 
@@ -82,7 +82,7 @@ class OffscreenRenderer:
                 "(renderer.video.workers)."
             )
         try:
-            with self._convert_errors("gives no context"):
+            with self._convert_errors("cannot create a context"):
                 self._platform = _new_platform(self._backend)
                 self._platform.init_context()
                 self._platform.make_current()
@@ -106,7 +106,7 @@ class OffscreenRenderer:
             yield
         except Exception as error:
             reason = f"{type(error).__name__} {error}".strip().splitlines()[0]
-            raise GLError(f"OpenGL through {self._backend} {failure} ({reason}).") from error
+            raise GLError(f"OpenGL with {self._backend} {failure} ({reason}).") from error
 
     def canvas(self, subject: Subject, width: int, height: int) -> "Canvas":
         """Make a canvas for a subject, valid as long as this renderer is open.
@@ -116,7 +116,7 @@ class OffscreenRenderer:
         """
         from renderer.draw.gl import Canvas
 
-        with self._convert_errors(f"gives no picture of {width} x {height} pixels"):
+        with self._convert_errors(f"cannot draw pictures of {width} x {height} pixels"):
             self._canvases.append(Canvas(subject, width, height))
         return self._canvases[-1]
 

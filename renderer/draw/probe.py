@@ -60,9 +60,9 @@ def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return _broken(name, f"it did not answer within {_TIMEOUT_S:.0f} s")
+        return _broken(name, f"the test picture was not drawn within {_TIMEOUT_S:.0f} s")
     except OSError as error:
-        return _broken(name, f"no child process can be started: {error}")
+        return _broken(name, f"the process for the test picture cannot be started: {error}")
     if child.returncode < 0:
         return _broken(name, f"the driver ended {ExitReport(child.returncode).exit_text}")
     if child.returncode:
@@ -97,7 +97,7 @@ def test_draw(name: Backend) -> str:
         picture = canvas.draw(prepare(body.template), camera).astype(int)
         driver = renderer.driver
     if np.abs(picture[_PROBE_SIZE_PX // 2, _PROBE_SIZE_PX // 2] - picture[0, 0]).max() < 16:
-        raise GLError(f"{driver} draws an empty picture")
+        raise GLError(f"the driver {driver} draws an empty picture")
     return driver
 
 

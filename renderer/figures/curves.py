@@ -24,9 +24,9 @@ AXIS_PERCENTILE = 99.0
 """Percentile of a panel's values at which its x axis ends, so that one outlier does not set it."""
 _COLUMNS = 3
 DISTRIBUTIONS_CAPTION = (
-    "The height is the share of clips at or below a value; a curve further to the right means "
-    f"larger values. Axes end where {AXIS_PERCENTILE:g} % of a panel's values lie; a curve that "
-    "does not reach 1 has clips beyond. Unfiltered motion."
+    "Each curve shows the share of clips at or below a value; a curve further to the right means "
+    f"larger values. Each x axis ends at the {AXIS_PERCENTILE:g}th percentile of the panel's "
+    "values; a curve that does not reach 1 has clips with larger values. The motion is unfiltered."
 )
 
 
@@ -45,12 +45,15 @@ def draw_distributions(
             systems.
     """
     if values.empty:
-        raise FigureError("There is no value to draw.")
-    most = style.MAX_SYSTEMS
-    if len([name for name in systems if name != reference]) > most:
-        raise FigureError(f"There are {len(systems)} systems; at most {most} have distinct styles.")
-    if not np.isfinite(values["value"]).all():
-        raise FigureError("A value is not a number.")
+        raise FigureError("There are no values to draw.")
+    count = len([name for name in systems if name != reference])
+    if count > style.MAX_SYSTEMS:
+        raise FigureError(
+            f"The figure can show at most {style.MAX_SYSTEMS} systems besides the reference; "
+            f"got {count}."
+        )
+    for _, row in values[~np.isfinite(values["value"])].iterrows():
+        raise FigureError(f"{row['measure']} of {row['system']} is not a finite number.")
     styles = style.series_styles(systems, reference)
     panels = list(values.groupby("measure", sort=False))
     num_rows = -(-len(panels) // _COLUMNS)
@@ -82,14 +85,14 @@ def draw_distributions(
 
 STEP_PANELS = {
     "tip_jerk_m_s3": "a  Fingertip jerk (m/s\N{SUPERSCRIPT THREE})",
-    "distance_cm": "b  Distance to the result with the most steps (cm)",
+    "distance_cm": "b  Distance from the result with the most steps (cm)",
 }
 REAL_TIME_MS = 1000.0 / FPS
 STEP_SWEEP_CAPTION = (
-    "Each mark is one motion of the same speech, with its number of steps beside it; time is by "
-    "the clock of this machine, one motion at a time, without the features of the speech. "
-    "Stochastic samplers (the GAN's, few-step consistency) give a different result for every "
-    "number of steps. One clip and one noise seed."
+    "Each mark is one motion for the same speech; the number next to it is the number of sampling "
+    "steps. Time is measured on this machine for one motion at a time, without the computation of "
+    "speech features. Stochastic samplers (GAN and few-step consistency) give a different result "
+    "for each number of steps. One clip and one noise seed."
 )
 
 
@@ -106,11 +109,12 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
     from matplotlib.ticker import LogLocator
 
     if points.empty:
-        raise FigureError("There is no point to draw.")
+        raise FigureError("There are no points to draw.")
     is_good = np.isfinite(points[["ms_per_frame", *STEP_PANELS]]).all(axis=1)
     for _, point in points[~is_good | (points["ms_per_frame"] <= 0)].iterrows():
         raise FigureError(
-            f"{point['system']} with {point['steps']} steps has a number that cannot be drawn."
+            f"{point['system']} with {point['steps']} sampling steps cannot be drawn: its time per "
+            "frame, jerk and distance must be finite numbers, and the time greater than 0."
         )
     styles = style.series_styles(points["system"].unique(), None)
     figure = style.new_figure(style.PAGE_MM, 75.0)
@@ -133,7 +137,7 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.minorticks_off()
-        axes.set_xlabel("milliseconds a frame")
+        axes.set_xlabel("generation time (ms per frame)")
         if axes.get_xlim()[1] > REAL_TIME_MS:
             axes.axvline(REAL_TIME_MS, color=style.FAINT_INK, linewidth=0.5)
             axes.annotate(
@@ -174,13 +178,14 @@ SPEECH_COLORS = ("#0072b2", "#d55e00")
 NOISE_LINES = ("-", (0, (3, 1.5)))
 BY_SPEECH, BY_NOISE = "#333333", "#b0b0b0"
 SPEECH_EFFECT_CAPTION = (
-    f"Arm speed: angular speeds of both shoulders and elbows, summed, over {PLOTTED_S:.0f} s. "
-    "Lines "
-    "of one colour share the speech, lines of one kind (solid, dashed) the noise seed. If the "
-    "motion follows the speech, lines of one colour rise and fall together; if it follows the "
-    "noise, lines of one style do. Shares: correlation of two motions with the same speech (or "
-    "noise) and other noise (or speech), less that of two that share neither, over all speeches "
-    "and seeds."
+    "Left: arm speed, which is the sum of the angular speeds of both shoulders and elbows, in the "
+    f"first {PLOTTED_S:.0f} s. Lines of one colour have the same speech; lines of one style (solid "
+    "or dashed) have the same noise seed. If the motion follows the speech, lines of one colour "
+    "rise and fall together; if it follows the noise, lines of one style do. Right: the share due "
+    "to speech is the correlation of two motions with the same speech and different noise, minus "
+    "the correlation of two motions with different speech and different noise; the share due to "
+    "the noise seed is computed likewise from motions with the same noise and different speech. "
+    "Both use all speeches and seeds."
 )
 
 

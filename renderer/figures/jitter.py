@@ -68,7 +68,10 @@ class JitterSheet:
     def __post_init__(self) -> None:
         num = len([name for name in self.jitter if name != REFERENCE_NAME])
         if not 1 <= num <= MAX_SYSTEMS:
-            raise FigureError(f"The jitter sheet holds 1 to {MAX_SYSTEMS} systems; got {num}.")
+            raise FigureError(
+                f"The jitter sheet can show 1 to {MAX_SYSTEMS} systems besides the reference; "
+                f"got {num}."
+            )
 
     @property
     def styles(self) -> dict[str, SeriesStyle]:
@@ -131,8 +134,8 @@ COLUMN_TITLES: dict[FilterVersion, str] = {
     "savgol": "Savitzky-Golay filter, 7 frames",
 }
 LIMIT_HZ = 5.0
-NO_DATA = "Not measured: too short, or no movement."
-NO_PERIOD = "No known windows, and no period between 2 and 240 frames in the jerk."
+NO_DATA = "Not measured: the clip is too short, or nothing moves."
+NO_PERIOD = "The generation windows are unknown, and the jerk has no period of 2 to 240 frames."
 LOG_SCALE_RATIO = 12.0
 """Ratio between systems from which an axis is logarithmic; a factor of 1.4, which matters most, is
 visible on a linear one."""
@@ -161,7 +164,7 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
             _scale(rows[row][0], row, curves)
     for kind, axes in zip(VERSIONS, rows["depth"], strict=True):
         axes.set_title(COLUMN_TITLES[kind])
-        axes.set_xlabel("depth (joints from the pelvis)")
+        axes.set_xlabel("depth (bones from the pelvis)")
         axes.xaxis.get_major_locator().set_params(integer=True)
     style.set_x_names(
         rows["joints"][0], [style.short_joint(JOINT_NAMES[j]) for j in JOINT_ORDER], 5.5
@@ -179,25 +182,25 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
     for axes in rows["seams"]:
         if sheet.window_advance:
             every = sheet.window_advance
-            axes.set_xlabel(f"frame of the window (a window every {every}); shaded: overlap")
+            axes.set_xlabel(f"frame in the window (one starts every {every}); overlap shaded")
             axes.axvspan(-0.5, sheet.window_overlap - 0.5, color="#ececec", lw=0.0, zorder=0.2)
         else:
-            axes.set_xlabel("frame of the detected period")
+            axes.set_xlabel("frame in the detected period")
             axes.xaxis.get_major_locator().set_params(integer=True)
     return figure
 
 
 def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
     """Return the title and the y label of each row."""
-    seams = "e  Seams: mean jerk of all joints by position in the window"
+    seams = "e  Window seams: mean jerk of all joints by frame in the generation window"
     periods = (
-        "e  Periods: mean jerk of the body part that repeats, by position in the detected period"
+        "e  Periodic jerk: mean jerk of the periodic body part by frame in the detected period"
     )
-    attribution = f"d  Attribution: reduction of {sheet.point} jerk when one joint is filtered"
+    attribution = f"d  Attribution: reduction of {sheet.point} jerk if only this joint is filtered"
     return {
-        "depth": ("a  Jerk by depth (mean over joints at that depth)", _JERK),
-        "joints": ("b  Jerk of each joint, as generated", _JERK),
-        "spectrum": (f"c  Velocity spectrum: {sheet.point}", "power (%)"),
+        "depth": ("a  Mean jerk of the joints at each number of bones from the pelvis", _JERK),
+        "joints": ("b  Jerk of each joint, unfiltered", _JERK),
+        "spectrum": (f"c  Velocity spectrum of the {sheet.point}", "power (%)"),
         "attribution": (attribution, "jerk reduction (%)"),
         "seams": (seams if sheet.window_advance else periods, _JERK),
     }
@@ -244,22 +247,25 @@ def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
 
 def sheet_caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
     """Return the caption: missing measurements and repeating jerk, then ``sentence``."""
-    parts = [f"Jitter{f' of {clip}' if clip else ''}: as generated (left) and filtered (right)."]
+    parts = [f"Jitter{f' of {clip}' if clip else ''}, unfiltered (left) and filtered (right)."]
     if REFERENCE_NAME in sheet.jitter:
-        parts.append("Black: the recorded reference, which has no generation windows.")
+        parts.append("The recorded reference is black; it has no generation windows.")
     measures = {"depth": "jerk by depth", "spectrum": "spectrum", "attribution": "attribution"}
-    measures |= {"seams": "seams"} if sheet.window_advance else {}
+    measures |= {"seams": "jerk at window seams"} if sheet.window_advance else {}
     for row, title in measures.items():
         curves = sheet.curves(row, "raw")
         lacking = [name for name in sheet.jitter if name not in curves]
         if lacking and curves:
-            parts.append(f"No {title} of {', '.join(lacking)}: clip too short, or no movement.")
+            parts.append(
+                f"Not measured: {title} of {', '.join(lacking)}; the clip is too short or nothing "
+                "moves."
+            )
     if sheet.window_advance == 0:
         parts += [
-            f"The jerk of {name} is periodic, every {frames} frames, most in the {part}."
+            f"The jerk of {name} repeats every {frames} frames, most clearly in the {part}."
             for name, (frames, part) in sheet.periods.items()
         ]
         without = [name for name in sheet.jitter if name not in sheet.periods]
         if without:
-            parts.append(f"No period between 2 and 240 frames in {', '.join(without)}.")
+            parts.append(f"The jerk of {', '.join(without)} has no period of 2 to 240 frames.")
     return " ".join([*parts, sentence]).strip()

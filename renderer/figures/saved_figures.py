@@ -80,7 +80,9 @@ def draw_saved(path: Path, out: Path) -> None:
             draw, caption, places = DRAW[told["name"]], str(told["caption"]), told["places"]
             contents = _from_json(told["contents"], arrays)
     except (KeyError, TypeError, ValueError, zipfile.BadZipFile, RecursionError) as error:
-        raise FigureError(f"{path.name} holds no figure that can be drawn.") from error
+        raise FigureError(
+            f"{path.name} is not a saved figure, or it is damaged; make the figure again."
+        ) from error
     form = out.suffix.lstrip(".")
     save_figure(lambda: draw(contents), out.with_suffix(""), caption, (form,), places)
 

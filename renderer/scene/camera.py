@@ -173,11 +173,13 @@ class Orbit:
             ("yaw", self.yaw_rad, -1e6, 1e6),
             ("pitch", self.pitch_rad, -MAX_PITCH_RAD, MAX_PITCH_RAD),
             ("zoom", self.zoom, *ZOOM_RANGE),
-            ("way to the right", self.right_m, -MAX_PAN_M, MAX_PAN_M),
-            ("way up", self.up_m, -MAX_PAN_M, MAX_PAN_M),
+            ("offset to the right (m)", self.right_m, -MAX_PAN_M, MAX_PAN_M),
+            ("offset upwards (m)", self.up_m, -MAX_PAN_M, MAX_PAN_M),
         ):
             if not least <= value <= most:
-                raise ValueError(f"A camera's {what} is {least:g} to {most:g}; got {value:g}.")
+                raise ValueError(
+                    f"The camera's {what} must be {least:g} to {most:g}; got {value:g}."
+                )
 
     def apply(self, camera: Camera, around: Float[np.ndarray, " 3"]) -> Camera:
         """Return the moved camera.

@@ -97,7 +97,10 @@ def compose_videos(
     else:
         for video, each in zip(videos, facts, strict=True):
             if each.width > pair.width or each.height > pair.height:
-                raise VideoError(f"{video.name} is larger than the picture that it is to lie in.")
+                raise VideoError(
+                    f"{video.name} has {each.width} x {each.height} pixels; at most {pair.width} x "
+                    f"{pair.height} fit in the overlay."
+                )
         inks = pair.inks if pair.overlay == "ghost" else None
         bands = [label_band(labels, pair.width // 2, pair.shorter, pair.width, inks)]
         graph = _overlay_filter(_hold_last_frame(lengths), pair)
@@ -116,8 +119,8 @@ def _check_same_shape(videos: Sequence[Path], facts: Sequence[VideoInfo]) -> Non
     for video, other in zip(videos, facts, strict=True):
         if (other.width, other.height) != (first.width, first.height):
             raise VideoError(
-                f"{video.name} has {other.width} x {other.height} pixels and {videos[0].name} "
-                f"{first.width} x {first.height}; only equal sizes can stand side by side."
+                f"{video.name} has {other.width} x {other.height} pixels and {videos[0].name} has "
+                f"{first.width} x {first.height}; videos side by side must have the same size."
             )
 
 

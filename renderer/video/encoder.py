@@ -46,7 +46,8 @@ def check_size(width: int, height: int) -> None:
     """
     if width < 2 or height < 2 or width % 2 or height % 2:
         raise ValueError(
-            f"A video of {width} x {height} pixels cannot be encoded; both sizes must be even."
+            f"A video of {width} x {height} pixels cannot be encoded; width and height must be "
+            "even and at least 2."
         )
 
 
@@ -83,8 +84,9 @@ def run_ffmpeg(*arguments: str, log: str = "error") -> str:
     )
     said = run.stderr.decode(errors="replace").strip()
     if run.returncode:
-        last = " ".join(said.split())[-300:] or "nothing"
-        raise VideoError(f"ffmpeg ended {ExitReport(run.returncode).exit_text} and said: {last}")
+        last = " ".join(said.split())[-300:] or "none"
+        end = ExitReport(run.returncode).exit_text
+        raise VideoError(f"ffmpeg ended {end}; its last message: {last}")
     return said if log == "info" else run.stdout.decode(errors="replace")
 
 
@@ -146,7 +148,7 @@ class Encoder:
             VideoError: if the sound file is missing.
         """
         if speech_wav is not None and not speech_wav.is_file():
-            raise VideoError(f"The sound of the video is missing: there is no file {speech_wav}.")
+            raise VideoError(f"The sound file of the video does not exist: {speech_wav}.")
         self.out = out.absolute()
         self._num_frames = num_frames
         self._partial = partial_path(self.out, os.getpid())
@@ -264,7 +266,7 @@ class Encoder:
         self._messages.seek(0)
         said = self._messages.read().decode(errors="replace").strip()
         self._abort()
-        last_line = f"ffmpeg said: {said.splitlines()[-1]}" if said else "it said nothing"
+        last_line = f"its last message: {said.splitlines()[-1] if said else 'none'}"
         end = ExitReport(self._process.returncode).exit_text
         return VideoError(f"{self.out.name} cannot be written: ffmpeg ended {end}; {last_line}")
 

@@ -55,7 +55,7 @@ class RenderSettings:
         if min(self.width, self.height) < MIN_SIZE_PX or max(self.width, self.height) > MAX_SIZE_PX:
             raise ValueError(
                 f"A picture of {self.width} x {self.height} pixels is outside the limits; "
-                f"each side may have {MIN_SIZE_PX} to {MAX_SIZE_PX}."
+                f"each side must have {MIN_SIZE_PX} to {MAX_SIZE_PX} pixels."
             )
         check_size(*self.picture_size)
 

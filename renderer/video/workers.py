@@ -178,8 +178,8 @@ def worker_failure(ended: ExitReport) -> RuntimeError:
     told = ended.user_message(
         "The rendering process",
         "draw smaller or fewer videos at once",
-        "start it again, which is done by a fresh process",
-        "This is most likely the OpenGL driver.",
+        "start the rendering again (in a new process)",
+        "The most likely cause is the OpenGL driver.",
     )
     return GLError(told) if ended.signal is not None else RuntimeError(told)
 

@@ -48,7 +48,7 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     open_body = canvas.screenshot()
     choice = page.locator("#player .body-choice")
     choice.get_by_label(CHOICE).set_input_files(broken)
-    expect(choice.locator("output")).to_contain_text("not a whole glTF 2.0 file")
+    expect(choice.locator("output")).to_contain_text("not a complete glTF 2.0 file")
     choice.get_by_label(CHOICE).set_input_files(hero)
     expect(choice.locator("output")).to_have_text("hero.glb")
     expect(stage).to_have_attribute("data-character", "own")

@@ -20,7 +20,10 @@ PANELS = ("a", "b", "c", "d")
 """Panels: coordinates (a), snapshots (b), path in space (c), tremor (d)."""
 MOST_IN_ONE_PLOT = 2
 """Largest number of systems in one plot, as in the paper; with more, each has its own row."""
-ONE_SEED_CAVEAT = "One clip and one noise seed: an example, not a comparison of the systems."
+ONE_SEED_CAVEAT = (
+    "The figure shows one clip and one noise seed: it is an example, not a comparison of the "
+    "systems."
+)
 MIN_MARK_STRENGTH = 0.12
 """Share of the full scale below which no mark is drawn, as every joint of a moving body has some.
 """
@@ -29,8 +32,8 @@ TREMOR_PERCENTILE = 99.0
 does not flatten the rest."""
 MIN_TREMOR_MM = 0.1
 _FILTERED: dict[PostFilter, str] = {
-    "none": "Raw motion, no filter.",
-    "savgol": "Filtered motion (Savitzky-Golay, 7 frames, order 2, applied to all curves).",
+    "none": "The motion is unfiltered.",
+    "savgol": "All curves show filtered motion (Savitzky-Golay, 7 frames, order 2).",
 }
 
 
@@ -57,9 +60,9 @@ class JointMarks:
     @property
     def caption(self) -> str:
         return (
-            "Marks: jerk of each joint around the frame, largest and darkest at"
-            f" {self.full_scale:g} m/s³ and above, none below"
-            f" {MIN_MARK_STRENGTH * self.full_scale:g} m/s³."
+            "Marks on the snapshots show the jerk of each joint around the frame: they are largest"
+            f" and darkest from {self.full_scale:g} m/s³ up, and joints below"
+            f" {MIN_MARK_STRENGTH * self.full_scale:g} m/s³ have none."
         )
 
 
@@ -104,13 +107,13 @@ class Figure6:
     def __post_init__(self) -> None:
         if self.reference is not None and self.reference not in self.trajectories:
             raise FigureError(
-                f"The reference {self.reference!r} has no trajectory; there are"
+                f"The reference {self.reference!r} has no trajectory; motions with one are"
                 f" {', '.join(map(repr, self.trajectories))}."
             )
         count = len(self.trajectories) - (self.reference is not None)
         if not 1 <= count <= MAX_SYSTEMS:
             raise FigureError(
-                f"Figure 6 holds 1 to {MAX_SYSTEMS} systems beside the reference; got {count}."
+                f"Figure 6 can show 1 to {MAX_SYSTEMS} systems besides the reference; got {count}."
             )
         for name, positions in self.trajectories.items():
             if len(positions) <= self.start_frame:
@@ -121,18 +124,21 @@ class Figure6:
             if not np.isfinite(self.paths[name]).all():
                 bad = int(np.flatnonzero(~np.isfinite(self.paths[name]).all(axis=1))[0])
                 raise FigureError(
-                    f"The trajectory of {name!r} is not a number at frame {self.start_frame + bad}."
+                    f"The position of {name!r} at frame {self.start_frame + bad} is not a finite"
+                    " number."
                 )
         if self.snapshots and (self.marks is None or set(self.names) - set(self.snapshots)):
             raise FigureError(
-                f"Snapshots, their marks and trajectories must be of the same systems; got"
-                f" snapshots of {', '.join(map(repr, self.snapshots))} and trajectories of"
-                f" {', '.join(map(repr, self.names))}."
+                "With snapshots, every motion needs a trajectory, snapshots and joint marks; got"
+                f" trajectories of {', '.join(map(repr, self.names))}, snapshots of"
+                f" {', '.join(map(repr, self.snapshots))}, and"
+                f" {'no joint marks' if self.marks is None else 'joint marks'}."
             )
         if not self.panels:
             raise FigureError(
-                f"Of the panels {', '.join(self.requested_panels)} none has anything to show:"
-                f" snapshots (b) need pictures, and tremor (d) needs {MIN_FRAMES} frames."
+                f"None of the requested panels ({', '.join(self.requested_panels)}) can be drawn:"
+                f" panel b needs snapshots, and panel d (tremor) needs {MIN_FRAMES} frames; the"
+                f" motion has {self.num_frames}."
             )
 
     @cached_property
@@ -212,11 +218,13 @@ class Figure6:
         clip = f" of {self.clip}" if self.clip else ""
         told = {
             f"{self.point}, frames {self.start_frame} to {self._window.stop - 1}{clip}"
-            f" at {self.fps:g} fps; metres, y up, one scale for x, y and z.": True,
-            f"One row per motion; faint in each row: {self.names[0]}.": not self.is_in_one_plot,
-            "All motions are cut to the length of the shortest.":
+            f" at {self.fps:g} fps. Positions are in metres, with y up; x, y and z have the same"
+            " scale.": True,
+            f"Each motion has its own row; {self.names[0]} is drawn faintly in all rows.":
+                not self.is_in_one_plot,
+            "All motions are cut to the length of the shortest one.":
                 max(self._lengths) > min(self._lengths),
-            "Grey lines and markers: the frames of the snapshots.": self.window_snapshot_frames,
+            "Grey lines and markers show the frames of the snapshots.": self.window_snapshot_frames,
             self.marks.caption if self.marks else "": "b" in self.panels,
             self._tremor_caption if "d" in self.panels else "": True,
             f"Fingertip position: {self.tip_source}.": self.tip_source,
@@ -230,11 +238,11 @@ class Figure6:
         peaks = {name: np.abs(values).max() for name, values in self.tremor.items()}
         highest = max(peaks, key=lambda name: peaks[name])
         cut = (
-            f", which ends at the {TREMOR_PERCENTILE:g}th percentile; triangles mark peaks cut"
-            f" there, the highest {peaks[highest]:.1f} mm ({highest})"
+            f" The scale ends at the {TREMOR_PERCENTILE:g}th percentile; triangles mark peaks above"
+            f" it, which are cut off, and the highest is {peaks[highest]:.1f} mm ({highest})."
         )
         is_cut = peaks[highest] > self.tremor_scale_mm
         return (
-            f"Position above {CUT_OFF_HZ:g} Hz (high-pass filtered), x darkest and z lightest, on"
-            f" one scale{cut if is_cut else ''}."
+            f"Tremor is the position above {CUT_OFF_HZ:g} Hz (high-pass filter); x is darkest and z"
+            f" lightest, and all motions have the same scale.{cut if is_cut else ''}"
         )

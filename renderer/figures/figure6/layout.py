@@ -53,8 +53,8 @@ def draw_figure6(contents: Figure6) -> "Figure":
     titles = {
         "a": contents.point,
         "b": "Snapshots by frame",
-        "c": f"Path, grid {grid_pitch(contents):g} m",
-        "d": f"Position above {CUT_OFF_HZ:g} Hz",
+        "c": f"Path ({grid_pitch(contents):g} m grid)",
+        "d": f"Tremor above {CUT_OFF_HZ:g} Hz",
     }
     draw: dict[str, Any] = {"a": draw_coordinates, "c": draw_path, "d": draw_tremor}
     if strips:

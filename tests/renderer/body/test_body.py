@@ -329,9 +329,9 @@ def test_clay_has_one_hue_and_a_readable_mouth(body):
 
 
 def test_a_look_that_cannot_be_had_is_refused(tmp_path):
-    with pytest.raises(BodyError, match="Unknown look 'tall'; known are average-light"):
+    with pytest.raises(BodyError, match="Unknown look 'tall'; choose one of average-light"):
         load_body(look="tall")
-    with pytest.raises(BodyError, match=r"body\.npz has one look only"):
+    with pytest.raises(BodyError, match=r"body\.npz has only one look"):
         load_body(smplx_file(tmp_path / "body.npz"), look="slender-dark")
 
 
@@ -357,10 +357,13 @@ def test_memory_is_that_of_one_chunk(body):
         ({"J_regressor": np.array([{"sparse": 1}], dtype=object)}, "pickled object"),
         ({"v_template": np.zeros((MAX_VERTICES + 1, 3), np.int8)}, "has 100001 vertices"),
         ({"f": np.zeros((MAX_FACES + 1, 3), np.int8)}, "has 200001 faces"),
-        ({"f": np.full((4, 3), -1)}, "names number -1"),
+        ({"f": np.full((4, 3), -1)}, "refers to vertex -1"),
         ({"shapedirs": np.full((MADE_VERTICES, 3, 20), np.inf)}, "'shapedirs' holds values"),
         ({"kintree_table": np.zeros((2, 55), np.uint32)}, "not the joint tree"),
-        ({"f": np.full((4, 3), MADE_VERTICES, np.uint32)}, "names number 10, but only 0 to 9"),
+        (
+            {"f": np.full((4, 3), MADE_VERTICES, np.uint32)},
+            "refers to vertex 10, but the vertices are 0 to 9",
+        ),
         ({"weights": np.zeros((MADE_VERTICES, 55))}, "do not sum to one"),
         ({"posedirs": np.zeros((MADE_VERTICES, 3, 207))}, "posedirs"),
         ({"v_template": np.array([["a", "b", "c"]] * MADE_VERTICES)}, "not numbers"),
@@ -376,7 +379,7 @@ def test_bad_body_files(tmp_path, changes, words):
 
 def test_an_open_body_of_another_format_is_refused(tmp_path):
     np.savez(tmp_path / "open_body.npz", open_body_format=np.array(1))
-    with pytest.raises(BodyError, match="format 1; this version reads format 2"):
+    with pytest.raises(BodyError, match="format 1; this program reads format 2"):
         load_body(tmp_path / "open_body.npz")
 
 
@@ -401,7 +404,7 @@ def test_files_that_are_no_body(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"trans": np.full((4, 3), 250.0)}, "250 m away"),
+        ({"trans": np.full((4, 3), 250.0)}, "250 m from the origin"),
         ({"betas": np.full(300, 1e6)}, "betas"),
     ],
 )

@@ -146,15 +146,15 @@ def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
 def test_what_cannot_be_drawn_is_told():
     for values, systems, says in (
         (spread(), "a", "no value"),
-        (spread(1.0, float("nan")), "a", "not a number"),
-        (spread(1.0), "abcdefgh", "distinct styles"),
+        (spread(1.0, float("nan")), "a", "not a finite number"),
+        (spread(1.0), "abcdefgh", "at most 6 systems"),
     ):
         with pytest.raises(FigureError, match=says):
             draw_distributions(values, systems)
     for points, says in (
         (MARKS[:0], "no point"),
-        (MARKS.assign(ms_per_frame=0.0), "gan/5 with 1 steps"),
-        (MARKS.assign(distance_cm=float("nan")), "gan/5 with 1 steps"),
+        (MARKS.assign(ms_per_frame=0.0), "gan/5 with 1 sampling steps"),
+        (MARKS.assign(distance_cm=float("nan")), "gan/5 with 1 sampling steps"),
     ):
         with pytest.raises(FigureError, match=says):
             draw_step_curve(points)

@@ -151,7 +151,7 @@ def test_a_file_that_holds_no_figure_is_refused(tmp_path: Path) -> None:
         {"name": "steps", "caption": "", "contents": {"kind": "os"}},
     ):
         np.savez(path, contents=np.frombuffer(json.dumps(told).encode(), np.uint8))
-        with pytest.raises(FigureError, match=r"x\.figure\.npz holds no figure"):
+        with pytest.raises(FigureError, match=r"x\.figure\.npz is not a saved figure"):
             draw_saved(path, tmp_path / "x.svg")
     np.savez(path, contents=np.array([print], dtype=object))
     with pytest.raises(FigureError):

@@ -90,9 +90,12 @@ def test_the_caption_has_the_clip_who_lacks_what_and_the_sentence():
     lacking = with_numbers(example_sheet(2), NAMES[1], "raw", spectrum=None)
     description = sheet_caption(lacking, "2_scott_0_1_1", sentence)
     assert "2_scott_0_1_1" in description and description.endswith(sentence)
-    assert "Black: the recorded reference" in description
-    assert f"No spectrum of {NAMES[1]}: clip too short, or no movement." in description
-    assert description.count("No ") == 1
+    assert "The recorded reference is black" in description
+    assert (
+        f"Not measured: spectrum of {NAMES[1]}; the clip is too short or nothing moves."
+        in description
+    )
+    assert description.count("Not measured") == 1
 
 
 def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(settings):
@@ -229,7 +232,7 @@ def test_missing_numbers_leave_a_stated_gap(settings, monkeypatch):
 
 def test_more_systems_than_fit_are_refused():
     jitter = example_sheet(6).jitter
-    with pytest.raises(FigureError, match="1 to 6 systems; got 7"):
+    with pytest.raises(FigureError, match="1 to 6 systems besides the reference; got 7"):
         JitterSheet({**jitter, "seventh": jitter[NAMES[0]]})
     with pytest.raises(FigureError, match="got 0"):
         JitterSheet({"reference": jitter["reference"]})

@@ -284,10 +284,10 @@ def test_a_quarter_turn_sees_the_left_of_the_body():
 @pytest.mark.parametrize(
     ("orbit", "words"),
     [
-        (Orbit(pitch_rad=1.6), "pitch is -1.48 to 1.48; got 1.6"),
-        (Orbit(zoom=20.0), f"zoom is {ZOOM_RANGE[0]:g} to {ZOOM_RANGE[1]:g}; got 20"),
+        (Orbit(pitch_rad=1.6), "pitch must be -1.48 to 1.48; got 1.6"),
+        (Orbit(zoom=20.0), f"zoom must be {ZOOM_RANGE[0]:g} to {ZOOM_RANGE[1]:g}; got 20"),
         (Orbit(zoom=float("nan")), "got nan"),
-        (Orbit(right_m=2 * MAX_PAN_M), "way to the right"),
+        (Orbit(right_m=2 * MAX_PAN_M), "offset to the right"),
         (Orbit(yaw_rad=float("inf")), "yaw"),
     ],
 )

@@ -129,7 +129,7 @@ def test_what_cannot_be_composed_is_refused_and_composing_can_be_cancelled(tmp_p
     a = write_video(tmp_path / "a.mp4", np.arange(3))
     b = write_video(tmp_path / "b.mp4", np.arange(3), size=(64, 64))
     out = tmp_path / "all.mp4"
-    with pytest.raises(VideoError, match=r"b.mp4 has 64 x 64 pixels and a.mp4 96 x 64"):
+    with pytest.raises(VideoError, match=r"b.mp4 has 64 x 64 pixels and a.mp4 has 96 x 64"):
         compose_videos([a, b], ["a", "b"], out)
     with pytest.raises(Cancelled):
         compose_videos([a, a], ["a", "b"], out, should_cancel=lambda: True)
@@ -197,6 +197,6 @@ def test_two_that_agree_are_dark_in_both_inks_of_a_ghost(tmp_path):
 
 def test_a_picture_that_does_not_fit_is_refused(tmp_path):
     large = write_video(tmp_path / "a.mp4", np.arange(3), size=(256, 256))
-    with pytest.raises(VideoError, match="larger than the picture"):
+    with pytest.raises(VideoError, match="fit in the overlay"):
         compose_videos([large, large], ["a", "b"], tmp_path / "out.mp4", pair=pair_of("wipe"))
     assert not (tmp_path / "out.mp4").exists()

@@ -147,7 +147,7 @@ def test_an_ffmpeg_that_fails_is_quoted(tmp_path, monkeypatch):
     fake.write_text('#!/bin/sh\necho "No space left on device" >&2\nexit 1\n')
     fake.chmod(0o755)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(fake))
-    with pytest.raises(VideoError, match="ffmpeg said: No space left on device"):
+    with pytest.raises(VideoError, match="its last message: No space left on device"):
         write_video(tmp_path / "v.mp4", np.arange(300))
     assert [path.name for path in tmp_path.iterdir()] == ["ffmpeg"]
 
