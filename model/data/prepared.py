@@ -136,7 +136,9 @@ class PreparedData:
         """
         usable = [clip for clip in clips if clip.num_frames >= window]
         if not usable:
-            raise DataError(f"None of the {len(clips)} clips has {window} frames, a window.")
+            raise DataError(
+                f"None of the {len(clips)} clips is as long as a window ({window} frames)."
+            )
         starts = np.array([clip.num_frames - window + 1 for clip in usable], float)
         chosen = rng.choice(len(usable), size, p=starts / starts.sum())
         first = [usable[c].start + int(rng.integers(starts[c])) for c in chosen]
@@ -293,5 +295,5 @@ def _check_lengths(motion: Motion, speech: Speech) -> None:
     if abs(motion.duration_s - speech.duration_s) > MAX_MISMATCH_S:
         raise DataError(
             f"its motion lasts {motion.duration_s:.1f} s and its sound {speech.duration_s:.1f} s;"
-            f" more than {MAX_MISMATCH_S:g} s apart, they hardly belong together."
+            f" they differ by more than {MAX_MISMATCH_S:g} s, so they may not belong together."
         )

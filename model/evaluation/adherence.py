@@ -174,7 +174,7 @@ def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[PlanResult
         except PlanError:
             continue
         return edited, gesture
-    raise PlanError("The plan takes no edit.")
+    raise PlanError("None of the random edits could be applied to the plan.")
 
 
 def _changed(

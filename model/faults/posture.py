@@ -46,7 +46,7 @@ def lying_body(evidence: Evidence) -> Iterator[Finding]:
         return
     yield Finding(
         f"The spine is tilted by {tilt.mean:.0f}° on average: the body is lying, or the file's up "
-        "axis is not y (if it is z: use the import setting up=z, on the command line --assume).",
+        "axis is not y. If it is z, use the import setting up=z (on the command line: --assume).",
         {"spine_tilt_deg": tilt.mean},
         limit_ratio=tilt.mean / LYING_DEG,
     )

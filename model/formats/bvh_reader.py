@@ -46,8 +46,8 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
         world = skeleton.use_first_frame_as_rest(text.rows, world)
         found, _ = skeleton.identify_joints()
         reason = (
-            "its rest pose is not a human pose; the first frame was used instead, so limbs may "
-            "twist"
+            "the rest pose is not a human pose; the first frame was used instead, so limbs may "
+            "be twisted"
         )
         draft.assume("layout", "first frame", reason, "unsure")
     turn = Rotation.identity() if is_ours else skeleton.axes_to_ours(found, draft)
@@ -61,12 +61,12 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
         draft.trans = turn.apply(scale * pelvis) - rest[0]
     else:
         draft.missing_parts.add("place")
-        draft.assume("place", "none", "no joint has positions; the body has no translation")
+        draft.assume("place", "none", "no joint has position channels; the body stays in one place")
     if not is_ours:
         _add_assumptions(draft, skeleton, found, turns)
     draft.missing_parts.add("face")
-    draft.assume("face", "none", "a BVH file has no face; it stays at rest", is_usual=is_ours)
-    draft.set_frame_rate(round(1 / text.frame_s, 3), "as the file says", "stated")
+    draft.assume("face", "none", "BVH files have no face; the face stays at rest", is_usual=is_ours)
+    draft.set_frame_rate(round(1 / text.frame_s, 3), "from the file", "stated")
     return draft
 
 
@@ -93,8 +93,8 @@ def _add_assumptions(
             "unsure" if max(limbs, default=0.0) > _MAX_REST_TILT_DEG else "sure"
         )
         reason = (
-            f"its rest pose differs from ours, by up to {degrees[most]:.0f}° "
-            f"({point_label(most)}); limbs and fingers were turned to point as they do there"
+            f"the rest pose differs from SMPL-X's by up to {degrees[most]:.0f}° "
+            f"({point_label(most)}); limbs and fingers were rotated to point as in the file"
         )
         draft.assume("layout", "rest pose", reason, confidence)
     if not any(
@@ -148,9 +148,9 @@ class _Skeleton(JointTree):
         up, across, hang = self.upright(joint_map)
         if hang < 0.5:
             raise MotionError(
-                f"{self.source}: neither in its rest pose nor in its first frame do legs hang"
-                " below the trunk, so limbs cannot be laid onto ours; put a T-pose or A-pose into"
-                " its first frame (or, in Blender, Apply Pose as Rest Pose)."
+                f"{self.source}: the legs are not below the trunk, neither in the rest pose nor in"
+                " the first frame, so the limbs cannot be mapped to SMPL-X. Put a T-pose or A-pose"
+                " into the first frame (or use Apply Pose as Rest Pose in Blender)."
             )
         y = nearest_axis(up)
         x = nearest_axis(across - y * (across @ y))
@@ -160,7 +160,9 @@ class _Skeleton(JointTree):
             z = np.cross(x, y) if told[1] not in AXES else axis_vector(told[1])
             x = np.cross(y, z)
             if not np.linalg.norm(x):
-                raise MotionError(f"{self.source} cannot face the way that is up.")
+                raise MotionError(
+                    f"{self.source}: the settings up and facing must be different axes."
+                )
             draft.decided.add("up")
         z = np.cross(x, y)
         stands, faces = (
@@ -176,10 +178,10 @@ class _Skeleton(JointTree):
                 axis for axis in AXES if axis[-1] in axes
             )  # possible together with it
             if draft.overrides.get(kind) in AXES:
-                draft.assume(kind, value, "as you say", "user", alternatives)
+                draft.assume(kind, value, "set by you", "user", alternatives)
             elif by_rest == "unsure" or not is_ours:
-                turned = "" if is_ours else "; turned"
-                draft.assume(kind, value, f"by its rest pose{turned}", by_rest, alternatives)
+                turned = "" if is_ours else "; rotated"
+                draft.assume(kind, value, f"from the rest pose{turned}", by_rest, alternatives)
         return Rotation.from_matrix(np.stack([x, y, z]))
 
     def world_rotations(self, rows: Float[np.ndarray, "T C"]) -> list[Rotation]:
@@ -305,7 +307,7 @@ def _scale(places: Float[np.ndarray, "J 3"], joint_map: JointMap, draft: Draft) 
     scale = length(rest[[JOINT_INDEX[part] for part in parts]]) / max(theirs, 1e-9)
     is_ours = abs(scale - 1.0) < 0.005
     unit = min(METRES, key=lambda each: abs(np.log(METRES[each] / scale)))
-    reason = f"by its {limb}; lengths multiplied by {scale:.3g}, so that they are as long as ours"
+    reason = f"lengths were multiplied by {scale:.3g} to make its {limb} as long as SMPL-X's"
     told = draft.resolve("units", unit, reason, "sure", tuple(METRES), is_ours)
     if "units" in draft.overrides:
         return METRES[told]

@@ -188,7 +188,9 @@ class _Reader:
             words = self._split_fused(words) if is_by_line else words
             if is_by_line and (rest or len(words) > channels):
                 self._at = at if rest else self._at
-                short = f"a row of {len(rest or words)} numbers; the joints have {channels}"
+                short = (
+                    f"a row has {len(rest or words)} numbers; the joints have {channels} channels"
+                )
                 raise self._error(short)
             at, words = self._at, rest + words
             whole = len(words) // channels * channels
@@ -199,22 +201,26 @@ class _Reader:
             if found == frames:
                 break
         if not found:
-            raise self._error(f"the only row has {len(rest)} numbers; the joints have {channels}")
+            raise self._error(
+                f"the only row has {len(rest)} numbers; the joints have {channels} channels"
+            )
         if rest and found < frames:
             self._add_note(
-                f"row {found + 1} of {frames} is cut ({len(rest)} of {channels} numbers)"
+                f"row {found + 1} of {frames} is cut off ({len(rest)} of {channels} numbers)"
             )
         elif found < frames:
-            self._add_note(f"it says {frames} frames and holds {found}")
+            self._add_note(f"the file states {frames} frames but has {found}")
         bad = np.flatnonzero(~np.isfinite(rows[:found]).all(axis=1))
         if len(bad):
             raise MotionError(
-                f"{self._name} holds values that are not finite in frames"
+                f"{self._name} contains values that are not finite in frames"
                 f" {', '.join(map(str, bad[:8]))}; repair them first."
             )
         largest = np.abs(rows[:found]).max()
         if largest > MAX_LENGTH:
-            raise MotionError(f"{self._name} holds {largest:.3g}, beyond {MAX_LENGTH:g}.")
+            raise MotionError(
+                f"{self._name} contains the value {largest:.3g}, above the limit of {MAX_LENGTH:g}."
+            )
         return rows[:found]
 
     def _row(self, words: list[str]) -> list[float] | np.ndarray:
@@ -227,7 +233,7 @@ class _Reader:
         """Split numbers that run together at their signs."""
         if not any(_FUSED.search(word) for word in words):
             return words
-        self._add_note("numbers that ran together were taken apart at their signs")
+        self._add_note("numbers that ran together were split at their signs")
         return [each for word in words for each in _FUSED.sub(" -", word).split()]
 
     def _number(self, word: str) -> float:
@@ -239,7 +245,7 @@ class _Reader:
             value = float(word.replace(",", "."))
         except ValueError:
             raise self._error(f"{word[:40]!r} is not a number") from None
-        self._add_note("it has decimal commas, which were taken as points")
+        self._add_note("decimal commas were read as decimal points")
         return value
 
     def _add_note(self, note: str) -> None:
@@ -253,7 +259,7 @@ class _Reader:
             return joints
         ends = [*roots[1:], len(joints)]
         start, end = max(zip(roots, ends, strict=True), key=lambda pair: pair[1] - pair[0])
-        self._add_note(f"it has {len(roots)} roots, and {joints[start].name[:40]!r} was taken")
+        self._add_note(f"the file has {len(roots)} roots; {joints[start].name[:40]!r} was used")
         kept = joints[start:end]
         for joint in kept:
             joint.parent = joint.parent - start if joint.parent >= 0 else -1

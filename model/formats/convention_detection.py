@@ -52,8 +52,8 @@ _MAX_INSPECTED_FRAMES = 1800
 """Number of first frames by which feet are judged."""
 LOWEST_FPS, HIGHEST_FPS = 12.0, 240.0
 _FILLED_IN = (
-    f"; frames between were filled in to {FPS} along a smooth curve, so it cannot hold movement"
-    " above %g Hz, and its jerk and high frequencies say nothing beside motion of 30"
+    f"; interpolated to {FPS} fps along a smooth curve, so it has no movement above %g Hz, and its"
+    f" jerk and high frequencies cannot be compared with motion recorded at {FPS} fps"
 )
 _SAMPLES = range(2, 21)
 _JUMP = 2.5
@@ -76,12 +76,15 @@ def finish_import(
     _up_and_facing(draft)
     if not LOWEST_FPS <= draft.fps <= HIGHEST_FPS:
         raise MotionError(
-            f"{draft.name} has {draft.fps:g} frames per second; {LOWEST_FPS:g} to {HIGHEST_FPS:g} "
-            f"can be resampled to {FPS} (if that is wrong, use --assume rate=N)."
+            f"{draft.name} has {draft.fps:g} frames per second; the frame rate must be from "
+            f"{LOWEST_FPS:g} to {HIGHEST_FPS:g} (if the file states a wrong one, use --assume "
+            "rate=N)."
         )
     motion = at_30_fps(draft.motion(), draft.fps)
     if abs(draft.fps - FPS) >= 0.01:
-        what = f"; resampled to {FPS}" if draft.fps > FPS - 1.0 else _FILLED_IN % (draft.fps / 2)
+        what = (
+            f"; resampled to {FPS} fps" if draft.fps > FPS - 1.0 else _FILLED_IN % (draft.fps / 2)
+        )
         draft.assumptions = [
             replace(each, reason=each.reason + what) if each.kind == "rate" else each
             for each in draft.assumptions
@@ -108,7 +111,7 @@ def _shift_by_lag(draft: Draft, motion: Motion) -> Motion:
         moved = shift_by_lag(motion, float(told))
     except (ValueError, OverflowError) as error:
         raise MotionError(f"{draft.name}: --assume lag={told}: {error}") from error
-    draft.assume("lag", told, "as you say; moved by so many seconds", "user")
+    draft.assume("lag", told, "set by you; the motion was shifted by this many seconds", "user")
     return moved
 
 
@@ -131,7 +134,7 @@ def _split_joined_samples(draft: Draft) -> None:
     reason = f"the body jumps every {length} frames: {count} samples seem to be concatenated"
     if choice in numbers:
         draft.select_frames(slice(length * (int(choice) - 1), length * int(choice)))
-        draft.assume("motion", choice, f"as you say of {count}", "user", (*numbers, "all"))
+        draft.assume("motion", choice, f"set by you, of {count} samples", "user", (*numbers, "all"))
     else:
         draft.assume("motion", "all", reason, "unsure", numbers)
 
@@ -152,24 +155,26 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
     bend, moves = mean_finger_bend(draft.poses), bool(np.abs(hands).max(initial=0.0) > 1e-5)
     thumbs = float(draft.poses[:, [LEFT_HAND[12], RIGHT_HAND[12]], 0].mean())
     if told is not None:
-        value, reason, confidence = told, "as you say", "user"
+        value, reason, confidence = told, "set by you", "user"
     elif draft.is_offset:
         is_flat = bend > CURL_FLAT and moves
         value = "flat" if is_flat else "mean"
         confidence = "unsure" if bend > CURL_OFFSET and moves else "likely"
         reason = (
-            f"fingers bend by {bend:z.2f} rad, as from the flat hand, though files of"
-            " this layout are told from the mean one"
+            f"fingers bend by {bend:z.2f} rad, as if relative to the flat hand, although files of"
+            " this layout are usually relative to the mean hand pose"
             if is_flat
             else "files of this layout are relative to the mean hand pose, and the bend of the "
             "fingers agrees"
         )
     elif draft.is_offset is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
         value, confidence = "mean", "unsure"
-        reason = f"fingers bend by {bend:z.2f} rad, which no flat hand does"
+        reason = (
+            f"fingers bend by only {bend:z.2f} rad, too little for hands relative to a flat hand"
+        )
     elif not moves:
         draft.missing_parts.add("hands")
-        draft.assume("hands", "flat", "they never move", "likely", ("mean",), is_usual=True)
+        draft.assume("hands", "flat", "the fingers never move", "likely", ("mean",), is_usual=True)
         return
     else:
         value, confidence = "flat", "sure" if bend > CURL_FLAT else "likely"
@@ -180,7 +185,10 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
         draft.poses[:, list(HANDS)] += offset
         if mean_hands is None:
             draft.missing_parts.add("finger_angles")
-            reason += "; our relaxed hand is used instead (--body uses the licensed one)"
+            reason += (
+                "; the relaxed hand pose of this program is used instead (--body uses the "
+                "licensed mean hand pose)"
+            )
     draft.assume(
         "hands", value, reason, confidence, ("flat", "mean"), is_usual=value == "flat" and not told
     )
@@ -193,7 +201,7 @@ def _units(draft: Draft) -> None:
     told = draft.overrides.get("units")
     if told is not None:
         draft.trans = draft.trans * METRES[told]
-        draft.assume("units", told, "as you say", "user", tuple(METRES))
+        draft.assume("units", told, "set by you", "user", tuple(METRES))
         return
     still = Draft(draft.name, {}, draft.poses[:_MAX_INSPECTED_FRAMES]).motion()
     feet = _tracks(still).joints[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]]
@@ -213,7 +221,7 @@ def _units(draft: Draft) -> None:
         unit, confidence, reason = "m", "sure", "feet do not slide at this scale"
     elif not is_still and stands:
         unit, confidence = "m", "unsure"
-        reason = f"though the body stands {far:.0f} away, at that scale its feet stand"
+        reason = f"the body is {far:.0f} m from the origin, but at this scale feet do not slide"
     else:
         steps = np.linalg.norm(np.diff(trans, axis=0), axis=-1)
         speed = float(np.median(steps) * draft.fps) if len(steps) else 0.0
@@ -223,7 +231,8 @@ def _units(draft: Draft) -> None:
         unit = min(odd, key=lambda each: odd[each])
         confidence = "likely" if abs(odd["cm"] - odd["mm"]) > 1.0 else "unsure"
         reason = (
-            f"in metres it would stand {far:.0f} away and its feet slide at {slide(1.0):.1f} m/s"
+            f"in metres the body would be {far:.0f} m from the origin and its feet would slide at "
+            f"{slide(1.0):.1f} m/s"
         )
     if unit != "m":
         draft.trans = draft.trans * METRES[unit]
@@ -267,11 +276,12 @@ def _up_and_facing(draft: Draft) -> None:
     up = draft.overrides.get("up", best)
     margin = scores[best] - scores[second]
     if "up" in draft.overrides:
-        reason, confidence = "as you say", "user"
+        reason, confidence = "set by you", "user"
     elif draft.is_scaled and best == "y":
-        reason, confidence = "its rest pose stands along it", "sure"
+        reason, confidence = "the rest pose stands along this axis", "sure"
     else:
-        reason = "spine, head, shanks and soles stand along it" + ("; turned" if up != "y" else "")
+        reason = "spine, head, shanks and soles point along this axis"
+        reason += "; rotated to y" if up != "y" else ""
         confidence = "unsure" if margin < 0.2 else "likely" if margin < 0.5 else "sure"
     if up != "y":
         _turn(draft, _UPRIGHT[up])
@@ -293,15 +303,17 @@ def _facing(draft: Draft) -> None:
     if told is not None:
         if told in _FORWARD_DEG:
             _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[told], degrees=True))
-        draft.assume("facing", told, "as you say", "user", (*_FORWARD_DEG, "as-is"))
+        draft.assume("facing", told, "set by you", "user", (*_FORWARD_DEG, "as-is"))
     elif abs(degrees) > 60 and np.hypot(x, z) > 0.9 and quarter != "z":
         _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[quarter], degrees=True))
-        reason = f"hips face {degrees:.0f}° from z throughout; turned"
+        reason = f"the hips always face {degrees:.0f}° away from z; rotated to z"
         draft.assume("facing", quarter, reason, "likely", (*_FORWARD_DEG, "as-is"))
     elif all(each.kind != "facing" for each in draft.assumptions):
         is_z = quarter == "z" and np.hypot(x, z) > 0.9
         value, reason = (
-            ("z", f"hips face {degrees:.0f}° from it") if is_z else ("as-is", "not one way")
+            ("z", f"the hips face {degrees:.0f}° away from it")
+            if is_z
+            else ("as-is", "the hips face no single direction")
         )
         draft.assume("facing", value, reason, "sure", (*_FORWARD_DEG, "as-is"), is_usual=True)
 

@@ -115,7 +115,7 @@ class Draft:
         if told is None:
             self.assume(kind, detected, reason, confidence, alternatives, is_usual)
             return detected
-        self.assume(kind, told, "as you say", "user", alternatives)
+        self.assume(kind, told, "set by you", "user", alternatives)
         return told
 
     def select_frames(self, frames: slice) -> None:
@@ -229,20 +229,18 @@ def _rotation_format(
     if override is not None:
         if override not in forms:
             raise MotionError(
-                f"{name} has {width} numbers for a joint, which are none of {override}; say "
+                f"{name} has {width} numbers per joint, which cannot be {override} rotations; use "
                 f"{' or '.join(forms)}."
             )
-        return Assumption("rotations", override, "as you say", "user")
+        return Assumption("rotations", override, "set by you", "user")
     if width == 6:
         return _rotation_format_6d(rows, joints, name)
     if width == 4:
         first, last = (float(np.abs(rows[..., at]).mean()) for at in (0, 3))
         confidence = "sure" if abs(first - last) > 0.1 else "unsure"
-        reason = (
-            f"w is the {'first' if first >= last else 'last'} number, by which joints turn least"
-        )
+        reason = f"joints rotate least if w is the {'first' if first >= last else 'last'} number"
         return Assumption("rotations", forms[int(first < last)], reason, confidence, forms)
-    reason = f"{width} numbers for a joint"
+    reason = f"{width} numbers per joint"
     return Assumption("rotations", forms[0], reason, is_default=forms[0] == "axis-angle")
 
 
@@ -258,12 +256,12 @@ def _rotation_format_6d(
 
     forms = FORMATS_BY_WIDTH[6]
     if orthonormality_error(rows[..., _INTERLEAVED_6D]) < 0.5 * orthonormality_error(rows):
-        reason = "only as two columns, number by number, are they of length 1"
+        reason = "only as two interleaved columns are they unit vectors"
         return Assumption("rotations", "6d-interleaved", reason, "sure", forms)
     natural = natural_bend_score(_decoded(rows, "6d", name), joints)
-    form, reason = "6d", "the first two rows, by which joints bend as people's do"
+    form, reason = "6d", "as the first two rows, joints bend as a person's do"
     if natural < -0.3:
-        form, reason = "6d-columns", "as rows, elbows and hands bend backwards"
+        form, reason = "6d-columns", "as rows, elbows and hands would bend backwards"
     confidence: Confidence = (
         "sure" if abs(natural) > 1.0 else "likely" if abs(natural) > 0.3 else "unsure"
     )
@@ -276,14 +274,15 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
         largest = float(np.linalg.norm(rows, axis=-1).max(initial=0.0))
         if largest > MAX_RADIANS:
             raise MotionError(
-                f"{name} turns a joint by {largest:.0f}; its rotations must be in radians, not"
-                " degrees: multiply them by pi/180."
+                f"{name} rotates a joint by {largest:.0f}; rotations must be in radians, not"
+                " degrees. Multiply them by pi/180."
             )
         return rows.astype(np.float64)
     if form.startswith("quaternion"):
         if np.abs(np.linalg.norm(rows, axis=-1) - 1).max() > 0.1:
             raise MotionError(
-                f"{name} has 4 numbers for a joint, which are not unit quaternions; save rotations."
+                f"{name} has 4 numbers per joint that are not unit quaternions; save joint "
+                "rotations."
             )
         xyzw = rows if form == "quaternion-xyzw" else np.roll(rows, -1, axis=-1)
         return Rotation.from_quat(xyzw.reshape(-1, 4)).as_rotvec().reshape(shape)
@@ -296,7 +295,7 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
     apart = rotmat @ rotmat.mT - torch.eye(3, dtype=rotmat.dtype)
     if float(apart.abs().max()) > 0.05:
         raise MotionError(
-            f"{name} has 9 numbers for a joint, which are not rotation matrices; save rotations."
+            f"{name} has 9 numbers per joint that are not rotation matrices; save joint rotations."
         )
     return axis_angle_from_matrix(rotmat).numpy()
 

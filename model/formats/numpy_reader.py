@@ -83,79 +83,83 @@ class ColumnLayout:
 _ALL = JOINT_SETS[55]
 COLUMNS: dict[int, ColumnLayout] = {
     265: ColumnLayout(
-        "TalkSHOW's: jaw, eyes, global orientation, body, hands, expression",
+        "columns of TalkSHOW: jaw, eyes, global orientation, body, hands, expression",
         (((22,), 3), ((23, 24), 6), (BODY, 66), (HANDS, 90), ("expression", 100)),
         is_offset=True,
     ),
     232: ColumnLayout(
-        "DiffSHEG's on TalkSHOW's data: upper body, hands, jaw, expression; pelvis, legs and eyes"
-        " stay at rest",
+        "columns of DiffSHEG on TalkSHOW's data: upper body, hands, jaw, expression; pelvis, legs "
+        "and eyes stay at rest",
         ((_DIFFSHEG, 3 * len(_DIFFSHEG)), ("expression", 100)),
         is_offset=True,
         lacks=("legs", "place"),
     ),
     322: ColumnLayout(
-        "Motion-X's: root and body, hands, jaw, expression, face shape, translation, betas",
+        "columns of Motion-X: root, body, hands, jaw, expression, face shape, translation, betas",
         ((BODY, 66), (HANDS, 90), ((22,), 3), ("expression", 50), ("", 100), ("trans", 3),
          ("betas", 10)),
         is_offset=True,
     ),
     268: ColumnLayout(
-        "55 joints, translation, expression",
+        "columns for 55 joints, translation, expression",
         ((_ALL, 165), ("trans", 3), ("expression", 100)),
     ),
-    168: ColumnLayout("55 joints and translation", ((_ALL, 165), ("trans", 3))),
+    168: ColumnLayout("columns for 55 joints and translation", ((_ALL, 165), ("trans", 3))),
     75: ColumnLayout(
-        "SMPL's 24 joints and translation",
+        "columns for SMPL's 24 joints and translation",
         ((BODY, 66), ("", 6), ("trans", 3)),
         lacks=("hands",),
     ),
-    333: ColumnLayout("55 joints as 6D and translation", ((_ALL, 330), ("trans", 3)), width=6),
+    333: ColumnLayout(
+        "columns for 55 joints as 6D and translation", ((_ALL, 330), ("trans", 3)), width=6
+    ),
     337: ColumnLayout(
-        "EMAGE's inside: 55 joints as 6D, translation, contacts",
+        "internal columns of EMAGE: 55 joints as 6D, translation, contacts",
         ((_ALL, 330), ("", 7)),
         lacks=("place",),
-        no_place="its translation may be absolute or speeds, which the array does not tell, and"
-        " was left out",
+        no_place="the array does not say whether its translation is a position or a velocity,"
+        " so it is not read",
         width=6,
     ),
 }  # fmt: skip
 """Layouts by the number of columns."""
 UNSUPPORTED_LAYOUTS = {
-    104: "is of Audio2Photoreal's form: 104 angles of a skeleton that is told only by the model "
-    "that comes with its checkpoints, with no public list of which angle turns which joint, so "
-    "they cannot be laid onto SMPL-X's joints",
-    141: "is of the form of DiffSHEG on BEAT: 141 Euler angles less a mean and over a spread that "
-    "lie with its data, not in the file; give the .bvh that it writes beside",
-    263: "is HumanML3D's form (263 numbers a frame: root speeds, positions, velocities), whose "
-    "rotations were fitted to positions; turn it into SMPL with its joints2smpl and give that",
-    251: "is KIT-ML's form (251 numbers a frame, of 21 joints without SMPL's rotations); turn it "
-    "into SMPL with joints2smpl and give that",
-    623: "is HumanTOMATO's form (623 numbers a frame: speeds, positions, velocities); give the "
-    "322 of Motion-X that it was made from",
+    104: "has the 104 angles per frame of Audio2Photoreal. Its skeleton is defined only by the "
+    "model in its checkpoints, and no public list says which angle rotates which joint, so the "
+    "angles cannot be converted to SMPL-X",
+    141: "has the 141 numbers per frame of DiffSHEG on BEAT: Euler angles, normalised with a mean "
+    "and a standard deviation that are not in the file. Give the .bvh file that DiffSHEG writes",
+    263: "has the 263 numbers per frame of HumanML3D (root velocities, positions, velocities), "
+    "whose rotations were fitted to positions. Convert it to SMPL with its joints2smpl, and give "
+    "the result",
+    251: "has the 251 numbers per frame of KIT-ML (21 joints, without SMPL's rotations). Convert "
+    "it to SMPL with joints2smpl, and give the result",
+    623: "has the 623 numbers per frame of HumanTOMATO (positions and velocities). Give the "
+    "Motion-X file with 322 numbers per frame from which it was made",
     **dict.fromkeys(
-        (768, 1024), "holds features of speech (of wav2vec 2.0, HuBERT or WavLM), no motion"
+        (768, 1024),
+        "seems to contain speech features (wav2vec 2.0, HuBERT or WavLM) instead of motion",
     ),
     **dict.fromkeys(
         (29, 36),
-        "holds a motion of Unitree's G1 by its width (29 joint angles, with or without 7 numbers "
-        "of the root); a robot's hinges are not a person's joints: give the human motion that it "
-        "was "
-        "retargeted from (SMPL-X or BVH)",
+        "seems to contain a motion of the robot Unitree G1 (29 joint angles, with or without 7 "
+        "numbers of the root), which cannot be converted to a person's joints. Give the human "
+        "motion from which it was retargeted (SMPL-X or BVH)",
     ),
-    **dict.fromkeys((80, 128), "holds a mel spectrogram, by its width, and no motion"),
+    **dict.fromkeys((80, 128), "seems to contain a mel spectrogram instead of motion"),
 }
 """Reasons why no motion can be made of arrays, by their width."""
 _SOMA = (
-    "is of SOMA's skeleton (NVIDIA's Kimodo and GEM-X) by its {joints} joints, whose rotations "
-    "start from another rest pose; turn it into BVH (kimodo_convert FILE.npz FILE.bvh), and give "
-    "that"
+    "has the {joints} joints of the skeleton SOMA (NVIDIA's Kimodo and GEM-X), whose rest pose "
+    "differs from SMPL-X's. Convert it to BVH (kimodo_convert FILE.npz FILE.bvh), and give the "
+    "BVH file"
 )
 JOINTS_NOT_READ = {
     77: _SOMA,
     30: _SOMA,
-    34: "is of Unitree's G1 by its {joints} joints (Kimodo's form); a robot's hinges are no "
-    "person's joints: give the human motion that it was retargeted from, or generate it for SMPL-X",
+    34: "has the {joints} joints of the robot Unitree G1 (as written by Kimodo), which cannot be "
+    "converted to a person's joints. Give the human motion from which it was retargeted, or "
+    "generate it for SMPL-X",
 }
 """Reasons why a skeleton is not read, by its number of joints."""
 _PARAMETER_WIDTHS = (3, 10, 16, 45, 63, 300)
@@ -171,8 +175,8 @@ CONVERT_PICKLE_COMMAND = (
 _MAX_TRANSLATION = 1e5
 """Largest coordinate: a hundred metres in millimetres."""
 _SUPPORTED_SHAPES = (
-    "rotations are (frames, 165), (frames, 55, 3) or of 53, 52, 24 or 22 joints, 3, 4, 6 or 9"
-    " numbers each"
+    "rotations must have the shape (frames, 165) or (frames, 55, 3), or have 53, 52, 24 or 22"
+    " joints with 3, 4, 6 or 9 numbers each"
 )
 _IN_A_FOLDER = (
     "If it is one parameter of a motion (global_orient, body_pose, transl, ...), give the folder of"
@@ -192,7 +196,10 @@ def read_npz(path: Path, overrides: dict[str, str]) -> Draft:
 
 def _read_parameter_files(files: Mapping[str, Path], name: str, overrides: dict[str, str]) -> Draft:
     if sum(file.stat().st_size for file in files.values()) > MAX_FILE_BYTES:
-        raise MotionError(f"The files of {name} have over {MAX_FILE_BYTES // 2**20} MiB together.")
+        raise MotionError(
+            f"The files of {name} have more than {MAX_FILE_BYTES // 2**20} MiB in total; give a "
+            "shorter motion."
+        )
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w") as archive:
         for part, file in files.items():
@@ -216,14 +223,14 @@ def read_npy(path: Path, overrides: dict[str, str]) -> Draft:
         raise MotionError(f"{path.name} could not be read: {error.strerror or error}.") from error
     if array is not None and array.dtype.kind in "fiub" and array.ndim < 2:
         raise MotionError(
-            f"{path.name} has the shape {array.shape}, one number a frame; {_SUPPORTED_SHAPES}. "
+            f"{path.name} has the shape {array.shape}, one number per frame; {_SUPPORTED_SHAPES}. "
             f"{_IN_A_FOLDER}"
         )
     if array is None or array.dtype.kind not in "fiu":
         raise MotionError(
-            f"{path.name} is not a plain array of numbers with a row for each frame; pickled "
-            "objects"
-            f" are never loaded: if you trust it, convert it yourself: {CONVERT_PICKLE_COMMAND}."
+            f"{path.name} is not an array of numbers with one row per frame. Pickled objects are "
+            "never loaded, because they could run code. If you trust the file, convert it with: "
+            f"{CONVERT_PICKLE_COMMAND}."
         )
     draft = _of_array(array.astype(np.float32), path.name, overrides)
     _rate(draft, {})
@@ -273,7 +280,7 @@ def _of_columns(
     overrides: dict[str, str],
 ) -> Draft:
     draft = Draft(name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_offset=layout.is_offset)
-    draft.assume("layout", str(array.shape[-1]), f"as {layout.name}")
+    draft.assume("layout", str(array.shape[-1]), layout.name)
     rows = _select_motion(draft, array.reshape(-1, *array.shape[-2:]))
     check_num_frames(len(rows), name)
     _check_finite(draft, "the array", rows, most=_MAX_TRANSLATION)
@@ -315,7 +322,7 @@ def _of_rotations(
             "rotations."
         )
     draft.poses = scatter_joints(draft.turns(rows[:, : len(joints)], joints), joints)
-    _assume_joints(draft, joints, f"{SET_NAMES[shape.joints]}, by {shape.joints} joints")
+    _assume_joints(draft, joints, f"as many joints as {SET_NAMES[shape.joints]}")
     return draft
 
 
@@ -339,10 +346,11 @@ def _select_motion(draft: Draft, batch: Shaped[np.ndarray, " N *motion"]) -> np.
     choice = draft.overrides.get("motion", "1")
     if not choice.isdigit() or not 1 <= int(choice) <= count:
         raise MotionError(
-            f"{draft.name} holds {count} motions (say --assume motion=1 to motion={count})."
+            f"{draft.name} contains {count} motions; choose one by its number (--assume motion=1 "
+            f"to motion={count})."
         )
     alternatives = tuple(str(number) for number in range(1, count + 1))
-    reason = f"the file holds a batch of {count} motions"
+    reason = f"the file contains a batch of {count} motions"
     confidence = "user" if "motion" in draft.overrides else "unsure"
     draft.assume("motion", choice, reason, confidence, alternatives)
     draft.motion_number = int(choice)
@@ -364,19 +372,22 @@ def _check_finite(
         for column in range(flat.shape[1]):
             flat[bad, column] = np.interp(np.flatnonzero(bad), good, flat[good, column])
         draft.assume(
-            "frames", "bridge", f"frames {format_frame_ranges(bad)} of {noun} were drawn", "user"
+            "frames",
+            "bridge",
+            f"frames {format_frame_ranges(bad)} of {noun} were interpolated",
+            "user",
         )
     elif bad.any():
         raise MotionError(
-            f"{draft.name} holds NaN or infinite values in {noun}, frames "
-            f"{format_frame_ranges(bad)}; repair "
-            "it (or say --assume frames=bridge)."
+            f"{draft.name} contains NaN or infinite values in {noun}, in frames "
+            f"{format_frame_ranges(bad)}; repair the file (or use --assume frames=bridge to "
+            "interpolate them)."
         )
     largest = float(np.abs(flat).max(initial=0.0))
     if largest > most:
         raise MotionError(
-            f"{draft.name} holds {largest:.3g} in {noun}, beyond {most:g}; radians and metres are "
-            "expected."
+            f"{draft.name} contains the value {largest:.3g} in {noun}, above the limit of {most:g};"
+            " use radians and metres."
         )
 
 
@@ -410,7 +421,7 @@ class _Archive:
             draft.assumptions.append(self.choice)
         objects = [key for key, (_, dtype) in self.headers.items() if dtype.hasobject]
         if objects:
-            draft.assume("layout", "npz", f"{self._listed(objects)}, pickled objects, not read")
+            draft.assume("layout", "npz", f"{self._listed(objects)} are pickled objects, not read")
         if draft.trans is None and (key := self._find(TRANSLATIONS)):
             trans = self._array(draft, key, 3)
             self.lengths[key] = len(trans)
@@ -433,8 +444,9 @@ class _Archive:
         frames = _num_frames(self.lengths)
         single = [f"`{key}`" for key, length in self.lengths.items() if length == 1]
         if frames > 1 and single:
-            have = "have one row, which holds" if len(single) > 1 else "has one row, which holds"
-            draft.assume("frames", str(frames), f"{join_names(single)} {have} for all of them")
+            have = "have" if len(single) > 1 else "has"
+            reason = f"{join_names(single)} {have} one row, which is used for all frames"
+            draft.assume("frames", str(frames), reason)
         by_length: dict[int, list[str]] = {}
         for key, length in self.lengths.items():
             by_length.setdefault(length, []).append(key)
@@ -443,7 +455,11 @@ class _Archive:
             found = ", ".join(
                 f"{length} of {join_names(keys)}" for length, keys in by_length.items()
             )
-            draft.assume("frames", str(frames), f"{found}; the first {frames} were used")
+            draft.assume(
+                "frames",
+                str(frames),
+                f"lengths differ ({found}); the first {frames} frames were used",
+            )
         draft.poses = _of_length(draft.poses, frames)
         if draft.trans is not None:
             draft.trans = _of_length(draft.trans, frames)
@@ -476,20 +492,22 @@ class _Archive:
             candidates = {"": usable[0]}
         before = next(iter(candidates))
         if len(candidates) > 1 and ("" not in candidates or "motion" in self.overrides):
-            names = [printable(each or "the plain one") for each in candidates]
+            names = [printable(each or "the one without a prefix") for each in candidates]
             choice = self.overrides.get("motion", "")
             numbers = [str(number) for number in range(1, len(names) + 1)]
             if choice not in (*candidates, *numbers):
                 raise MotionError(
-                    f"{self.name} holds {len(candidates)} motions: {', '.join(names[:12])}; give "
-                    f"one of them (say --assume motion={names[0]})."
+                    f"{self.name} contains {len(candidates)} motions: {', '.join(names[:12])}; "
+                    f"choose one (--assume motion={names[0]})."
                 )
             before = choice if choice in candidates else list(candidates)[numbers.index(choice)]
-            self.choice = Assumption("motion", choice, "as you say", "user", tuple(names))
+            self.choice = Assumption("motion", choice, "set by you", "user", tuple(names))
         elif len(candidates) > 1:
             before = ""
             alternatives = tuple(each for each in candidates if each)
-            reason = f"`{candidates['']}`, beside {', '.join(alternatives)}"
+            reason = (
+                f"`{candidates['']}` was read; the file also contains {', '.join(alternatives)}"
+            )
             self.choice = Assumption(
                 "motion", printable(candidates[""]), reason, "likely", alternatives
             )
@@ -504,8 +522,9 @@ class _Archive:
         objects = [key for key, (_, dtype) in self.headers.items() if dtype.hasobject]
         if objects:
             return (
-                f"{self.name} holds pickled Python objects in {self._listed(objects)}, which are"
-                f" never loaded; if you trust it, convert it yourself: {CONVERT_PICKLE_COMMAND}."
+                f"{self.name} contains pickled Python objects in {self._listed(objects)}, which are"
+                " never loaded, because they could run code. If you trust the file, convert it"
+                f" with: {CONVERT_PICKLE_COMMAND}."
             )
         for shape, _ in self.headers.values():
             if reason := not_read(shape) or (
@@ -513,7 +532,7 @@ class _Archive:
             ):
                 return f"{self.name} {reason}."
         return (
-            f"{self.name} lacks poses, or `global_orient` with `body_pose`: it holds"
+            f"{self.name} has neither poses nor `global_orient` with `body_pose`: it contains"
             f" {self._listed(list(self.headers)) or 'nothing'}; {_SUPPORTED_SHAPES}."
         )
 
@@ -528,14 +547,15 @@ class _Archive:
         shape, _ = self.headers[key]
         plain = split_key(key)[1]
         if 0 in shape:
-            raise MotionError(f"{self.name} has no frames in `{printable(key)}`; it has {shape}.")
+            raise MotionError(
+                f"{self.name} has no frames: `{printable(key)}` has the shape {shape}."
+            )
         if plain in ROOTS:
             return self._of_parts()
         if not _is_motion(shape):
             raise MotionError(
                 f"{self.name}: `{printable(key)}` has the shape {shape}; {_SUPPORTED_SHAPES}. The "
-                "file holds"
-                f" {self._listed(list(self.headers))}."
+                f"file contains {self._listed(list(self.headers))}."
             )
         if max(shape[:2]) > MAX_FRAMES:
             check_num_frames(max(shape[:2]), self.name)
@@ -543,7 +563,9 @@ class _Archive:
         draft = _of_array(array, self.name, self.overrides, printable(key))
         self.lengths["poses"] = len(draft.poses)
         if plain != "poses":
-            draft.assume("layout", printable(key), f"its array of shape {shape} holds rotations")
+            draft.assume(
+                "layout", printable(key), f"this array of shape {shape} contains rotations"
+            )
         return draft
 
     def _of_parts(self) -> Draft:
@@ -562,7 +584,9 @@ class _Archive:
             self.lengths[part] = len(rows)
         frames = _num_frames(self.lengths)
         if not set(BODY[1:]) <= {joint for joints in parts for joint in joints}:
-            raise MotionError(f"{self.name} has `global_orient` and no `body_pose`; both needed.")
+            raise MotionError(
+                f"{self.name} has `global_orient` but no `body_pose`; both are needed."
+            )
         joints = tuple(joint for of in parts for joint in of)
         poses = np.zeros((frames, NUM_JOINTS, 3))
         widths = {rows.shape[-1] for rows in parts.values()}
@@ -572,7 +596,7 @@ class _Archive:
             rows = np.concatenate([_of_length(parts[of], frames) for of in group], axis=1)
             poses[:, list(these)] = draft.turns(rows, these)
         draft.poses = poses
-        draft.assume("layout", "parts", f"{', '.join(keys)}, laid side by side", "stated")
+        draft.assume("layout", "parts", f"combined from {', '.join(keys)}", "stated")
         _assume_joints(draft, joints, "SMPL-X's parameters")
         return draft
 
@@ -586,12 +610,12 @@ class _Archive:
             return smpl[:, :63].reshape(len(array), 21, 3)
         if over or each not in FORMATS_BY_WIDTH:
             reason = (
-                " Hands as principal components need the licensed model: save them with"
-                " use_pca=False, or turn num_pca_comps numbers into 45 with its hand components."
+                " Hands as PCA components need the licensed model: save them with use_pca=False, or"
+                " convert the num_pca_comps numbers to 45 with the model's hand components."
             )
             reason = reason if "hand" in part else ""
             raise MotionError(
-                f"{self.name}: `{part}` must have {3 * joints} numbers a frame (or 4, 6 or 9 for "
+                f"{self.name}: `{part}` must have {3 * joints} numbers per frame (or 4, 6 or 9 for "
                 f"each of {joints} joints); it has the shape {array.shape}.{reason}"
             )
         return smpl.reshape(len(array), joints, each)
@@ -602,7 +626,7 @@ class _Archive:
     def _numbers(self, key: str) -> np.ndarray:
         _, dtype = self.headers[key]
         if dtype.kind not in "fiu":
-            raise MotionError(f"{self.name}: `{key}` must hold numbers; it holds {dtype}.")
+            raise MotionError(f"{self.name}: `{key}` must contain numbers; it contains {dtype}.")
         return read_array(self.archive, key).astype(np.float32)
 
     def _filled(self, plain: str) -> np.ndarray:
@@ -632,30 +656,32 @@ class _Archive:
         shape, dtype = self.headers[self.plain[plain]]
         columns = shape[-1] if shape else 0
         if dtype.kind not in "fiu" or len(shape) < 2 or not 0 < columns <= NUM_EXPRESSIONS:
-            reason = f"`{plain}` {shape} are none of FLAME's up to {NUM_EXPRESSIONS} coefficients"
-            draft.assume("face", "none", f"{reason}; it stays at rest")
+            reason = (
+                f"`{plain}` {shape} has not 1 to {NUM_EXPRESSIONS} FLAME coefficients per frame"
+            )
+            draft.assume("face", "none", f"{reason}; the face stays at rest")
             return
         face = self._array(draft, plain, columns)
         self.lengths[plain] = len(face)
         _check_finite(draft, f"`{plain}`", face)
         draft.expressions = np.pad(face, ((0, 0), (0, NUM_EXPRESSIONS - columns)))
         if columns < NUM_EXPRESSIONS or plain != "expressions":
-            draft.assume("face", "flame", f"`{plain}` {shape} taken as FLAME's coefficients")
+            draft.assume("face", "flame", f"`{plain}` {shape} was read as FLAME coefficients")
 
     def _betas(self, draft: Draft) -> None:
         if "betas" not in self.plain:
             return
         shape, dtype = self.headers[self.plain["betas"]]
         if dtype.kind not in "fiu" or 0 in shape or not shape or shape[-1] > NUM_BETAS:
-            draft.assume("shape", "mean", f"`betas` {shape} of {dtype} are not a body shape")
+            draft.assume("shape", "mean", f"`betas` {shape} of {dtype} is not a body shape")
             return
         given = self._numbers(self.plain["betas"]).reshape(-1, shape[-1])[0]
         if not np.isfinite(given).all() or np.abs(given).max() > MAX_ABS_VALUE:
-            draft.assume("shape", "mean", "`betas` hold values that are not finite or too large")
+            draft.assume("shape", "mean", "`betas` has values that are not finite or too large")
             return
         draft.betas[: len(given)] = given
         if len(shape) > 1:
-            draft.assume("shape", "betas", f"the first row of `betas` {shape} was taken", "likely")
+            draft.assume("shape", "betas", f"the first row of `betas` {shape} was used", "likely")
 
     def _rate_of(self, plain: str) -> str:
         """Return the value of one of `RATES` as text."""
@@ -686,9 +712,7 @@ class _Archive:
             _bridge(draft, marks)
             draft.assume("frames", "bridge", f"{which}; they were interpolated", confidence)
         else:
-            reason = (
-                f"{which}; they were kept as they are (--assume frames=bridge interpolates them)"
-            )
+            reason = f"{which}; they were not changed (--assume frames=bridge interpolates them)"
             draft.assume("frames", "as-is", reason, confidence)
 
 
@@ -733,7 +757,11 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
             continue
     values = {f"{value:g}" for value in numbers.values()}
     if not numbers:
-        reason = "the file tells none" if not stated else f"`{next(iter(stated))}` is not a number"
+        reason = (
+            "the file does not state one"
+            if not stated
+            else f"`{next(iter(stated))}` is not a number"
+        )
         draft.set_frame_rate(float(FPS), reason, "unsure")
         return
     key, fps = next(iter(numbers.items()))
@@ -741,7 +769,7 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
         said = ", ".join(f"`{key}` says {value:g}" for key, value in numbers.items())
         draft.set_frame_rate(fps, said, "unsure", tuple(sorted(values)))
     else:
-        draft.set_frame_rate(fps, f"as `{key}` says", "stated")
+        draft.set_frame_rate(fps, f"from `{key}`", "stated")
 
 
 def _note_missing(draft: Draft) -> None:
@@ -749,7 +777,7 @@ def _note_missing(draft: Draft) -> None:
     if draft.expressions is None:
         draft.missing_parts.add("face")
         if not any(each.kind == "face" for each in draft.assumptions):
-            draft.assume("face", "none", "it has no expressions; the face stays at rest")
+            draft.assume("face", "none", "the file has no expressions; the face stays at rest")
     if draft.trans is None and "place" not in draft.missing_parts:
         draft.missing_parts.add("place")
-        draft.assume("place", "none", "it has no translation; the body stays in its place")
+        draft.assume("place", "none", "the file has no translation; the body stays in one place")

@@ -50,7 +50,7 @@ def read_any_motion(
         >>> imported.motion.num_frames, imported.rate
         (420, 30.0)
         >>> print(imported.assumptions[0].sentence("speaker"))
-        speaker: rotations axis-angle, 3 numbers for a joint.
+        speaker: rotations axis-angle, 3 numbers per joint.
     """
     path = Path(path)
     of_file = (overrides or ImportOverrides()).for_file(path.name, path.stem, *names)
@@ -63,8 +63,9 @@ def read_any_motion(
         raise MotionError(f"{path.name}: {error}") from error
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise MotionError(
-            f"{path.name} cannot be read: it is damaged, or of a form that is not known here"
-            f" ({type(error).__name__}). Save it again, or in another form ({', '.join(ENDINGS)})."
+            f"{path.name} cannot be read: it is damaged or has an unknown layout"
+            f" ({type(error).__name__}). Save it again, or in another format"
+            f" ({', '.join(ENDINGS)})."
         ) from error
 
 
@@ -97,9 +98,9 @@ def _kind(path: Path) -> str:
         start = file.read(16)
     kind = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
     if kind is None:
-        way = _CONVERSION_HINTS.get(ending, "save it as one of these")
+        way = _CONVERSION_HINTS.get(ending, "save it in one of these formats")
         raise MotionError(
-            f"{path.name} is not a motion file that can be read; {', '.join(ENDINGS)} are: {way}."
+            f"{path.name} is not a supported motion file ({', '.join(ENDINGS)}); {way}."
         )
     return kind
 

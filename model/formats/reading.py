@@ -21,6 +21,15 @@ Kind = Literal[
     "frames", "face", "shape", "lag",
 ]  # fmt: skip
 """Kinds of assumptions about a file; no file contains `lag`, which is against the speech."""
+NOTE_TEXTS: dict[Kind, str] = {
+    "up": "up axis {}",
+    "facing": "facing direction {}",
+    "hands": "hands relative to the {} pose",
+    "rate": "frame rate {}",
+    "place": "translation {}",
+    "shape": "body shape {}",
+}
+"""Start of a note by kind, with its value; that of other kinds is the kind itself."""
 Confidence = Literal["user", "stated", "sure", "likely", "unsure"]
 """Certainty: stated by the user, stated by the file, evident from the motion, likely, or a
 guess."""
@@ -96,8 +105,10 @@ class Assumption:
             and self.confidence in ("likely", "unsure")
             and self.kind in OVERRIDE_VALUES
         ):
-            way = f" (if not, say --assume {self.kind}={'|'.join(self.alternatives[:6])})"
-        return f"{name}: {self.kind} {self.value}, {self.reason}{way}."
+            values = "|".join(self.alternatives[:6])
+            way = f" (if this is wrong, use --assume {self.kind}={values})"
+        start = NOTE_TEXTS.get(self.kind, f"{self.kind} {{}}").format(self.value)
+        return f"{name}: {start}, {self.reason}{way}."
 
     def as_json(self) -> dict[str, object]:
         """Return the assumption for JSON."""
@@ -161,7 +172,9 @@ def differing_assumptions(readings: Mapping[str, ImportedMotion]) -> list[str]:
         without = [name for name, each in readings.items() if part in each.missing_parts]
         if without and len(without) < len(readings):
             said = ", ".join(without[:6])
-            sentences.append(f"{said} {words}: do not compare the {what} with those of the others.")
+            sentences.append(
+                f"{said} {words}: do not compare {what} with those of the other motions."
+            )
     return sentences
 
 
@@ -185,8 +198,11 @@ def length_notes(
     if not others:
         return []
     ends = dict.fromkeys(f"{end(others.values()):.1f}" for end in (min, max))
-    who = next(iter(others)) if len(others) == 1 else f"{len(others)} of the motions"
-    named = f"{who} {' to '.join(ends)} s"
+    ends_text = " to ".join(ends)
+    if len(others) == 1:
+        named = f"{next(iter(others))} lasts {ends_text} s"
+    else:
+        named = f"{len(others)} of the motions last {ends_text} s"
     fits = [
         duration_s * (rates or {}).get(name, 30.0) / speech_s
         for name, duration_s in others.items()
@@ -205,7 +221,7 @@ def length_notes(
             f"rate={fitting[0]})."
         )
     return [
-        f"The speech lasts {speech_s:.1f} s and {named}; only their common duration is shown.{hint}"
+        f"The speech lasts {speech_s:.1f} s, but {named}. Only the common duration is shown.{hint}"
     ]
 
 
@@ -238,8 +254,8 @@ class ImportOverrides:
             if (name, kind, value) not in known:
                 there = ", ".join(names or [path.name for path in files[:6]])
                 return (
-                    f"There is no file {name[:80]!r}, for which {kind}={value} is given; there are "
-                    f"{there}."
+                    f"The import setting {kind}={value} is for a file {name[:80]!r}, which does "
+                    f"not exist; the files are {there}."
                 )
         return ""
 
@@ -264,8 +280,8 @@ def parse_import_overrides(written: str) -> ImportOverrides:
         found = _FLAG.match(part)
         if found is None or found["kind"] not in OVERRIDE_VALUES:
             raise MotionError(
-                f"{part[:60]!r} is not a valid override; use WHAT=VALUE or NAME:WHAT=VALUE with "
-                f"WHAT one of {', '.join(OVERRIDE_VALUES)}."
+                f"{part[:60]!r} is not a valid import setting; use SETTING=VALUE or "
+                f"FILE:SETTING=VALUE, with SETTING one of {', '.join(OVERRIDE_VALUES)}."
             )
         kind, value = found["kind"], found["value"].strip()
         known = OVERRIDE_VALUES[kind]

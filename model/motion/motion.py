@@ -191,8 +191,8 @@ def load_motion(path: str | Path) -> Motion:
         largest = float(np.abs(array).max(initial=0.0))
         if MAX_ABS_VALUE < largest < math.inf:
             raise MotionError(
-                f"{name} holds {largest:.3g} in `{key}`, beyond {MAX_ABS_VALUE:g}; radians and "
-                "metres are expected."
+                f"{name} contains the value {largest:.3g} in `{key}`, above the limit of "
+                f"{MAX_ABS_VALUE:g}; use radians and metres."
             )
     fps = [f"{each:g}" for each in arrays.pop("mocap_frame_rate").flat[:2]]
     if fps != [f"{FPS}"]:
@@ -234,7 +234,7 @@ def read_basis(archive: zipfile.ZipFile, headers: dict[str, Header], name: str) 
         return "flame100"
     shape, dtype = headers["expression_basis"]
     if math.prod(shape) != 1 or dtype.kind != "U":
-        raise MotionError(f"{name}: `expression_basis` must be one text.")
+        raise MotionError(f"{name}: `expression_basis` must be a single string.")
     basis = str(read_array(archive, "expression_basis").reshape(-1)[0])
     if basis not in get_args(ExpressionBasis):
         raise MotionError(

@@ -20,7 +20,9 @@ def two_speakers(written: str) -> tuple[str, str]:
     """Parse the names of the calm and the lively speaker; raises ValueError if they are not two."""
     calm, comma, lively = written.partition(",")
     if not (calm and comma and lively) or calm == lively:
-        raise ValueError(f"Speakers are two names, CALM,LIVELY; got {written!r}.")
+        raise ValueError(
+            f"Give two speaker names, the calmer one first, as CALM,LIVELY; got {written!r}."
+        )
     return calm, lively
 
 
@@ -52,7 +54,7 @@ class WeightsCard(dict[str, Any]):
         try:
             yield
         except (KeyError, TypeError, AttributeError) as error:
-            sentence = f"The card of {self.weights} lacks or misstates {error}."
+            sentence = f"The card of {self.weights} has a missing or wrong entry: {error}."
             raise CheckpointError(sentence) from None
 
     @property
@@ -89,7 +91,9 @@ class WeightsCard(dict[str, Any]):
         except CheckpointError:
             raise
         except ValueError as error:
-            raise CheckpointError(f"The card of {self.weights} misstates: {error}") from None
+            raise CheckpointError(
+                f"The card of {self.weights} has a wrong entry: {error}"
+            ) from None
 
     @property
     def training_hours(self) -> float:
@@ -143,7 +147,7 @@ def override_setting(config: T, setting: str) -> T:
     """
     path, equals, told = setting.partition("=")
     if not equals:
-        raise ValueError(f"{setting!r} sets nothing; write it as field=value.")
+        raise ValueError(f"{setting!r} is not a setting; write it as field=value.")
     try:
         value = json.loads(told)
     except json.JSONDecodeError:
@@ -169,7 +173,7 @@ def _of_kind(path: str, old: Any, new: Any) -> Any:
         return float(new)
     same = isinstance(new, list) if isinstance(old, tuple) else type(new) is type(old)
     if not same:
-        raise ValueError(f"{path} is {old!r}; {new!r} is of another kind.")
+        raise ValueError(f"{path} is {old!r}; {new!r} has another type.")
     return new
 
 

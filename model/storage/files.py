@@ -97,7 +97,7 @@ def read_capped(path: Path, most: int, error: type[ValueError]) -> bytes:
         raise error(f"{path.name} could not be read: {reason}.") from cause
     if len(data) > most:
         told = f"{most // 2**20} MiB" if most >= 2**20 else f"{most // 1000} kB"
-        raise error(f"{path.name} is larger than {told}, the most that is read.")
+        raise error(f"{path.name} is larger than the limit of {told}.")
     return data
 
 

@@ -160,7 +160,7 @@ def test_a_planted_ear_is_found_in_anyones_motion(
     ]
     with pytest.raises(SystemExit):
         main(["hearing", "a.wav", "b.wav", "--out", str(tmp_path / "no"), "--speakers", "bob"])
-    assert "two names, CALM,LIVELY; got 'bob'" in capsys.readouterr().err
+    assert "as CALM,LIVELY; got 'bob'" in capsys.readouterr().err
 
 
 @given(

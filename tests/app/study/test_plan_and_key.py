@@ -119,7 +119,7 @@ BAD_PLANS = [
     (PEOPLE, f"{PEOPLE}\nseed = {'9' * 5000}", "is not a TOML file: Exceeds the limit"),
     (PEOPLE, f"{PEOPLE}\nviews = {'[' * 4000}{']' * 4000}", "is not a TOML file: tables or arrays"),
     (PEOPLE, f"{PEOPLE}\n{'a.' * 50_000}b = 1", "is not a TOML file: a key has more than 32 parts"),
-    (PEOPLE, f"{PEOPLE}\n#{'a' * 2**21}", "plan.toml is larger than 2 MiB"),
+    (PEOPLE, f"{PEOPLE}\n#{'a' * 2**21}", "plan.toml is larger than the limit of 2 MiB"),
 ]
 BAD_CONDITIONS = [
     ("gestures_per_min = 0.5", "often = 2", "a style cannot be used: `times`"),

@@ -168,7 +168,7 @@ def test_lengths_are_told_otherwise(tmp_path: Path):
 
 def test_a_row_less_than_stated_is_told_and_rates_are_stated_or_told(tmp_path: Path):
     reading = read(tmp_path, text_of(fps=60.0).replace("Frames: 20", "Frames: 21"))
-    assert "says 21 frames and holds 20" in reading.notes[0]
+    assert "states 21 frames but has 20" in reading.notes[0]
     assert reading.motion.num_frames == 10
     assert read(tmp_path, text_of(fps=60.0), "rate=30").motion.num_frames == 20
 
@@ -220,9 +220,12 @@ def test_text_is_read_where_nothing_is_lost(tmp_path: Path, text: str, said: str
         (TEXT.replace("Frame Time: 0.03333333", "Frame Time: 0"), "cannot last 0 s"),
         (TEXT.replace("{", "{\nCHANNELS 1 Xrotation", 3), "line 6, a joint has CHANNELS twice"),
         (TEXT.replace("OFFSET 0", "OFFSET 9000000", 1), "an offset must be under 1e+06"),
-        (changed_row(2, lambda row: "1e300 " + row.split(" ", 1)[1]), "holds 1e+300, beyond 1e+06"),
-        (changed_row(2, lambda row: row + " 7"), f"line {ROW + 2}, a row of 70 numbers"),
-        (changed_row(2, lambda row: row[:90]), f"line {ROW + 2}, a row of"),
+        (
+            changed_row(2, lambda row: "1e300 " + row.split(" ", 1)[1]),
+            "1e+300, above the limit of 1e+06",
+        ),
+        (changed_row(2, lambda row: row + " 7"), f"line {ROW + 2}, a row has 70 numbers"),
+        (changed_row(2, lambda row: row[:90]), f"line {ROW + 2}, a row has"),
         (changed_row(2, lambda row: "x" + row), "is not a number"),
         (changed_row(2, lambda row: "nan " + row.split(" ", 1)[1]), "not finite in frames 2"),
         (TEXT.replace("\nMOTION", "\nMOVES"), "'MOVES' is none of"),
@@ -248,7 +251,7 @@ def test_trees_that_are_no_person_are_refused(tmp_path: Path):
         "OFFSET 0 0.4 0" if line.startswith("OFFSET") and "-0.3" in line else line
         for line in TEXT.splitlines()
     ]
-    with pytest.raises(MotionError, match=r"do legs hang below the trunk.* put a T-pose"):
+    with pytest.raises(MotionError, match=r"legs are not below the trunk.* Put a T-pose"):
         read(tmp_path, "\n".join(lines))
 
 

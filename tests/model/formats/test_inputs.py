@@ -31,26 +31,26 @@ REFUSED = {
 """Files that are to be refused, and what the sentence names."""
 SAID = {
     "01_seamless.npz": "frames 40-45",
-    "05_talkshow_meanhands.npy": "hands mean",
+    "05_talkshow_meanhands.npy": "hands relative to the mean pose",
     "06_talkshow_4samples_short.npy": "4 samples",
     "09_camera_depth_38m.npz": "units m",
     "10_trans_mm.npz": "units mm",
     "12_no_rate.npz": "rate 30",
     "15_betas_None.npz": "betas",
     "24_6d_columns.npy": "6d-columns",
-    "47_blender_zup.bvh": "up z",
+    "47_blender_zup.bvh": "up axis z",
     "50_decimal_comma.bvh": "decimal commas",
     "54_last_row_cut.bvh": "row 60 of 60 is cut",
-    "55_stated_more.bvh": "says 64 frames and holds 60",
+    "55_stated_more.bvh": "states 64 frames but has 60",
     "59_two_roots.bvh": "2 roots",
     "a01_batch4_short.npz": "batch of 4 motions",
     "a05_quat_xyzw_T55_4.npy": "quaternion-xyzw",
     "a18_transposed_165xT.npz": "second axis",
     "a21_two_rates.npz": "60",
     "a30_T337_emage_internal.npy": "EMAGE",
-    "a44_zup_pelvis_tilt34.npz": "up z",
-    "a45_x_up.npz": "up x",
-    "b07_faces_x.bvh": "facing x",
+    "a44_zup_pelvis_tilt34.npz": "up axis z",
+    "a45_x_up.npz": "up axis x",
+    "b07_faces_x.bvh": "facing direction x",
 }
 """What must be told of files that are read."""
 OTHER_POSE = {

@@ -168,7 +168,7 @@ def test_the_shortest_array_decides_the_length(tmp_path: Path):
         written(tmp_path, trans=MOTION.trans[:55], expressions=MOTION.expressions[:58])
     )
     assert reading.motion.num_frames == 55
-    assert "60 of poses, 55 of trans, 58 of expressions; the first 55" in reading.notes[0]
+    assert "(60 of poses, 55 of trans, 58 of expressions); the first 55" in reading.notes[0]
 
 
 @pytest.mark.parametrize("has_place", [True, False])
@@ -190,7 +190,7 @@ def test_parameters_of_one_row_hold_for_all_frames(tmp_path: Path, has_place: bo
     np.testing.assert_allclose(found[:, 22], np.tile(POSES[7, 22], (60, 1)), atol=1e-6)
     np.testing.assert_allclose(found[:, 25:40], np.tile(POSES[3, 25:40], (60, 1, 1)), atol=1e-6)
     np.testing.assert_array_equal(reading.motion.expressions[:, :10], np.tile(row, (60, 1)))
-    said = "frames 60, `jaw_pose`, `left_hand_pose` and `expression` have one row, which holds"
+    said = "frames 60, `jaw_pose`, `left_hand_pose` and `expression` have one row, which is used"
     assert said in " ".join(reading.notes)
 
 
@@ -198,7 +198,7 @@ def test_parts_of_other_lengths_are_told(tmp_path: Path):
     parts = {"global_orient": POSES[:, 0], "body_pose": POSES[:58, 1:22].reshape(58, 63)}
     reading = read_any_motion(written(tmp_path, poses=None, **parts))
     assert reading.motion.num_frames == 58
-    said = "60 of global_orient, trans and expressions, 58 of body_pose; the first 58"
+    said = "60 of global_orient, trans and expressions, 58 of body_pose); the first 58"
     assert said in " ".join(reading.notes)
 
 
@@ -272,7 +272,7 @@ def test_expressions_and_betas_of_other_lengths_are_filled_up(tmp_path: Path):
     assert not motion.expressions[:, 50:].any()
     other = written(tmp_path, betas=np.zeros((60, 301)), expressions=np.zeros((60, 128)))
     notes = " ".join(read_any_motion(other).notes)
-    assert "not a body shape" in notes and "none of FLAME's" in notes
+    assert "not a body shape" in notes and "FLAME coefficients" in notes
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1, "m"), (100, "cm"), (1000, "mm")])
@@ -310,7 +310,9 @@ def test_what_is_said_and_does_not_apply_is_told(tmp_path: Path):
         path, parse_import_overrides("units=cm,hands=mean,motion=2,frames=bridge,rate=30")
     )
     vain = [each.kind for each in reading.assumptions if "does not apply" in each.reason]
-    assert vain == ["hands", "motion", "units"] and "rate 30, as you say" in " ".join(reading.notes)
+    assert vain == ["hands", "motion", "units"] and "frame rate 30, set by you" in " ".join(
+        reading.notes
+    )
 
 
 def test_a_plain_motion_comes_before_others_of_its_file(tmp_path: Path):
@@ -318,7 +320,7 @@ def test_a_plain_motion_comes_before_others_of_its_file(tmp_path: Path):
     path = written(tmp_path, gt_poses=other)
     reading = read_any_motion(path)
     np.testing.assert_array_equal(reading.motion.poses, MOTION.poses)
-    assert "beside gt" in reading.notes[0]
+    assert "also contains gt" in reading.notes[0]
     chosen = read_any_motion(path, parse_import_overrides("motion=gt"))
     np.testing.assert_array_equal(chosen.motion.poses, other)
 
@@ -365,8 +367,11 @@ def test_positions_are_no_rotations(tmp_path: Path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"poses": None}, "holds trans (60, 3)"),
-        ({"poses": np.zeros((60, 70))}, "has the shape (60, 70); rotations are (frames, 165)"),
+        ({"poses": None}, "contains trans (60, 3)"),
+        (
+            {"poses": np.zeros((60, 70))},
+            "has the shape (60, 70); rotations must have the shape (frames",
+        ),
         ({"poses": np.zeros((0, 165))}, "no frames"),
         ({"poses": np.zeros(())}, "has the shape ()"),
         ({"poses": np.full((60, 165), 90.0)}, "radians, not degrees"),
@@ -379,7 +384,10 @@ def test_positions_are_no_rotations(tmp_path: Path):
         ({"poses": None, "body_pose": np.zeros((0, 63)), "global_orient": POSES[:, 0]}, "is empty"),
         ({"poses": None, "body_pose": np.array(0.0), "global_orient": POSES[:, 0]}, "63 numbers"),
         ({"poses": None, "local_rot_mats": np.zeros((60, 77, 3, 3))}, "kimodo_convert FILE.npz"),
-        ({"poses": None, "posed_joints": np.zeros((60, 34, 3))}, "is of Unitree's G1 by its 34"),
+        (
+            {"poses": None, "posed_joints": np.zeros((60, 34, 3))},
+            "has the 34 joints of the robot Unitree G1",
+        ),
         ({"poses": None, "qpos": np.zeros((60, 36))}, "29 joint angles"),
         ({"trans": np.full((60, 3), np.nan)}, "frames 0-59"),
         ({"trans": np.full((60, 3), "x")}, "numbers"),
@@ -400,12 +408,12 @@ def test_all_bad_frames_are_named(tmp_path: Path):
 @pytest.mark.parametrize(
     ("shape", "said"),
     [
-        ((60, 104), "no public list of which angle"),
-        ((1, 60, 141), r"give the \.bvh"),
-        ((60, 768), "features of speech"),
+        ((60, 104), "no public list says which angle"),
+        ((1, 60, 141), r"Give the \.bvh"),
+        ((60, 768), "speech features"),
         ((60, 80), "mel spectrogram"),
-        ((60, 29), "a motion of Unitree's G1 by its width"),
-        ((60, 30, 3, 3), "SOMA's skeleton .* by its 30 joints"),
+        ((60, 29), "a motion of the robot Unitree G1"),
+        ((60, 30, 3, 3), "has the 30 joints of the skeleton SOMA"),
         ((60,), "one parameter of a motion .*, give the folder of all its files"),
         ((60, 63), "one parameter of a motion"),
     ],

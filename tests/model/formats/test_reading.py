@@ -22,7 +22,7 @@ USUAL = Assumption("rate", "30", "as stated", "stated", is_default=True)
 def test_a_note_names_file_value_reason_and_the_way_out():
     reading = ImportedMotion(MOTION, (UP, USUAL), "a.npz")
     (note,) = reading.notes
-    assert note == "a.npz: up z, it stands along it (if not, say --assume up=y|x)."
+    assert note == "a.npz: up axis z, it stands along it (if this is wrong, use --assume up=y|x)."
     assert reading.of("up") is UP and reading.of("hands") is None
     assert UP.as_json() == {
         "kind": "up",
@@ -46,9 +46,9 @@ def test_what_differs_between_compared_motions_is_told():
 def test_a_rate_at_which_the_speech_would_fit_is_told():
     assert length_notes(10.0, {"a": 10.9, "b": 9.1}) == []
     (note,) = length_notes(10.0, {"a": 5.0, "b": 20.0})
-    assert "2 of the motions 5.0 to 20.0 s" in note and "as long as the speech" not in note
+    assert "but 2 of the motions last 5.0 to 20.0 s" in note and "as long as the speech" not in note
     (note,) = length_notes(10.0, {"a": 5.0})
-    assert "a 5.0 s" in note and "At 15 fps it would be as long as the" in note
+    assert "but a lasts 5.0 s" in note and "At 15 fps it would be as long as the" in note
     (note,) = length_notes(14.06, {"a": 17.5}, {"a": 24.0})  # a BVH whose Frame Time is wrong
     assert "At 30 fps it would" in note and "(--assume rate=30)" in note
     assert "At" not in length_notes(14.06, {"a": 17.5}, {"a": 30.0})[0]
@@ -66,7 +66,7 @@ def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
         told.unknown([Path("x/b, c.npz")]) == ""
         and told.restricted_to([]).for_file("a.npz")["up"] == "z"
     )
-    assert "There is no file 'b, c.npz', for which up=x is given; there are a" in told.unknown(
+    assert "up=x is for a file 'b, c.npz', which does not exist; the files are a" in told.unknown(
         [Path("a.npz")], "a"
     )
 
@@ -74,8 +74,8 @@ def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
 @pytest.mark.parametrize(
     ("written", "said"),
     [
-        ("up", "is not a valid override"),
-        ("colour=red", "is not a valid override"),
+        ("up", "is not a valid import setting"),
+        ("colour=red", "is not a valid import setting"),
         ("up=w", "up must be one of y, -y"),
         ("rate=fast", "rate must be a number"),
         ("hands=big", "hands must be one of flat, mean"),

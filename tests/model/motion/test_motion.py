@@ -143,7 +143,7 @@ REFUSED = [
     (given_key("mocap_frame_rate", [30, 30]), "has 30 and 30 frames per second"),
     (lambda _: valid_arrays(0), "no frames"),
     (given_key("expression_basis", "mine"), "the expression basis 'mine'"),
-    (given_key("expression_basis", 3.0), "must be one text"),
+    (given_key("expression_basis", 3.0), "must be a single string"),
 ]  # fmt: skip
 
 

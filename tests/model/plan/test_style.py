@@ -144,7 +144,7 @@ def test_a_gesture_without_room_stays_and_is_counted():
         ("size_m =", "style.toml is not a TOML file."),
         ("\x00", "style.toml is not a TOML file."),
         ("a." * 3000 + "b = 1", "style.toml is not a TOML file."),
-        ("#" * 20_000, "style.toml is larger than 10 kB"),
+        ("#" * 20_000, "style.toml is larger than the limit of 10 kB"),
     ],
 )
 def test_what_is_no_style_is_refused_in_a_sentence(tmp_path, text, sentence):

@@ -108,7 +108,7 @@ def test_what_is_no_transcript(tmp_path):
     assert "a word must end after it begins" in refusal(path)
     with path.open("wb") as file:
         file.truncate(9 * 2**20)
-    assert "larger than 8 MiB" in refusal(path)
+    assert "larger than the limit of 8 MiB" in refusal(path)
 
 
 def test_a_plain_text_is_taken_as_it_is_and_a_grid_by_what_it_holds(tmp_path):

@@ -76,7 +76,7 @@ def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
 @pytest.mark.parametrize(
     ("setting", "says"),
     [
-        ("network.width", "sets nothing"),
+        ("network.width", "is not a setting"),
         ("network.depth=2", "no field network.depth"),
         ("steps.many=2", "no field steps.many"),
         ("steps=many", "another kind"),
@@ -110,7 +110,7 @@ def test_a_stranger_s_folder_of_weights_is_told_of_whatever_lies_in_it(tmp_path)
     told = {"sha256": "", "speakers": {"ann": "x", "bea": 1e999}, "training_hours": "many"}
     card.write_text(json.dumps(told))
     for name in ("speakers", "training_hours"):
-        with pytest.raises(CheckpointError, match="lacks or misstates"):
+        with pytest.raises(CheckpointError, match="has a missing or wrong entry"):
             getattr(load_card(tmp_path, "a"), name)
     os.mkfifo(weights)
     with pytest.raises(CheckpointError, match="not a regular file"):
