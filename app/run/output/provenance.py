@@ -107,7 +107,7 @@ SPEECH = "speech"
 MOTIONS = "motions"
 """Name of the setting for imported files, which only runs that measure have."""
 SEED = "seed"
-DEFAULT_VALUE_TEXT, NONE = "usual", "none"
+DEFAULT_VALUE_TEXT, NONE = "default", "none"
 _MAX_NAMED = 3
 """Maximum number of files named in a run's title."""
 _FILTERS = {"none": NONE, "savgol": "Savitzky-Golay 7/2"}
@@ -120,7 +120,7 @@ def settings_summary(request: RunRequest) -> Settings:
     last = {
         "reference": reference.name if reference else NONE,
         "words": _words(request),
-        "followed point": point_title(request.joint).lower(),
+        "tracked point": point_title(request.joint).lower(),
     }
     if isinstance(request, DiagnoseRequest):
         motions = request.motions
@@ -157,8 +157,8 @@ def run_title(request: RunRequest, systems: Sequence[str] = ()) -> str:
     names = motion_labels(request.motions)
     more = len(names) - _MAX_NAMED
     others = f" and {more} more" if more > 0 else ""
-    beside = f" beside {reference.stem}" if reference else ""
-    return f"{', '.join(names[:_MAX_NAMED])}{others}{beside}"
+    compared = f", compared with {reference.stem}" if reference else ""
+    return f"{', '.join(names[:_MAX_NAMED])}{others}{compared}"
 
 
 def motion_labels(motions: MotionInput) -> Sequence[str]:

@@ -136,6 +136,23 @@ def _with_current_kinds(files: Any) -> Any:
     return rename_keys(files, _FORMER_KINDS) if isinstance(files, dict) else files
 
 
+_FORMER_SETTINGS = {
+    "followed point": "tracked point",
+    "strength of the speech": "speech guidance scale",
+}
+_WITH_DEFAULT = ("speaker", "steps", "sampler", "speech guidance scale")
+
+
+def _with_current_settings(settings: Any) -> Any:
+    """Rename settings of earlier versions, and "usual" to "default"."""
+    if not isinstance(settings, dict):
+        return settings
+    return {
+        name: "default" if value == "usual" and name in _WITH_DEFAULT else value
+        for name, value in rename_keys(settings, _FORMER_SETTINGS).items()
+    }
+
+
 class Row(_Strict):
     """Motion of a run, with its files."""
 
@@ -195,7 +212,9 @@ class RunRecord(_Strict):
     title: Text = ""
     request: Annotated[dict[Name, Any], Field(max_length=80)] = {}
     """Request of the run, by its parts, with names in place of paths."""
-    settings: Annotated[dict[Name, Text], Field(max_length=60)] = {}
+    settings: Annotated[
+        dict[Name, Text], Field(max_length=60), BeforeValidator(_with_current_settings)
+    ] = {}
     """Settings of the request in words, by which two runs are compared."""
     speech_sha256: Annotated[str, Field(pattern=_SHA256)] = ""
     """SHA-256 of the speech file; empty without one."""

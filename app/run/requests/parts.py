@@ -55,7 +55,7 @@ MAX_SNAPSHOTS = 7
 SYSTEM_OPTIONS: Mapping[str, str] = {
     "steps": "steps",
     "sampler": "sampler",
-    "guidance": "strength of the speech",
+    "guidance": "speech guidance scale",
 }
 """Titles of the fields of `SamplingOptions` that apply only to the systems that support them."""
 _SYSTEMS = tuple(name for family in families() for name in family.systems)

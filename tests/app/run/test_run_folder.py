@@ -109,8 +109,12 @@ def test_a_record_of_format_1_opens_with_its_request_in_parts(tmp_path):
 def test_a_record_of_format_2_opens_with_the_keys_of_its_metrics(tmp_path):
     """As the first example was saved before metrics had keys of their own."""
     old = json.loads((Path(__file__).parent / "kept" / "run_format_2.json").read_text())
+    old["settings"] |= {"speech": "usual", "steps": "usual", "strength of the speech": "2"}
     (tmp_path / RUN).write_text(json.dumps(old))
     read = read_run(tmp_path)
+    assert read.settings["tracked point"] == "right middle fingertip"
+    assert (read.settings["speech"], read.settings["steps"]) == ("usual", "default")
+    assert read.settings["speech guidance scale"] == "2"
     assert read.format == 4 and read.numbers.keys() == old["numbers"].keys()
     for name, of in old["numbers"].items():
         for version, values in of.items():

@@ -32,7 +32,7 @@ def made_run(
 ) -> RunView:
     """A row with a motion and a video for each jerk, and a time line in which each jerks once."""
     jerk = jerk or {"local": 100.0}
-    usual = {"speech": "speech", "systems": "local", "seed": "0", "steps": "usual"}
+    usual = {"speech": "speech", "systems": "local", "seed": "0", "steps": "default"}
     values = {"kind": "generated", "title": title, "point": "right_middle"}
     values |= {"speech_sha256": SPEECH_SHA256, "settings": {**usual, **(settings or {})}}
     job.mkdir(exist_ok=True)

@@ -182,17 +182,17 @@ def asked(**changes) -> AnyRun:
 def test_what_a_run_was_asked_for_is_told_in_words_and_what_differs_is_found():
     by_name = {"globaldiff/local": 10}
     told = settings_summary(asked(seed=3, steps=by_name, sampler="heun", guidance=1.5))
-    assert told["strength of the speech"] == "1.5"
+    assert told["speech guidance scale"] == "1.5"
     assert (told["speech"], told["systems"], told["seed"]) == ("talk", "local, gan/5", "3")
     assert (told["steps"], told["filter"]) == ("local 10", "none")
     assert told["sampler"].startswith("Heun")
-    assert told["followed point"] == "right middle fingertip"
+    assert told["tracked point"] == "right middle fingertip"
     assert told["words"] == "none"
     assert settings_summary(asked(words="recognise"))["words"] == "recognised"
     given = asked(words="recognise", transcript=Path("/up/said.txt"))
     assert settings_summary(given)["words"] == "said.txt"
     first, second = settings_summary(asked(seed=3)), settings_summary(asked(seed=7, steps=25))
-    assert differing_settings(first, second) == {"seed": ("3", "7"), "steps": ("usual", "25")}
+    assert differing_settings(first, second) == {"seed": ("3", "7"), "steps": ("default", "25")}
     own = settings_summary(
         diagnose_request(motions=(Path("a.npz"),), out=Path("out"), names=("a",))
     )
