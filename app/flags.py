@@ -192,17 +192,17 @@ def parse_command(does: Callable[..., Any], program: str, argv: Sequence[str]) -
     def held(*given: object, **named: object) -> Callable[[], Any]:
         return functools.partial(does, *given, **named)
 
-    told = io.StringIO()
+    output = io.StringIO()
     shown = io.TextIOWrapper(io.BytesIO(), encoding=sys.stdout.encoding or "utf-8")
     try:
-        with redirect_stderr(told), redirect_stdout(shown):
+        with redirect_stderr(output), redirect_stdout(shown):
             return tyro.cli(held, prog=program, args=list(argv), config=_SHAPE)  # type: ignore[return-value]
     except RunError as error:  # invalid in combination with other values
         sys.stderr.write(f"{printable(f'{program}: {error} See --help.')}\n")
         raise SystemExit(2) from None
     except SystemExit as left:
         if left.code:
-            sentence = f"{program}: {_sentence(told.getvalue(), program)} See --help."
+            sentence = f"{program}: {_sentence(output.getvalue(), program)} See --help."
             sys.stderr.write(f"{printable(sentence)}\n")
         shown.seek(0)
         sys.stdout.write(_in_groups(shown.read()))
@@ -237,25 +237,27 @@ def _in_groups(help_text: str) -> str:
             boxes.append([line])
         else:
             (boxes[-1] if boxes else above).append(line)
-    order, known = [*GROUPS], {}
+    order, groups = [*GROUPS], {}
     for head, *rest in boxes:
         title = head.strip("╭╮─ ")
         own = GROUPS.get(title, title)
-        known[title] = [f"╭─ {own} {'─' * (len(head) - len(own) - 4)}╮", *rest]
-    titles = sorted(known, key=lambda title: order.index(title) if title in order else len(order))
-    return "".join(f"{line}\n" for line in [*above, *(each for t in titles for each in known[t])])
+        groups[title] = [f"╭─ {own} {'─' * (len(head) - len(own) - 4)}╮", *rest]
+    titles = sorted(groups, key=lambda title: order.index(title) if title in order else len(order))
+    return "".join(f"{line}\n" for line in [*above, *(each for t in titles for each in groups[t])])
 
 
 def _sentence(box: str, program: str) -> str:
     """Convert tyro's boxed error message to one line of text."""
     title, *lines = [line.strip("│ ") for line in box.splitlines()]
     lines = lines if title.startswith("╭") else lines[1:]  # in ASCII the title is underlined
-    said = " ".join(takewhile(lambda line: not line.startswith(("─", "-----")), lines))
-    said = re.sub(rf"^Missing from {re.escape(program)}[^:]*:", "Missing:", said)
-    said = said.removeprefix("Error parsing ").replace("Unrecognized options: ", "There is no ")
+    message = " ".join(takewhile(lambda line: not line.startswith(("─", "-----")), lines))
+    message = re.sub(rf"^Missing from {re.escape(program)}[^:]*:", "Missing:", message)
+    message = message.removeprefix("Error parsing ").replace(
+        "Unrecognized options: ", "There is no "
+    )
     if "Perhaps you meant:" in lines:
         near = lines[lines.index("Perhaps you meant:") + 1].split()[0]
-        said = f"{said}; did you mean {near}?"
-    for found, better in _NO_NUMBER:
-        said = found.sub(better, said)
-    return said if said.endswith((".", ")", "?")) else f"{said}."
+        message = f"{message}; did you mean {near}?"
+    for pattern, better in _NO_NUMBER:
+        message = pattern.sub(better, message)
+    return message if message.endswith((".", ")", "?")) else f"{message}."

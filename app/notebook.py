@@ -223,12 +223,12 @@ def show(
     if isinstance(motions, str | Path) and Path(motions).is_dir():
         return Player(standalone_html(Path(motions)), height)
     named = motions_by_name(motions, reference)
-    heard = None if speech is None else read_speech(speech)
+    audio = None if speech is None else read_speech(speech)
     tip = TrackedPoint(joint)
     record = RunRecord(kind="imported", title="Co-speech motion", point=joint)
     with TemporaryDirectory() as folder:
         with open_run_writer(Path(folder), record, is_incremental=True) as run:
-            run.write_timeline(run.write_viewer_files(named, heard, tip), EMPTY_TRANSCRIPT)
+            run.write_timeline(run.write_viewer_files(named, audio, tip), EMPTY_TRANSCRIPT)
             run.finish("")
         return Player(standalone_html(Path(folder)), height)
 
@@ -303,13 +303,13 @@ class Comparison:
         return self.table.map(format_value).to_string()
 
     def _repr_html_(self) -> str:
-        told = self.table.map(format_value)
+        cells = self.table.map(format_value)
         for key, names in self.nearest.items():
             for name in names:
-                told.loc[key, name] = f"<b>{told.loc[key, name]}</b>"
-        told = told.rename(index=self._explained, columns=escape)
+                cells.loc[key, name] = f"<b>{cells.loc[key, name]}</b>"
+        cells = cells.rename(index=self._explained, columns=escape)
         note = "<p>As generated. Bold: nearest to the reference.</p>"
-        return note + told.to_html(escape=False, border=0)
+        return note + cells.to_html(escape=False, border=0)
 
     def _explained(self, key: str) -> str:
         """Format the title of a metric as HTML with its rule and protocol as a tooltip."""
@@ -484,7 +484,7 @@ def render(
     """
     out = Path(out)
     with TemporaryDirectory() as held, ProgressBars(is_visible=progress, stays=False) as bars:
-        moved, sound = (as_file(Path(held), given) for given in (motion, speech))
+        moved, sound = (as_file(Path(held), path) for path in (motion, speech))
         values = {"motion": moved, "out": out, "speech": sound, **_paths(options)}
         files, _ = render_motion(request_from(RenderRequest, values), RunCallbacks(bars.on_event))
     return files

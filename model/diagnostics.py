@@ -159,8 +159,8 @@ class Diagnostics:
             "assumptions": self.assumptions,
             "missing_parts": self.missing_parts,
             "findings": {
-                name: [finding.as_json() for finding in found]
-                for name, found in self.findings.items()
+                name: [finding.as_json() for finding in findings]
+                for name, findings in self.findings.items()
             },
             "protocol_of": self.protocol_of,
             "reference": None if self.reference is None else self.reference.as_json(),
@@ -223,9 +223,9 @@ def diagnose(
         name: _measured(_versions(motion, ways, windows.get(name), recorded))
         for name, motion in motions.items()
     }
-    found = None
+    lag = None
     if recorded:
-        found = measured[REFERENCE_NAME] = _measured(iter(recorded))
+        lag = measured[REFERENCE_NAME] = _measured(iter(recorded))
     of_all = {windows.get(name) for name in measured}
     return Diagnostics(
         point=point,
@@ -234,7 +234,7 @@ def diagnose(
         num_frames={name: motion.num_frames for name, motion in motions.items()},
         notes=notes,
         findings={name: faults for name, (_, faults) in measured.items()},
-        reference=found and found[0],
+        reference=lag and lag[0],
         systems={name: measured[name][0] for name in motions},
     )
 

@@ -130,11 +130,11 @@ def _plans(args: argparse.Namespace) -> None:
         answers = adherence(args.data, args.weights, args.clips or 20, args.edits, args.seed)
     else:
         answers = evaluate_detection(args.data, args.clips, args.fit)
-    told = {}
-    for told in tqdm(answers, desc="clips", unit="clip"):
-        content = {"protocol": WORKBENCH, **told}  # what there is so far
+    plans = {}
+    for plans in tqdm(answers, desc="clips", unit="clip"):
+        content = {"protocol": WORKBENCH, **plans}  # what there is so far
         write_atomically(args.out, json.dumps(content, indent=1) + "\n")
-    for question, answer in told.items():
+    for question, answer in plans.items():
         numbers = ", ".join(f"{name} {number:.4g}" for name, number in answer.items())
         sys.stdout.write(f"{question}: {numbers}\n")
 
@@ -161,9 +161,9 @@ def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
     Raises:
         DataError: if there is none.
     """
-    known = set.intersection(*(set(system.speakers) for system in systems))
+    speakers = set.intersection(*(set(system.speakers) for system in systems))
     names = [name for name, kind in sorted(read_split(folder).items()) if kind == "test"]
-    names = [name for name in names if parse_speaker(name)[1] in known]
+    names = [name for name in names if parse_speaker(name)[1] in speakers]
     if not names:
         raise DataError(f"{folder} has no test clip of a speaker that the systems know.")
     return names
@@ -204,8 +204,8 @@ def evaluate(
         for motion in motions.values()
     ]
     few = SpeakerComparisonClips.choose(folder, names, there.systems, speakers)
-    whose = [parse_speaker(name)[1] for name in names]
-    judge = fit_speaker_classifier(folder, whose)
+    clip_speakers = [parse_speaker(name)[1] for name in names]
+    judge = fit_speaker_classifier(folder, clip_speakers)
     one = ClipEvaluator(folder, cast, seeds, sampling, few, judge, np.mean(speeds, axis=0))
     stamp = _stamp(one, names, there)
     continued.mkdir(parents=True, exist_ok=True)
@@ -224,7 +224,7 @@ def evaluate(
         "noise_seeds": seeds,
         "guidance": _guidance_by_system(there.systems, sampling),
         "protocols": {measure: protocol_of(measure) for measure in tables.COLUMNS},
-        **as_table(rows, whose),
+        **as_table(rows, clip_speakers),
         "left_out": [
             *frechet.unavailable_encoders(there.encoders, motions.values()),
             *([] if there.matching_classifier else [NO_MATCHING_CLASSIFIER]),
@@ -263,7 +263,7 @@ def _guidance_by_system(systems: Sequence[System], sampling: Sampling) -> dict[s
 def _stamp(one: ClipEvaluator, names: Sequence[str], cast: EvaluationModels) -> str:
     """Compute a digest of recordings, weights and options, which identifies stored numbers."""
     judge = one.speaker_classifier
-    told = {
+    stamp = {
         "format": ROWS_FORMAT,
         "recordings": fingerprint(one.folder, names),
         "clips": list(names),
@@ -275,7 +275,7 @@ def _stamp(one: ClipEvaluator, names: Sequence[str], cast: EvaluationModels) -> 
         "few": asdict(one.few),
         "speaker_judge": judge and np.round(judge.weights, 6).tolist(),
     }
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps(stamp, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def _usable(folder: Path, clips: Sequence[str], cast: EvaluationModels) -> dict[str, Motion]:

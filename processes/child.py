@@ -158,12 +158,12 @@ def receive_queue(channel: Connection) -> queue.SimpleQueue[tuple[Any, threading
         stop = threading.Event()
         try:
             while True:
-                told = channel.recv()
-                if told is None:
+                message = channel.recv()
+                if message is None:
                     stop.set()
                 else:
                     stop = threading.Event()
-                    messages.put((told, stop))
+                    messages.put((message, stop))
         except (EOFError, OSError):
             os._exit(1)
 

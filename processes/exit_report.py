@@ -136,9 +136,9 @@ def memory_kills() -> int:
             text = path.read_text()
         except OSError:
             continue
-        found = re.search(r"^oom_kill (\d+)$", text, re.MULTILINE)
-        if found:
-            return int(found[1])
+        match = re.search(r"^oom_kill (\d+)$", text, re.MULTILINE)
+        if match:
+            return int(match[1])
     return 0
 
 

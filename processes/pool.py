@@ -121,11 +121,11 @@ def run_in_processes(
                 child.send(pickle.dumps(job))  # unpickled by the thread that does it
             for child, job in [*busy.items()]:
                 try:
-                    has_ended, told = False, None
+                    has_ended, message = False, None
                     while not has_ended and child.has_message(0.0):
-                        has_ended, told = child.receive()
+                        has_ended, message = child.receive()
                         if not has_ended:
-                            on_news(job.name, told)
+                            on_news(job.name, message)
                     if not has_ended:
                         continue
                     breaks = 0
@@ -139,12 +139,12 @@ def run_in_processes(
                     waiting.append(job)
                     idle.append(_worker())
                 else:
-                    if isinstance(told, Cancelled):
-                        raise told
-                    if told is None:
+                    if isinstance(message, Cancelled):
+                        raise message
+                    if message is None:
                         on_done(job.name)
                     else:
-                        failed[job.name] = told
+                        failed[job.name] = message
                 del busy[child]
             time.sleep(_POLL_S)
     finally:

@@ -152,9 +152,9 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
 
     explained = _explained_systems()
     started = time.monotonic()
-    given = {"speech": clip, "out": folder / "page", "systems": explained}
+    fields = {"speech": clip, "out": folder / "page", "systems": explained}
     shown = {"size": PAGE_SIZE_PX, "close_ups": CLOSE_UPS}
-    generate(request_from(GenerateRequest, given | shown), RunCallbacks(watch))
+    generate(request_from(GenerateRequest, fields | shown), RunCallbacks(watch))
     seconds = time.monotonic() - started
     first = moving_at[0] - started
     whole = f"{len(explained)} systems end to end, 10 s clip, as on the page"
@@ -185,9 +185,9 @@ def time_figures(clip: Path, folder: Path) -> list[Figure]:
                 of_figures.append(len(cpu_at))
             cpu_at.append(cpu_s())
 
-        given = {"speech": clip, "out": folder / f"figures {len(forms)}", "systems": systems}
+        fields = {"speech": clip, "out": folder / f"figures {len(forms)}", "systems": systems}
         how = {"has_video": False, "figure_forms": forms}
-        generate(request_from(GenerateRequest, given | how), RunCallbacks(watch))
+        generate(request_from(GenerateRequest, fields | how), RunCallbacks(watch))
         seconds = cpu_at[of_figures[-1]] - cpu_at[of_figures[0] - 1]  # from what came before them
         name = f"CPU time, figures of {len(systems)} systems, {title}"
         figures.append(Figure(name, seconds, "s", f"at most {aim} s"))

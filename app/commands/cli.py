@@ -99,11 +99,11 @@ def _with_current_names(argv: Sequence[str]) -> list[str]:
     current = []
     for number, word in enumerate(argv):
         name, equals, value = word.partition("=")
-        known = RENAMED_FLAGS if number else RENAMED_COMMANDS
-        if name in known:
-            new = known[name]
+        renamed = RENAMED_FLAGS if number else RENAMED_COMMANDS
+        if name in renamed:
+            new = renamed[name]
             print_message(f"{PROGRAM}: {name} is now {new}; the former name will be removed.")
-        current.append(f"{known.get(name, name)}{equals}{value}")
+        current.append(f"{renamed.get(name, name)}{equals}{value}")
     return current
 
 
@@ -115,14 +115,16 @@ def _overview(argv: Sequence[str]) -> NoReturn:
     """
     begun = [word for word in argv[:1] if any(name.startswith(f"{word} ") for name in COMMANDS)]
     rest = argv[len(begun) :]
-    told = {name: does for name, does in COMMANDS.items() if name.split()[: len(begun)] == begun}
+    commands = {
+        name: does for name, does in COMMANDS.items() if name.split()[: len(begun)] == begun
+    }
     if not rest or rest[0] not in ("-h", "--help"):
-        asked = f"There is no {' '.join([*begun, rest[0]])!r}" if rest else "A command is missing"
-        print_message(f"{PROGRAM}: {asked}; there are {', '.join(told)}.")
+        problem = f"There is no {' '.join([*begun, rest[0]])!r}" if rest else "A command is missing"
+        print_message(f"{PROGRAM}: {problem}; there are {', '.join(commands)}.")
         raise SystemExit(2)
-    width = max(map(len, told))
+    width = max(map(len, commands))
     lines = [
-        f"{name:<{width}}  {(does.__doc__ or '').split('.')[0]}." for name, does in told.items()
+        f"{name:<{width}}  {(does.__doc__ or '').split('.')[0]}." for name, does in commands.items()
     ]
     head = f"{text.TAGLINE}\n\n{PROGRAM} COMMAND --help lists the options of a command.\n\n"
     sys.stdout.write(head + "\n".join(" ".join(line.split("\n")) for line in lines) + "\n")

@@ -59,17 +59,17 @@ def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
     relative to the flat hand, 55 joints. The assumptions are reported. Files that cannot be read
     are named and skipped (exit status 1).
     """
-    told = converted(request)
-    failed = [each for each in told if "error" in each]
+    written = converted(request)
+    failed = [each for each in written if "error" in each]
     if request.is_json:
-        sys.stdout.write(json.dumps(told, indent=1) + "\n")
-    for each in told:
+        sys.stdout.write(json.dumps(written, indent=1) + "\n")
+    for each in written:
         for sentence in [each["error"]] if "error" in each else each["notes"]:
             print_message(sentence)
         if "out" in each and not request.is_json:
             print_path(Path(each["out"]))
     if failed:
-        raise RunError(f"{len(failed)} of {len(told)} files could not be read.")
+        raise RunError(f"{len(failed)} of {len(written)} files could not be read.")
 
 
 def converted(request: ConvertRequest) -> list[dict[str, Any]]:
@@ -96,18 +96,18 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
     beside = request.out.parent if is_file else request.out
     with tempfile.TemporaryDirectory(dir=beside) as staging:
         folders = unpack_archives(packed, Path(staging))
-        found = list(_motion_paths(request.files, folders, ENDINGS))
-        if is_file and len(found) != 1:
-            raise RunError(f"{len(found)} motions do not fit into one file; give --out a folder.")
-        if not found:
+        paths = list(_motion_paths(request.files, folders, ENDINGS))
+        if is_file and len(paths) != 1:
+            raise RunError(f"{len(paths)} motions do not fit into one file; give --out a folder.")
+        if not paths:
             raise RunError(f"There is no motion file ({', '.join(ENDINGS)}) in what was given.")
         request.import_overrides.check(
-            [path for path, _ in found], *(str(name) for _, name in found)
+            [path for path, _ in paths], *(str(name) for _, name in paths)
         )
-        outs = [request.out] if is_file else _outs(request, [name for _, name in found])
+        outs = [request.out] if is_file else _outs(request, [name for _, name in paths])
         return [
             _convert_record(path, name, out, request)
-            for (path, name), out in zip(found, outs, strict=True)
+            for (path, name), out in zip(paths, outs, strict=True)
         ]
 
 

@@ -181,8 +181,8 @@ def _family_files() -> list[CheckResult]:
 
     advice = "repair the package, or pip uninstall it"
     broken = [
-        CheckResult("family", False, told, advice, is_needed=False)
-        for told in unavailable_families()
+        CheckResult("family", False, message, advice, is_needed=False)
+        for message in unavailable_families()
     ]
     return broken + [
         CheckResult(

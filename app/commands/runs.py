@@ -104,11 +104,13 @@ def _run(task: Task, request: Any, out: Path) -> None:
         task(request, RunCallbacks(shown.on_event))
     record = read_run(out)
     verdict = [] if record.verdict is None else [record.verdict.numbers, record.verdict.comparison]
-    said = [record.figure_captions.get(key) for key in ("step", "beats")]
+    captions = [record.figure_captions.get(key) for key in ("step", "beats")]
     findings = record.top_findings if record.kind == "generated" else record.findings
-    found = [f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings]
+    sentences = [
+        f"{record.label(each.name)}: {each.sentence}".removeprefix(": ") for each in findings
+    ]
     paths = [out / name for name in record.result_files]
-    _finish(paths, [*record.notes, *filter(None, [*verdict, *said]), *found])
+    _finish(paths, [*record.notes, *filter(None, [*verdict, *captions]), *sentences])
 
 
 def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
@@ -178,12 +180,12 @@ def _check_sets(request: DiagnoseRequest) -> None:
     ignored = (*_OF_ONE, "speech", "import_overrides", "channel", *_METRICS)
     refuse_ignored(request, ignored, "--check genea measures nothing")
     out = request.output.out
-    found = check_sets(request.motions.motions, request.imports.reference, out)
-    for checked in found.values():
+    checks = check_sets(request.motions.motions, request.imports.reference, out)
+    for checked in checks.values():
         for sentence in checked.messages:
             print_message(sentence)
     print_path(out / "check.md")
-    wrong = [name for name, checked in found.items() if not checked.is_valid]
+    wrong = [name for name, checked in checks.items() if not checked.is_valid]
     if wrong:
         raise RunError(f"Not as the leaderboard requires: {', '.join(wrong)}; see above.")
 
@@ -318,11 +320,11 @@ def leaderboard_add(
         systems: Systems to add.
         note: Text shown next to the numbers.
     """
-    known = read_leaderboard(board) if board.exists() else []
+    old_entries = read_leaderboard(board) if board.exists() else []
     new = [entries_of(folder, note, list(systems)) for folder in results]
-    entries = merge_entries([known, *new])
+    entries = merge_entries([old_entries, *new])
     write_leaderboard(entries, board)
-    print_message(f"{len(entries) - len(known)} of {len(entries)} entries are new.")
+    print_message(f"{len(entries) - len(old_entries)} of {len(entries)} entries are new.")
     print_path(board)
 
 
@@ -349,8 +351,8 @@ def leaderboard_page(board: Board, out: Path) -> None:
     """
     if out.suffix.lower() != ".html":
         raise RunError(f"{out.name} must end in .html.")
-    told = leaderboard_html(merge_entries([read_leaderboard(board)]))
-    write_atomically(out, told)
+    html = leaderboard_html(merge_entries([read_leaderboard(board)]))
+    write_atomically(out, html)
     print_path(out)
 
 

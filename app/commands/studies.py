@@ -68,8 +68,8 @@ def check(study: Study) -> None:
     for leak in leaks:
         print_message(f"LEAK {leak}")
     if leaks:
-        found = "1 leak was found" if len(leaks) == 1 else f"{len(leaks)} leaks were found"
-        raise RunError(f"{found}; do not host this bundle.")
+        summary = "1 leak was found" if len(leaks) == 1 else f"{len(leaks)} leaks were found"
+        raise RunError(f"{summary}; do not host this bundle.")
     sys.stdout.write("No leak was found.\n")
 
 

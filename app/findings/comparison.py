@@ -89,8 +89,8 @@ def format_means(values: Mapping[str, Samples]) -> str:
     """Format the mean of each system as one line, for example "a 1, b 2; reference 3"."""
     means = {name: format_number(mean(each)) for name, each in values.items()}
     reference = means.pop(REFERENCE_NAME, None)
-    told = ", ".join(f"{label} {means[name]}" for name, label in short_names(means).items())
-    return told if reference is None else f"{told}; {REFERENCE_NAME} {reference}"
+    listed = ", ".join(f"{label} {means[name]}" for name, label in short_names(means).items())
+    return listed if reference is None else f"{listed}; {REFERENCE_NAME} {reference}"
 
 
 KIND_TITLES = {

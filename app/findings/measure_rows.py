@@ -273,16 +273,16 @@ def with_partners(values: Mapping[str, T]) -> dict[str, T]:
 
 def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:
     """Return the names with values nearest to ``target``; empty without target or difference."""
-    known = {name: value for name, value in values.items() if value is not None}
-    if target is None or len({format_value(value) for value in known.values()}) < 2:
+    finite = {name: value for name, value in values.items() if value is not None}
+    if target is None or len({format_value(value) for value in finite.values()}) < 2:
         return ()
-    distances = {name: abs(value - target) for name, value in known.items()}
+    distances = {name: abs(value - target) for name, value in finite.items()}
     best = {name for name in distances if distances[name] == min(distances.values())}
-    shown = {format_value(known[name]) for name in best}
+    shown = {format_value(finite[name]) for name in best}
     near = tuple(
-        name for name, value in known.items() if format_value(value) in shown or name in best
+        name for name, value in finite.items() if format_value(value) in shown or name in best
     )
-    return near if len(near) < len(known) else ()
+    return near if len(near) < len(finite) else ()
 
 
 def format_value(value: float | None) -> str:

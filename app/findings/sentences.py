@@ -63,54 +63,55 @@ def figure_sentences(diagnostics: Diagnostics) -> dict[str, str]:
 
 def _raw_and_filtered(tables: Mapping[FilterVersion, Table], key: str, noun: str) -> str:
     """Format one measure of all systems as generated and smoothed; empty if none was measured."""
-    told = {noun: tables["raw"].get(key, {}), SMOOTHED: tables["savgol"].get(key, {})}
+    tables_by_noun = {noun: tables["raw"].get(key, {}), SMOOTHED: tables["savgol"].get(key, {})}
     return " ".join(
         f"{start}: {format_means(values)}."
-        for start, values in told.items()
+        for start, values in tables_by_noun.items()
         if values.keys() - {REFERENCE_NAME}
     )
 
 
 def _depth(of_all: Mapping[str, RawAndFiltered]) -> str:
     """Describe how jerk grows along the kinematic chain."""
-    told = []
+    sentences = []
     for system, samples in samples_by_system(of_all).items():
-        found = [of_all[name].raw.positions for name in samples.values()]
-        root, tips = (sum(e.jerk_by_depth_m_s3[end] for e in found) / len(found) for end in (0, -1))
+        positions = [of_all[name].raw.positions for name in samples.values()]
+        root, tips = (
+            sum(e.jerk_by_depth_m_s3[end] for e in positions) / len(positions) for end in (0, -1)
+        )
         if isfinite(root + tips):
-            told.append(f"{system} {format_number(root)} to {format_number(tips)}")
+            sentences.append(f"{system} {format_number(root)} to {format_number(tips)}")
     ends = "from the pelvis to the last finger joints"
-    return f"Jerk of the joints in m/s³, {ends}: {', '.join(told)}." if told else ""
+    return f"Jerk of the joints in m/s³, {ends}: {', '.join(sentences)}." if sentences else ""
 
 
 def _attribution(diagnostics: Diagnostics) -> str:
     """Name the joint of each system that reduces the point's jerk most when it is smoothed."""
-    told, without = [], []
+    sentences, without = [], []
     for system, samples in samples_by_system(diagnostics.systems).items():
         shares: dict[str, list[float]] = {}
         for name in samples.values():
-            found = diagnostics.systems[name].raw.point.tip_jerk_attribution
-            for joint, share in zip(found.joints, found.share.tolist(), strict=True):
+            attribution = diagnostics.systems[name].raw.point.tip_jerk_attribution
+            for joint, share in zip(attribution.joints, attribution.share.tolist(), strict=True):
                 if isfinite(share):
                     shares.setdefault(joint, []).append(share)
         means = {joint: sum(each) / len(each) for joint, each in shares.items()}
         joint = max(means, key=lambda name: means[name], default="")
         if joint and means[joint] >= SMALL_SHARE:
             share = format_number(100 * means[joint])
-            told.append(f"in {system} the {point_title(joint).lower()} (by {share} %)")
+            sentences.append(f"in {system} the {point_title(joint).lower()} (by {share} %)")
         elif joint:
             without.append(system)
     point = point_title(diagnostics.point).lower()
     least = f"{100 * SMALL_SHARE:.0f} %"
-    if not told and not without:
+    if not sentences and not without:
         return ""
-    if not told:
+    if not sentences:
         effect = f"reduces the jerk of the {point} by less than {least}"
         return f"Filtering a single joint {effect} in {join_names(without)}."
     few = f"; in {join_names(without)}, no joint reduces it by {least} or more" if without else ""
-    return (
-        f"Joint that, if filtered, reduces the jerk of the {point} most: {join_names(told)}{few}."
-    )
+    joints = join_names(sentences)
+    return f"Joint that, if filtered, reduces the jerk of the {point} most: {joints}{few}."
 
 
 def _seams(diagnostics: Diagnostics, raw: Table) -> str:
@@ -118,8 +119,8 @@ def _seams(diagnostics: Diagnostics, raw: Table) -> str:
     values = raw.get(SEAMS, {})
     if not values.keys() - {REFERENCE_NAME} or diagnostics.windows is None:
         return ""
-    found = _with_finding(diagnostics, "seams")
-    motions = f"in {join_names(found)}" if found else "in no motion"
+    names = _with_finding(diagnostics, "seams")
+    motions = f"in {join_names(names)}" if names else "in no motion"
     return (
         f"Peak jerk at window seams (every {diagnostics.windows.advance} frames) divided by the "
         f"peak jerk elsewhere: {format_means(values)}. Jerk that repeats significantly at every "
@@ -138,10 +139,10 @@ def _with_finding(diagnostics: Diagnostics, kind: str) -> list[str]:
 
 def _periods(diagnostics: Diagnostics) -> str:
     """Describe detected jerk periods, for motions with unknown windows."""
-    found = _with_finding(diagnostics, "period")
+    names = _with_finding(diagnostics, "period")
     periods = [
         f"in {name} every {period.frames} frames, most in the {period.part}"
-        for name in found
+        for name in names
         if (period := diagnostics.systems[name].raw.seams.period) is not None
     ]
     if periods:
@@ -153,33 +154,33 @@ def _periods(diagnostics: Diagnostics) -> str:
 
 def _beats(diagnostics: Diagnostics) -> str:
     """List the motions with beats that follow the speech more than chance; empty without any."""
-    found = {name: versions.raw.beats for name, versions in diagnostics.all_motions.items()}
+    beats_by_name = {name: versions.raw.beats for name, versions in diagnostics.all_motions.items()}
     beats = {
         name: (of.beat_align, of.beat_align_chance, of.beat_align_chance_highest)
-        for name, of in found.items()
+        for name, of in beats_by_name.items()
         if of is not None and isfinite(of.beat_align - of.beat_align_chance)
     }
-    told = [
+    scores = [
         f"{name} {score:.2f} (chance {chance:.2f} on average, {highest:.2f} at most)"
         for name, (score, chance, highest) in beats.items()
         if round(score, 2) > round(highest, 2)
     ]
-    rest = "; the others are not above chance" if len(told) < len(beats) else ""
-    return f"BeatAlign above chance: {', '.join(told)}{rest}." if told else ""
+    rest = "; the others are not above chance" if len(scores) < len(beats) else ""
+    return f"BeatAlign above chance: {', '.join(scores)}{rest}." if scores else ""
 
 
 def _lag_sentence(diagnostics: Diagnostics) -> str:
     """Describe the lag of each motion behind the speech."""
-    found = {name: versions.raw.lag for name, versions in diagnostics.all_motions.items()}
-    told = [
+    lags = {name: versions.raw.lag for name, versions in diagnostics.all_motions.items()}
+    sentences = [
         f"{name} {lag.lag_s:z.2f} s (95 % interval {lag.lag_low_s:z.2f} to {lag.lag_high_s:z.2f}, "
         f"measured from the {lag.lag_source})"
-        for name, lag in found.items()
+        for name, lag in lags.items()
         if lag is not None and lag.is_detected
     ]
-    if unknown := [name for name, lag in found.items() if lag is not None and not lag.is_detected]:
-        told.append(
+    if unknown := [name for name, lag in lags.items() if lag is not None and not lag.is_detected]:
+        sentences.append(
             f"{join_names(unknown)} unknown, because neither face nor body follows the speech "
             "closely enough"
         )
-    return f"Lag behind the speech: {'; '.join(told)}." if told else ""
+    return f"Lag behind the speech: {'; '.join(sentences)}." if sentences else ""

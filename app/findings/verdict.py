@@ -108,9 +108,9 @@ def _of_the_same(table: Table, has_clips: bool) -> Table:
         return table
     return {
         key: {
-            name: found
+            name: common
             for name, each in values.items()
-            if (found := each if name == REFERENCE_NAME and not has_clips else
+            if (common := each if name == REFERENCE_NAME and not has_clips else
                 {number: value for number, value in each.items() if number in shared})
         }
         for key, values in table.items()
@@ -119,11 +119,11 @@ def _of_the_same(table: Table, has_clips: bool) -> Table:
 
 def _without_jerk(clips: Sequence[Mapping[str, Numbers]], jerk: Mapping[str, Samples]) -> list[str]:
     """Name the motions without jerk to compare, such as those interpolated from few frames."""
-    known = {SampleName.parse(name).system for name in jerk} | set(jerk)
+    systems = {SampleName.parse(name).system for name in jerk} | set(jerk)
     left_out = [
         name
         for name in dict.fromkeys(name for clip in clips for name in clip)
-        if name not in known and SampleName.parse(name).system not in known
+        if name not in systems and SampleName.parse(name).system not in systems
     ]
     return [f"The jerk cannot be compared for {join_names(left_out)}."] if left_out else []
 
@@ -169,7 +169,7 @@ def _ablation_sentences(
 
 def _worse(table: Table, system: str, other: str) -> list[str]:
     """List the measures of `LOWER_IS_BETTER` in which a system is significantly worse."""
-    found = []
+    worse = []
     for row in (each for each in METRICS if each.key in LOWER_IS_BETTER):
         values = table.get(row.key, {})
         if not {system, other} <= values.keys():
@@ -179,8 +179,8 @@ def _worse(table: Table, system: str, other: str) -> list[str]:
             more, less = (format_number(mean(values[name])) for name in (system, other))
             if more != less:
                 numbers = f"{more} against {less} {row.unit}".replace(" °", "°")
-                found.append(f"{row.title.lower()} ({numbers})")
-    return found
+                worse.append(f"{row.title.lower()} ({numbers})")
+    return worse
 
 
 def _lower_jerk_sentences(table: Table, names: Mapping[str, str]) -> list[str]:
@@ -190,21 +190,21 @@ def _lower_jerk_sentences(table: Table, names: Mapping[str, str]) -> list[str]:
         own, recorded = (table.get(key, {}).get(each, {}) for each in (name, REFERENCE_NAME))
         return ratio_of(own, recorded) if own and recorded else None
 
-    told = []
+    sentences = []
     for name, label in names.items():
         jerk, speed = share(name, JERK), share(name, SPEED)
         # By the numbers as they are printed.
         if jerk is None or jerk.includes_one or round(jerk.value, 2) >= LOW_JERK_RATIO:
             continue
         if speed is None:
-            told.append(f"{label} ({_as_percent(jerk)} of its jerk)")
+            sentences.append(f"{label} ({_as_percent(jerk)} of its jerk)")
             continue
         moves = round(speed.value, 2)
         how = "moves about as much" if moves >= AS_FAST else "moves slightly less"
         how = "moves less, possibly over-smoothed" if moves < LOW_JERK_RATIO else how
         shares = f"{_as_percent(jerk)} of the reference's jerk, {_as_percent(speed)} of its speed"
-        told.append(f"{label} ({shares}: {how})")
-    return [f"Less jerk than the reference: {join_names(told)}."] if told else []
+        sentences.append(f"{label} ({shares}: {how})")
+    return [f"Less jerk than the reference: {join_names(sentences)}."] if sentences else []
 
 
 def _as_percent(share: Ratio) -> str:
@@ -228,8 +228,8 @@ def _change(ratio: Ratio | None) -> str:
 
 def _percent(ratio: float) -> str:
     """Format a difference with two digits, so that 5.2 is not taken for what is alike."""
-    told = format_number(100.0 * abs(ratio - 1.0))
-    return "over 99" if ratio < 1.0 and told == "100" else told
+    percent = format_number(100.0 * abs(ratio - 1.0))
+    return "over 99" if ratio < 1.0 and percent == "100" else percent
 
 
 def _is_calmer(ratio: Ratio | None) -> bool:
@@ -242,11 +242,11 @@ def _evidence_note(count: int, clips: int, is_generated: bool) -> str:
     if not is_generated:
         return "One clip is an example, not evidence."
     samples = "one sample" if count == 1 else f"{count} samples"
-    seen = f"{count} clips" if clips > 1 else f"One clip, {samples}"
+    basis = f"{count} clips" if clips > 1 else f"One clip, {samples}"
     if clips > 1 and count >= MIN_CLIPS_FOR_CLAIM:
-        return f"{seen}, one training run per system: other training runs may give other numbers."
+        return f"{basis}, one training run per system: other training runs may give other numbers."
     return (
-        f"{seen}, one training run per system: an example, not evidence. A claim needs "
+        f"{basis}, one training run per system: an example, not evidence. A claim needs "
         f"{MIN_CLIPS_FOR_CLAIM} clips or more, several samples of each, and several training seeds "
         "per system."
     )

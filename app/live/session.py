@@ -66,16 +66,16 @@ def _shifted(event: Any, by_s: float) -> Any:
 
 def _cut(events: list[Any], start_s: float, end_s: float) -> list[Any]:
     """Return events cut to the time between two seconds."""
-    found = []
+    pieces = []
     for one in events:
         if isinstance(one, Point):
             if start_s <= one.time_s < end_s:
-                found.append(one)
+                pieces.append(one)
             continue
         begins, ends = max(one.start_s, start_s), min(one.end_s, end_s)
         if ends - begins >= SHORTEST_S:
-            found.append(replace(one, start_s=begins, end_s=ends))
-    return found
+            pieces.append(replace(one, start_s=begins, end_s=ends))
+    return pieces
 
 
 MAX_RECORDED_FRAMES = 60 * FPS
@@ -349,13 +349,13 @@ def shortening_note(minute: SessionRecording, spoken_s: float) -> str:
     Args:
         spoken_s: duration of the session's speech.
     """
-    kept_s = minute.motion.num_frames / FPS
-    made_s = minute.first_frame / FPS + kept_s
+    remaining_s = minute.motion.num_frames / FPS
+    made_s = minute.first_frame / FPS + remaining_s
     reasons = []
     if minute.first_frame:
-        reasons.append(EARLIER.format(kept=kept_s, first=made_s - kept_s))
+        reasons.append(EARLIER.format(kept=remaining_s, first=made_s - remaining_s))
     if spoken_s - made_s > NORMAL_BACKLOG_S:
-        reasons.append(BEHIND.format(behind=spoken_s - made_s, kept=kept_s))
+        reasons.append(BEHIND.format(behind=spoken_s - made_s, kept=remaining_s))
     return " ".join(reasons)
 
 

@@ -193,10 +193,10 @@ class LiveSessions:
     def _listen(self, child: Child) -> None:
         try:
             while True:
-                number, told = child.receive()
+                number, message = child.receive()
                 tell = self._callbacks.get(number)
                 if tell is not None:
-                    tell(told)
+                    tell(message)
         except ChildExited:
             why = without_folders(
                 child.exit_report().user_message(SESSIONS_ENDED, MEMORY_ADVICE, RETRY_ADVICE)

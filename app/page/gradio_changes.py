@@ -111,8 +111,8 @@ def _attempt(change: Callable[[], None], without: str) -> None:
     try:
         change()
     except (ImportError, AttributeError, TypeError) as error:
-        told = {"installed": version("gradio"), "reason": error, "without": without}
-        log.warning("%s", DOES_NOT_FIT.format(**told))
+        record = {"installed": version("gradio"), "reason": error, "without": without}
+        log.warning("%s", DOES_NOT_FIT.format(**record))
 
 
 @cache
@@ -172,8 +172,8 @@ async def answer_wrong_call(request: Request, error: Exception) -> JSONResponse:
         raise error
     if isinstance(error, KeyError):
         return JSONResponse({"detail": UNKNOWN_FUNCTION}, status_code=404)
-    told = WRONG_CALL.format(why=printable(str(error)[:_MAX_WHY]))
-    return JSONResponse({"detail": told}, status_code=400)
+    message = WRONG_CALL.format(why=printable(str(error)[:_MAX_WHY]))
+    return JSONResponse({"detail": message}, status_code=400)
 
 
 def _explain_wrong_calls() -> None:
@@ -195,12 +195,12 @@ def _explain_wrong_calls() -> None:
             _, *frames = traceback.extract_tb(error.__traceback__)
             if any(frame.filename.startswith(_OWN_FUNCTIONS) for frame in frames):
                 raise gr.Error(visitor_message(error), print_exception=False) from None
-            told = (
+            message = (
                 validation_message(error)
                 if isinstance(error, ValidationError)
                 else str(error)[:_MAX_READ]
             )
-            raise _wrong_call(f"{type(error).__name__}: {told}") from None
+            raise _wrong_call(f"{type(error).__name__}: {message}") from None
 
     _replace("gradio.route_utils", "call_process_api", call_process_api)
 
@@ -208,9 +208,9 @@ def _explain_wrong_calls() -> None:
 def _wrong_call(reason: str) -> gr.Error:
     import gradio as gr
 
-    told = printable(without_folders(reason[:_MAX_READ]))[:_MAX_WHY]
-    log.warning("a wrong call: %s", told)
-    return gr.Error(WRONG_CALL.format(why=told), print_exception=False)
+    shortened = printable(without_folders(reason[:_MAX_READ]))[:_MAX_WHY]
+    log.warning("a wrong call: %s", shortened)
+    return gr.Error(WRONG_CALL.format(why=shortened), print_exception=False)
 
 
 def _replace_queue(page: gr.Blocks, jobs: Jobs, max_waiting: int) -> None:

@@ -107,9 +107,9 @@ def standalone_html(folder: Path) -> str:
         options = "".join(f"<option>{escape(clip)}</option>" for clip in played)
         head += f"{over_clips}<label>{text.CLIP} <select>{options}</select></label>"
     elif first.verdict is not None:
-        told, bars = first.verdict, jerk_bars(first)
-        head += markup.verdict(told.numbers, told.comparison, bars)
-        head += f"<p>{escape(markup.claim_of(told.comparison)[1])}</p>" if bars else ""
+        verdict, bars = first.verdict, jerk_bars(first)
+        head += markup.verdict(verdict.numbers, verdict.comparison, bars)
+        head += f"<p>{escape(markup.claim_of(verdict.comparison)[1])}</p>" if bars else ""
     if path := file_of(next(iter(runs.values())), PROVENANCE):
         are = str(_object_in(path).get(WEIGHTS_ARE_KEY, ""))
         head += f"<p>{text.WEIGHTS.format(are=escape(are))}</p>" if are else ""
@@ -143,14 +143,14 @@ def _object_in(path: Path) -> dict[str, Any]:
 
 def _needed(module: str) -> list[str]:
     """Return a module and all modules that it imports, as paths in app/page/web."""
-    found = [module]
-    for each in found:
+    modules = [module]
+    for each in modules:
         folder = (WEB / each).parent
         for imported in _IMPORTED.findall((WEB / each).read_text()):
             path = (folder / imported).resolve().relative_to(WEB).as_posix()
-            if path not in found:
-                found.append(path)
-    return found
+            if path not in modules:
+                modules.append(path)
+    return modules
 
 
 def _module(path: str) -> str:

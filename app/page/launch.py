@@ -273,8 +273,8 @@ def check_port(config: AppConfig) -> None:
             probe.bind((config.host, config.port))
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
-                told = PORT_TAKEN.format(host=config.host, port=config.port)
-                raise OSError(told) from error
+                message = PORT_TAKEN.format(host=config.host, port=config.port)
+                raise OSError(message) from error
 
 
 def own_folders(config: AppConfig) -> AppConfig:

@@ -154,11 +154,11 @@ class TrackedPoint:
             pieces = self._pieces(part)
             if tracks is not None and self.body is None:
                 pieces = iter([tracks.point(self.point)])
-            found = []
+            positions = []
             for piece in pieces:
-                found.append(piece.copy())
+                positions.append(piece.copy())
                 on_piece()
-            track = np.concatenate(found)
+            track = np.concatenate(positions)
             if len(track) < motion.num_frames:
                 return track
             self._known[motion] = track

@@ -202,11 +202,11 @@ class ViewerState(BrowserMessage):
             RunError: if the JSON is anything else, or a state that the viewer cannot have.
         """
         try:
-            seen = parse_json(message if isinstance(message, str) else "", cls)
+            state = parse_json(message if isinstance(message, str) else "", cls)
         except FieldError as error:
             raise RunError(text.VIEWER_VIDEO_DAMAGED.format(why=f"{error}.")) from None
-        seen.check()
-        return seen
+        state.check()
+        return state
 
     def check(self) -> None:
         """Check that the viewer can have this state; raises RunError."""

@@ -203,15 +203,15 @@ def _pieces_of(
         wish: style that is applied to every plan.
     """
     if _performs(system):
-        said, _ = words.wait(run.raise_if_cancelled)
+        transcript, _ = words.wait(run.raise_if_cancelled)
         plans = options.conditions
         if not plans:
-            plans = draw_conditions(system, speech, replace(options, words=said.words))
+            plans = draw_conditions(system, speech, replace(options, words=transcript.words))
         written: list[GesturePlan] = []
         for sample, plan in enumerate(plans, start=1):
             name = str(SampleName(system.name, sample))
             if wish is not None:
-                styled = wish.apply(plan, said.words)
+                styled = wish.apply(plan, transcript.words)
                 run.add_notes(*(f"{name}: {note}" for note in styled.notes))
                 plan = styled.plan
             written.append(run.write_plan(name, plan))
@@ -221,14 +221,14 @@ def _pieces_of(
 
 def _windows(request: GenerateRequest, systems: Sequence[System]) -> dict[str, Windowing]:
     """Return the generation windows by row, with those of the reference if all systems agree."""
-    found = {
+    windowings = {
         str(SampleName(system.name, sample)): system.windowing
         for system in systems
         for sample in range(1, request.sampling.samples + 1)
     }
-    if len(set(found.values())) == 1:
-        found[REFERENCE_NAME] = next(iter(found.values()))
-    return found
+    if len(set(windowings.values())) == 1:
+        windowings[REFERENCE_NAME] = next(iter(windowings.values()))
+    return windowings
 
 
 def _first_speaker(systems: tuple[System, ...]) -> str:
@@ -263,8 +263,8 @@ def generation_options(sampling: SamplingOptions, system: System, **more: Any) -
         more: fields that are not in ``sampling``, or override it.
     """
     steps = steps_for(sampling.steps, system.name)
-    asked = Sampling(sampler=sampling.sampler, steps=steps, guidance=sampling.guidance)
-    drawn = vars(system.resolve_sampling(system.supported_sampling(asked)))
+    sampling_of_system = Sampling(sampler=sampling.sampler, steps=steps, guidance=sampling.guidance)
+    drawn = vars(system.resolve_sampling(system.supported_sampling(sampling_of_system)))
     speaker = sampling.speaker or next(iter(system.speakers))
     usual = {"speaker": speaker, "seed": sampling.seed, "samples": sampling.samples, **drawn}
     return GenerateOptions(**{**usual, **more})
@@ -305,8 +305,8 @@ def _options(
     plan, style = request.planning.plan, request.planning.style
     read = None if plan is None else _plan_for(plan, speech)
     plans = () if read is None else (read.plan,)
-    for what, given in (("plan", plan), ("style", style)):
-        if given is not None and not any(map(_performs, systems)):
+    for what, file in (("plan", plan), ("style", style)):
+        if file is not None and not any(map(_performs, systems)):
             raise RunError(f"None of these systems uses gesture plans; remove the {what}.")
     run.add_notes(*(() if read is None else read.notes))
     sampler, guidance = sampling.sampler, sampling.guidance
@@ -408,11 +408,11 @@ def make_plan(request: PlanRequest) -> PlanResult:
     system = get_system(default_planner(), request.weights)
     with WordSearch(request.speech.transcript, request.speech.words) as words:
         words.begin(speech.waveform)
-        said, notes = words.wait(lambda: None)
+        transcript, notes = words.wait(lambda: None)
     sampling = replace(request.sampling, seed=clip_seed(request.seed, speech.sha256))
     (plan,) = draw_conditions(
-        system, speech, generation_options(sampling, system, words=said.words)
+        system, speech, generation_options(sampling, system, words=transcript.words)
     )
-    edited = PlanResult(plan) if wish is None else wish.apply(plan, said.words)
+    edited = PlanResult(plan) if wish is None else wish.apply(plan, transcript.words)
     write_plan_file(edited.plan, request.out, sound)
     return PlanResult(edited.plan, (*speech.notes, *notes, *edited.notes))

@@ -157,8 +157,8 @@ def _visible_motions(request: DiagnoseRequest, motions: Mapping[str, Motion]) ->
     """
     others = [name for name in motions if name != REFERENCE_NAME]
     limit = MAX_COMPARED - (REFERENCE_NAME in motions)
-    asked = dict.fromkeys(map(printable, request.motions.visible))
-    names = [name for name in asked if name != REFERENCE_NAME]
+    visible = dict.fromkeys(map(printable, request.motions.visible))
+    names = [name for name in visible if name != REFERENCE_NAME]
     unknown = [name for name in names if name not in others]
     if unknown:
         raise RunError(f"Unknown motion {unknown[0]}; choose from {', '.join(others)}.")
@@ -235,8 +235,8 @@ def adjusted_for_imports(measured: Diagnostics, rows: RunMotions) -> Diagnostics
             for name, each in measured.systems.items()
         },
         findings={
-            name: drop_missing_parts(found, readings[name].missing_parts)
-            for name, found in measured.findings.items()
+            name: drop_missing_parts(findings, readings[name].missing_parts)
+            for name, findings in measured.findings.items()
         },
         assumptions={
             name: [

@@ -164,8 +164,8 @@ def record_of(request: RunRequest) -> RunRecord:
     )
     if isinstance(request, DiagnoseRequest) and request.motions.source_run is not None:
         before = read_run(request.motions.source_run)
-        known = ("title", "settings", "speech_sha256")
-        return run.model_copy(update={key: getattr(before, key) for key in known})
+        fields = ("title", "settings", "speech_sha256")
+        return run.model_copy(update={key: getattr(before, key) for key in fields})
     speech = request.speech.path
     if not is_generated and speech is not None and speech.is_file():
         run.speech_sha256 = file_sha256(speech)
@@ -277,8 +277,8 @@ def _draw_figures(
     on_share((_POSES + 1) / 2)
     systems = [name for name in drawn if name != REFERENCE_NAME]
     sheet, sentences = make_jitter_sheet(diagnostics, tip, systems), figure_sentences(diagnostics)
-    told = f"{sentences['trajectory']} {sentences['depth']}"
-    caption = sheet_caption(sheet, clip, told)
+    trajectory_text = f"{sentences['trajectory']} {sentences['depth']}"
+    caption = sheet_caption(sheet, clip, trajectory_text)
     run.write_figure("jitter", sheet, caption, forms)
     run.report_progress("figure", 1.0)
 

@@ -348,7 +348,7 @@ class RunWriter(RunCallbacks):
                 numbers=truncate(verdict.numbers), comparison=truncate(verdict.comparison)
             )
         record.figure_captions = {
-            key: truncate(said) for key, said in figure_sentences(diagnostics).items()
+            key: truncate(sentence) for key, sentence in figure_sentences(diagnostics).items()
         }
         for row in record.rows:
             row.assumptions = cast(

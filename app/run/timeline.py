@@ -301,8 +301,8 @@ class WordSearch:
             return self.provided, notes
         while not self._hearing.is_over(_LOOK_EVERY_S):
             on_wait()
-        heard = self._hearing.result()
-        return heard.transcript, (*notes, *heard.notes)
+        transcript = self._hearing.result()
+        return transcript.transcript, (*notes, *transcript.notes)
 
 
 def waveform_peaks(waveform: Float[np.ndarray, " N"], num_peaks: int = NUM_PEAKS) -> list[int]:

@@ -51,8 +51,8 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
         screened = screen(collected.participants, key)
     elif [path.suffix for path in request.answers] == [".csv"]:
         key, raters = read_battles(request.answers[0])
-        told = f"{key.title} is a table of battles: checks, times and files are not in it."
-        collected, screened = Collected(tuple(raters), (told,)), Screened(tuple(raters))
+        note = f"{key.title} is a table of battles: checks, times and files are not in it."
+        collected, screened = Collected(tuple(raters), (note,)), Screened(tuple(raters))
     else:
         raise RunError(NO_KEY)
     jitter = read_jitter(request.diagnostics, key) if request.diagnostics else None

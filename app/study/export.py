@@ -130,8 +130,8 @@ class _Maker:
         for source in sources:
             clip = source.clip.name
             views: list[View] = [view for view in self.plan.views if (clip, view) in undone]
-            asked = source, self.weights, self.body, self.callbacks.should_cancel
-            motions = stimulus_motions(self.plan, *asked) if views else {}
+            arguments = source, self.weights, self.body, self.callbacks.should_cancel
+            motions = stimulus_motions(self.plan, *arguments) if views else {}
             for view in views:
                 tell = self.callbacks.progress_callback(
                     "video", source.num_frames / whole, done / whole

@@ -144,14 +144,14 @@ def _stray_files(study: Study) -> Iterator[str]:
     """Yield files of the bundle that are unexpected, missing or changed after the export."""
     bundle = study.workspace.bundle
     wanted = {INDEX, DATA, *SHARED_FILES, *(f"media/{name}.mp4" for name in study.key.videos)}
-    found = {
+    files = {
         path.relative_to(bundle).as_posix()
         for path in bundle.rglob("*")
         if path.is_symlink() or not path.is_dir() or path != study.workspace.media
     }
-    for name in sorted(found - wanted):
+    for name in sorted(files - wanted):
         yield f"stray file: {name} does not belong into the bundle."
-    for name in sorted(wanted - found):
+    for name in sorted(wanted - files):
         yield f"missing file: {name} is not in the bundle."
     for name, video in study.key.videos.items():
         path = study.workspace.video(name)
@@ -214,8 +214,8 @@ def _videos(study: Study) -> Iterator[str]:
                 )
     for what in ("size", "bit rate", "filling"):
         step = _SIZE_CHANCE[what]
-        found = zip(study.facts["stimulus"], study.facts[what], strict=True)
-        values = {stimulus: value // step if step else value for stimulus, value in found}
+        pairs = zip(study.facts["stimulus"], study.facts[what], strict=True)
+        values = {stimulus: value // step if step else value for stimulus, value in pairs}
         yield from (f"{tell}." for tell in value_leaks(values, what))
 
 
@@ -231,8 +231,8 @@ def _sounds(study: Study) -> Iterator[str]:
             track = study.files[stimulus].track("soun")
             stream = f"{digest} {track.description.hex() if track else ''}"
             streams.setdefault(stimulus.speech, set()).add(stream)
-    for speech, found in streams.items():
-        if len(found) > 1:
+    for speech, hashes in streams.items():
+        if len(hashes) > 1:
             yield f"sound: the speech of clip {speech!r} is not the same stream in every video."
 
 

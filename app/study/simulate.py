@@ -107,7 +107,7 @@ def simulate_answers(
     lists = sorted(key.lists)
     for rater in range(raters):
         number = lists[rater % len(lists)]
-        seen = {name: strengths[name] + rng.normal(0, model.taste_sd) for name in key.systems}
+        perceived = {name: strengths[name] + rng.normal(0, model.taste_sd) for name in key.systems}
         answers = []
         for trial_id in key.lists[number]:
             trial = key.trials[trial_id]
@@ -121,7 +121,7 @@ def simulate_answers(
                         "trial": trial_id,
                         "question": question,
                         "shown": list(shown),
-                        "value": _value(key, trial, shown, seen, model, rng),
+                        "value": _value(key, trial, shown, perceived, model, rng),
                         "reasons": [SMOOTHNESS] if is_named else [],
                         "watched": 1,
                         "ms": int(rng.integers(2_000, 20_000)) + watching_ms,

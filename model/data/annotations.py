@@ -121,10 +121,12 @@ def load_plan_annotations(data: PreparedData, num_speakers: int) -> Plans:
         for clip, plan in zip(data.clips, plans, strict=True)
         if clip.copy == 0 and clip.split == "train"
     ]
-    said = Counter(
+    word_counts = Counter(
         word for _, clip in learned for word in _annotation_words(textgrid_path(data, clip))
     )
-    table = KindTable.fit(((plan, clip.speaker) for plan, clip in learned), num_speakers, said)
+    table = KindTable.fit(
+        ((plan, clip.speaker) for plan, clip in learned), num_speakers, word_counts
+    )
     tracks, kinds = derived_arrays(
         data,
         "plans",
@@ -192,18 +194,18 @@ def load_speech_labels(data: PreparedData, plans: Plans) -> SpeechLabels:
         DataError: if a clip's words are not annotated, or no clip has phones and accents.
     """
     phone = np.zeros(len(data.poses), np.uint8)
-    told = np.zeros((len(data.poses), len(SPEECH_LABELS)), np.float32)
+    labels = np.zeros((len(data.poses), len(SPEECH_LABELS)), np.float32)
     for clip in tqdm(data.clips, desc="annotation", unit="clip"):
         transcript = _read(data, clip)
         rows = slice(clip.start, clip.stop)
         speed = copy_speed(clip.name, clip.copy)
         phone[rows] = frame_phones(transcript, clip.num_frames, speed)
-        told[rows, :-1] = frame_labels(transcript, clip.num_frames, speed, plans)
-        told[rows, -1] = planned_wrist_speed(plans.tracks[rows])
-    if not phone.any() or not told[:, 0].any():
+        labels[rows, :-1] = frame_labels(transcript, clip.num_frames, speed, plans)
+        labels[rows, -1] = planned_wrist_speed(plans.tracks[rows])
+    if not phone.any() or not labels[:, 0].any():
         missing = "phones" if not phone.any() else "accents"
         raise DataError(f"No TextGrid of {data.source.name} has a tier of {missing}.")
-    return SpeechLabels(phone, told)
+    return SpeechLabels(phone, labels)
 
 
 def frame_phones(transcript: Transcript, num_frames: int, speed: float) -> UInt8[np.ndarray, " T"]:

@@ -113,8 +113,8 @@ class PreparedData:
         """
         clips = tuple(clip for clip in self.clips if clip.split == split)
         if not clips:
-            found = ", ".join(sorted({clip.split for clip in self.clips})) or "no clips"
-            raise DataError(f"train_test_split.csv names no usable {split} clip (found: {found}).")
+            splits = ", ".join(sorted({clip.split for clip in self.clips})) or "no clips"
+            raise DataError(f"train_test_split.csv names no usable {split} clip (found: {splits}).")
         return clips
 
     def window_batch(
@@ -149,7 +149,7 @@ class PreparedData:
         self, frames: Int[np.ndarray, "B T"], clips: list[PreparedClip], context: int = 0
     ) -> Batch:
         """Return the rows at ``frames`` (absolute indices) as tensors."""
-        heard = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
+        speech_rows = frames[:, :1] + np.arange(-context, frames.shape[1] + context)
         first = np.array([clip.start for clip in clips])[:, None]
         last = np.array([clip.stop for clip in clips])[:, None] - 1
 
@@ -162,7 +162,7 @@ class PreparedData:
             poses=take(self.poses),
             transl=take(self.transl),
             expression=take(self.expression),
-            speech=take(self.speech, heard.clip(first, last)),
+            speech=take(self.speech, speech_rows.clip(first, last)),
             speaker=torch.tensor([clip.speaker for clip in clips]),
             clips=[clip.name for clip in clips],
             frames=frames,
@@ -205,8 +205,8 @@ def prepare(
         read: list[PreparedClip] = []
         _write(cache, columns, _by_clip(folder, encoder, split, augmented_copies, read))
         named = dict(sorted(parse_speaker(clip.name) for clip in read))
-        told = {"origin": origin, "clips": [*map(vars, read)], "speakers": named}
-        write_atomically(index_path, json.dumps(told))
+        manifest = {"origin": origin, "clips": [*map(vars, read)], "speakers": named}
+        write_atomically(index_path, json.dumps(manifest))
     index = json.loads(index_path.read_text())
     if index["origin"] != json.loads(json.dumps(origin)):
         raise DataError(f"{cache} was made by another version or with another encoder; remove it.")

@@ -110,15 +110,15 @@ def _lag(
 
 def rest_speeds(places: WristPositions, plan: GesturePlan) -> list[float]:
     """Compute the mean speed (m/s) of each resting wrist, for rests of .8 s or more."""
-    found = []
+    speeds = []
     for side in SIDES:
         speed = _speed(places[side])
         for phase in plan.hand(side):
             if phase.phase == "rest" and phase.end_s - phase.start_s >= 0.8:
                 first, stop = round((phase.start_s + 0.25) * FPS), round((phase.end_s - 0.25) * FPS)
                 if first < len(speed):
-                    found.append(float(speed[first:stop].mean()))
-    return found
+                    speeds.append(float(speed[first:stop].mean()))
+    return speeds
 
 
 def only_one_hand_moves(places: WristPositions, plan: GesturePlan, gesture: Gesture) -> bool | None:
@@ -132,8 +132,8 @@ def only_one_hand_moves(places: WristPositions, plan: GesturePlan, gesture: Gest
     wish = _path_length(planned[first:stop, hand_tracks(gesture.side)][:, :3])
     if not stays or wish < 0.05:
         return None
-    asked = _path_length(places[gesture.side][first:stop]) >= MIN_PATH_SHARE * wish
-    return asked and bool(_speed(places[other])[first:stop].mean() < STILL_M_S)
+    moves_enough = _path_length(places[gesture.side][first:stop]) >= MIN_PATH_SHARE * wish
+    return moves_enough and bool(_speed(places[other])[first:stop].mean() < STILL_M_S)
 
 
 def _phases_of(plan: GesturePlan, gesture: Gesture) -> list[HandPhase]:
@@ -300,15 +300,15 @@ def _varied(
     again: Callable[[GesturePlan], GenerationState],
 ) -> list[WristPositions]:
     """Return wrist positions for each value in turn; empty if the plan rejects one."""
-    found = []
+    steps = []
     for value in values:
         try:
             edited = change(plan, gesture, value)
         except PlanError:
             return []
         tracks = track_points(again(edited.plan).motion, open_body_skeleton())
-        found.append(wrist_positions_in_chest(tracks))
-    return found
+        steps.append(wrist_positions_in_chest(tracks))
+    return steps
 
 
 def _pairwise_order(measured: Sequence[float]) -> list[float]:
@@ -350,10 +350,10 @@ def adherence(
     """
     answers, rng = Scores(list), np.random.default_rng(seed)
     system = load_system(default_planner(), weights)
-    encoder, clips_seen = load_encoder(weights, FGD_ENCODER), []
+    encoder, encoded_clips = load_encoder(weights, FGD_ENCODER), []
     names = [n for n, split in read_split(folder).items() if split == "test"]
-    known = [n for n in names if parse_speaker(n)[1] in system.speakers]
-    for name in rng.permutation(np.array(known))[:clips].tolist():
+    clip_names = [n for n in names if parse_speaker(n)[1] in system.speakers]
+    for name in rng.permutation(np.array(clip_names))[:clips].tolist():
         motion, speech = read_files(folder, name)
         cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
         plan = annotated_plan(folder / "textgrid" / f"{name}.TextGrid")
@@ -361,8 +361,8 @@ def adherence(
         score_recording(recorded, _until(plan, cut.duration_s), answers)
         made = score_clip(system, cut, parse_speaker(name)[1], edits, rng, answers)
         codes = [motion_features(encoder, motion) for motion in (recorded, *made)]
-        clips_seen.append([one for one in codes if one is not None])
-        yield mean_scores(answers) | distances(clips_seen)
+        encoded_clips.append([one for one in codes if one is not None])
+        yield mean_scores(answers) | distances(encoded_clips)
 
 
 def _until(plan: GesturePlan, end_s: float) -> GesturePlan:

@@ -77,8 +77,8 @@ def voiced_frames(features: _MelFeatures) -> Bool[np.ndarray, " _"]:
 
 def speech_span(features: _MelFeatures) -> slice:
     """Return the range from the first to the last voiced frame; empty without any."""
-    heard = np.flatnonzero(voiced_frames(features))
-    return slice(int(heard[0]), int(heard[-1]) + 1) if len(heard) else slice(0, 0)
+    voiced = np.flatnonzero(voiced_frames(features))
+    return slice(int(voiced[0]), int(voiced[-1]) + 1) if len(voiced) else slice(0, 0)
 
 
 def pieces(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:
@@ -108,13 +108,13 @@ def matched_speech_accuracy(
     )
     if len(right) == 0 or len(wrong) == 0:
         return {}
-    found = {}
+    scores = {}
     for measure, parts in MEASURES.items():
         agreed = matcher.agreements(poses, torch.cat([right, wrong]), parts)
-        found[measure] = win_rate(agreed[:, : len(right)].diagonal(), agreed[:, len(right) :])
-    moved, told = matcher.arm_speeds(poses, right)
-    found["arm_speed_heard"] = float(agreement(told, moved).diagonal().mean())
-    return found
+        scores[measure] = win_rate(agreed[:, : len(right)].diagonal(), agreed[:, len(right) :])
+    moved, predicted = matcher.arm_speeds(poses, right)
+    scores["arm_speed_heard"] = float(agreement(predicted, moved).diagonal().mean())
+    return scores
 
 
 def win_rate(own: Float[Tensor, " N"], others: Float[Tensor, "N M"]) -> float:
@@ -171,14 +171,14 @@ class SpeakerClassifier:
         numbers = style_features(motion)
         if speaker not in self.speakers or not len(numbers):
             return None
-        told = (numbers @ self.weights.T + self.bias).argmax(1)
-        return float((told == self.speakers.index(speaker)).mean())
+        predicted = (numbers @ self.weights.T + self.bias).argmax(1)
+        return float((predicted == self.speakers.index(speaker)).mean())
 
     def measures(self, motions: Sequence[Motion], speaker: str) -> dict[str, float]:
         """Compute ``speaker_told``, the mean accuracy over motions; empty if it is unknown."""
         shares = [self.accuracy_of_speaker(motion, speaker) for motion in motions]
-        known = [share for share in shares if share is not None]
-        return {"speaker_told": float(np.mean(known))} if known else {}
+        finite = [share for share in shares if share is not None]
+        return {"speaker_told": float(np.mean(finite))} if finite else {}
 
 
 def fit_speaker_classifier(folder: Path, speakers: Sequence[str]) -> SpeakerClassifier | None:
@@ -187,13 +187,13 @@ def fit_speaker_classifier(folder: Path, speakers: Sequence[str]) -> SpeakerClas
     for name, kind in sorted(read_split(folder).items()):
         if kind == "train" and (speaker := parse_speaker(name)[1]) in own:
             own[speaker].append(name)
-    found = {}
+    features = {}
     for speaker, names in own.items():
         motions = (motion for name in names if (motion := _motion(folder, name)) is not None)
         pieces = [*islice(filter(len, map(style_features, motions)), RECORDINGS)]
         if pieces:
-            found[speaker] = np.concatenate(pieces)
-    return fit_discriminant(found) if len(found) > 1 else None
+            features[speaker] = np.concatenate(pieces)
+    return fit_discriminant(features) if len(features) > 1 else None
 
 
 def fit_discriminant(numbers: dict[str, Float64[np.ndarray, "_ numbers"]]) -> SpeakerClassifier:
@@ -282,13 +282,13 @@ class SpeakerComparisonClips:
         """Compute a system's metrics on clip ``name``; empty if it is not among the few."""
         if name not in self.names:
             return {}
-        heard = append_silence(speech)
-        spoken = heard.num_frames - round(SILENCE_S * FPS)
+        audio = append_silence(speech)
+        spoken = audio.num_frames - round(SILENCE_S * FPS)
         speakers = self.speakers or (parse_speaker(name)[1],)
         moved = {
             speaker: generate_motion(
                 system,
-                heard,
+                audio,
                 GenerateOptions(
                     speaker, seed=clip_seed(0, name), samples=NOISE_SEEDS, **vars(sampling)
                 ),
@@ -296,18 +296,18 @@ class SpeakerComparisonClips:
             for speaker in speakers
         }
         motions = [motion for own in moved.values() for motion in own]
-        voiced = np.arange(heard.num_frames) < spoken
+        voiced = np.arange(audio.num_frames) < spoken
         silences = [silence_speed_ratio(motion, voiced) for motion in motions]
-        found = average_metrics(silences)
+        averages = average_metrics(silences)
         if self.speakers is None or spoken < LEAST_FRAMES:
-            return found
+            return averages
         speaking = {
             (speaker, seed): first_frames(motion, spoken)
             for speaker, own in moved.items()
             for seed, motion in enumerate(own)
         }
         manner = arm_speaker_effect(speaking)
-        return found | {
+        return averages | {
             "arms_by_speaker": manner["by_speaker"],
             "arm_rotations_other_speaker": manner["arm_rotations_same_noise"],
             **wrist_speeds(speaking, self.speakers),
@@ -322,9 +322,9 @@ def average_metrics(by_clip: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 def append_silence(speech: Speech) -> Speech:
     """Return the first `SPEECH_S` of a speech, and `SILENCE_S` of digital silence after it."""
-    said = speech.waveform[: round(SPEECH_S * SAMPLE_RATE)]
+    spoken = speech.waveform[: round(SPEECH_S * SAMPLE_RATE)]
     silence = np.zeros(round(SILENCE_S * SAMPLE_RATE), np.float32)
-    return replace(speech, waveform=np.concatenate([said, silence]))
+    return replace(speech, waveform=np.concatenate([spoken, silence]))
 
 
 def _recordings(folder: Path, speaker: str, count: int) -> list[str]:

@@ -64,9 +64,9 @@ def clip_measures(
     motion: Motion, recorded: Motion, joints: Float[np.ndarray, "T 55 3"]
 ) -> dict[str, float]:
     """Compute smoothness, wander, diversity and face error, as far as the clip is long enough."""
-    found = analyse_raw(motion, open_body_skeleton(), windows=GLOBALDIFF_WINDOWS).raw.as_json()
-    numbers = {name: found[name] for name in MOTION_MEASURES if found[name] is not None}
-    jerk = np.asarray(found["joint_jerk_m_s3"], float)
+    analysis = analyse_raw(motion, open_body_skeleton(), windows=GLOBALDIFF_WINDOWS).raw.as_json()
+    numbers = {name: analysis[name] for name in MOTION_MEASURES if analysis[name] is not None}
+    jerk = np.asarray(analysis["joint_jerk_m_s3"], float)
     numbers["ankle_jerk_m_s3"] = float(jerk[_ANKLES].mean())
     place = motion.trans[:, [0, 2]]
     numbers["pelvis_wander_m"] = float(np.sqrt(np.square(place - place.mean(0)).sum(1).mean()))
@@ -86,9 +86,9 @@ def speech_effect_metrics(
     if len(motions) < 2 or len(elsewhere) < 2 or shortest < speech_effect.LEAST_FRAMES:
         return {}
     metrics: dict[str, float] = {}
-    for part, told in speech_effect.speech_and_noise_shares(grid).items():
-        metrics[f"{part}_by_speech"] = told.by_speech
-        metrics[f"{part}_same_noise"] = told.same_noise
+    for part, shares in speech_effect.speech_and_noise_shares(grid).items():
+        metrics[f"{part}_by_speech"] = shares.by_speech
+        metrics[f"{part}_same_noise"] = shares.same_noise
     return metrics | {
         "arm_rotations_same_noise": speech_effect.arm_rotation_correlation_same_noise(grid)
     }
@@ -191,10 +191,10 @@ class ClipTargets:
             float(np.mean([lagged_correlation(wrist_speed(joints), track) for joints in positions]))
             for track in (self.loudness, *others.values())
         )
-        found = {"wrists_loudness": own}
+        rows = {"wrists_loudness": own}
         for name, value in zip(others, wrong, strict=True):
-            found |= {f"wrists_loudness_{name}": value, f"wrists_loudness_less_{name}": own - value}
-        return found
+            rows |= {f"wrists_loudness_{name}": value, f"wrists_loudness_less_{name}": own - value}
+        return rows
 
     def row(
         self,
@@ -227,9 +227,9 @@ class ClipTargets:
         }
         for name, judge in self.cast.encoders.items():
             judged = [frechet.motion_features(judge, motion) for motion in motions]
-            found = [codes for codes in judged if codes is not None]
-            if len(found) == len(motions):
-                arrays[name] = np.concatenate(found)
+            available_codes = [codes for codes in judged if codes is not None]
+            if len(available_codes) == len(motions):
+                arrays[name] = np.concatenate(available_codes)
         measures = average_metrics(numbers) | speech_effect_metrics(motions, elsewhere) | dict(more)
         return ClipRow(measures | self.wrists_with_loudness(positions), arrays)
 
@@ -239,8 +239,8 @@ def save_rows(path: Path, rows: dict[str, ClipRow]) -> None:
     arrays = {
         f"{name}|{part}|{key}": value
         for name, row in rows.items()
-        for part, found in vars(row).items()
-        for key, value in found.items()
+        for part, values in vars(row).items()
+        for key, value in values.items()
     }
     with written_atomically(path) as file:
         np.savez(file, **arrays)
@@ -303,16 +303,16 @@ class ClipEvaluator:
         )
         rows = {RECORDED: context.row([motion], more=of_recordings)}
         for system in cast.systems:
-            asked = system.supported_sampling(self.sampling)
+            sampling = system.supported_sampling(self.sampling)
             options = GenerateOptions(
                 speaker=parse_speaker(name)[1],
                 seed=clip_seed(0, name),
                 samples=self.seeds,
-                **vars(asked),
+                **vars(sampling),
             )
             motions = generate_motion(system, speech, options)
             elsewhere = generate_motion(system, foreign, options)
-            more = self.few.measures(system, name, speech, asked)
+            more = self.few.measures(system, name, speech, sampling)
             more |= self._speaker_metrics(motions, name)
             rows[system.name] = context.row(motions, elsewhere, more)
         save_rows(out, rows)

@@ -175,12 +175,14 @@ def train_phase_network(folder: Path, names: Sequence[str], out: Path) -> None:
         loss.backward()
         optimizer.step()
         schedule.step()
-    told = {"mean": mean, "std": std, **_duration_statistics(phases)}
+    statistics = {"mean": mean, "std": std, **_duration_statistics(phases)}
     for name, tensor in network.state_dict().items():
         array = tensor.numpy().astype(np.float16)
-        told[name.replace("inner.", "inner")] = array[..., 0] if name == "last.weight" else array
+        statistics[name.replace("inner.", "inner")] = (
+            array[..., 0] if name == "last.weight" else array
+        )
     with written_atomically(out) as part, part.open("wb") as file:
-        np.savez_compressed(file, **told)
+        np.savez_compressed(file, **statistics)
 
 
 def _recorded(folder: Path, name: str):
@@ -204,10 +206,10 @@ def _drawn(
     """Draw a stretch of a clip, scaled and shifted at random, because people differ."""
     first = int(rng.integers(0, len(features) - FRAMES + 1))
     wide = rng.uniform(0.7, 1.5)
-    found = features[first : first + FRAMES].copy()
-    found[:, [*range(7), 8]] *= wide  # places, velocities, speed, its gain
-    found[:, 7] = np.log(found[:, 6] + 0.02)
-    return found + rng.normal(0, 0.15, (1, 10)) * std, states[first : first + FRAMES]
+    window = features[first : first + FRAMES].copy()
+    window[:, [*range(7), 8]] *= wide  # places, velocities, speed, its gain
+    window[:, 7] = np.log(window[:, 6] + 0.02)
+    return window + rng.normal(0, 0.15, (1, 10)) * std, states[first : first + FRAMES]
 
 
 def _joined(phases: Sequence[HandPhase]) -> list[tuple[int, float]]:
@@ -254,8 +256,8 @@ def evaluate_detection(
         train_phase_network(folder, learned, WEIGHTS)
     for name in [name for name, of in split.items() if of == "test"][:clips]:
         motion = load_motion(folder / f"smplxflame_30/{name}.npz")
-        told = annotated_plan(folder / f"textgrid/{name}.TextGrid")
-        counts = agreement(plan_from_motion(motion, open_body_skeleton()), told)
+        annotated = annotated_plan(folder / f"textgrid/{name}.TextGrid")
+        counts = agreement(plan_from_motion(motion, open_body_skeleton()), annotated)
         for question, one in counts.items():
             total[question] += one
         speakers[parse_speaker(name)[1]] += counts["strokes"]

@@ -144,9 +144,9 @@ def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding
         )
 
     order = sorted(findings, key=lambda name: badness(findings[name]), reverse=True)
-    told = [(name, by_severity(findings[name])) for name in order]
-    first = [(name, finding) for name, found in told for finding in found[:1]]
-    others = [(name, finding) for name, found in told for finding in found[1:]]
+    ordered = [(name, by_severity(findings[name])) for name in order]
+    first = [(name, finding) for name, listed in ordered for finding in listed[:1]]
+    others = [(name, finding) for name, listed in ordered for finding in listed[1:]]
     return first + sorted(others, key=lambda other: _order(other[1]))
 
 

@@ -65,19 +65,19 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
     else:
         where = f"the {named}"
     little = ", hardly visible" if noise[worst[0]] <= LITTLE_NOISE_DEG else ""
-    said = f"Rotation noise{little}, in {where} (recorded clips: under 0.3°)."
+    message = f"Rotation noise{little}, in {where} (recorded clips: under 0.3°)."
     numbers: dict[str, Any] = {"noise_deg": noise}
     attribution = raw.point.tip_jerk_attribution
     shares = dict(zip(attribution.joints, np.nan_to_num(attribution.share).tolist(), strict=True))
     blamed = max(shares, key=lambda name: shares[name], default=None)
     if blamed in noise and shares[blamed] > 0.1:
         numbers |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
-        said += (
+        message += (
             f" Filtering the {point_label(blamed)} alone reduces the jerk of the "
             f"{point_label(evidence.point)} by {100 * shares[blamed]:.0f} %."
         )
     limit_ratio = max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG)
-    yield Finding(said, numbers, limit_ratio=limit_ratio)
+    yield Finding(message, numbers, limit_ratio=limit_ratio)
 
 
 def single_frame_pops(evidence: Evidence) -> Iterator[Finding]:
@@ -222,20 +222,20 @@ s."""
 
 
 def window_seams(evidence: Evidence) -> Iterator[Finding]:
-    found = evidence.raw.seams.recurring_jerk
+    jerk = evidence.raw.seams.recurring_jerk
     advance = evidence.raw.seams.fold_period_frames
-    if advance is None or found.phase_frame is None or found.p_value > SEAM_CHANCE:
+    if advance is None or jerk.phase_frame is None or jerk.p_value > SEAM_CHANCE:
         return
-    joins = range(found.phase_frame, evidence.num_frames, advance)
+    joins = range(jerk.phase_frame, evidence.num_frames, advance)
     yield Finding(
         f"The body jumps every {advance} frames ({advance / FPS:.2f} s): at frame "
-        f"{found.phase_frame} of each window, the jerk is {found.ratio:.1f} times the median.",
+        f"{jerk.phase_frame} of each window, the jerk is {jerk.ratio:.1f} times the median.",
         {
             "window_advance_frames": advance,
-            "phase_frame": found.phase_frame,
-            "jerk_ratio": found.ratio,
+            "phase_frame": jerk.phase_frame,
+            "jerk_ratio": jerk.ratio,
         },
-        limit_ratio=found.ratio,
+        limit_ratio=jerk.ratio,
         worst_frame=joins[len(joins) // 2],
         frame_ranges=tuple((frame, frame) for frame in joins[:20]),
     )
@@ -244,35 +244,35 @@ def window_seams(evidence: Evidence) -> Iterator[Finding]:
 def periodic_jerk(evidence: Evidence) -> Iterator[Finding]:
     """Detect jerk that recurs after another number of frames than the known windows."""
     measured = evidence.raw.seams
-    found, windows = measured.period, measured.fold_period_frames
-    if found is None or (windows != found.frames and windows and found.frames % windows == 0):
+    period, windows = measured.period, measured.fold_period_frames
+    if period is None or (windows != period.frames and windows and period.frames % windows == 0):
         return
-    if windows == found.frames and any(window_seams(evidence)):
+    if windows == period.frames and any(window_seams(evidence)):
         return
-    if found.kind == "pulses":
+    if period.kind == "pulses":
         peak = (
-            f"at frame {found.phase_frame} of each period, it is {found.peak_over_median:.1f} "
+            f"at frame {period.phase_frame} of each period, it is {period.peak_over_median:.1f} "
             "times the median"
         )
     else:
         peak = (
-            f"the highest frame of the period has {found.peak_over_minimum:.1f} times the jerk of "
+            f"the highest frame of the period has {period.peak_over_minimum:.1f} times the jerk of "
             "the lowest"
         )
     yield Finding(
-        f"The jerk of the {found.part} peaks every {found.frames} frames "
-        f"({found.frames / FPS:.2f} s), as it does at the seams of windows or codes: {peak}.",
+        f"The jerk of the {period.part} peaks every {period.frames} frames "
+        f"({period.frames / FPS:.2f} s), as it does at the seams of windows or codes: {peak}.",
         {
-            "period_frames": found.frames,
-            "part": found.part,
-            "phase_frame": found.phase_frame,
-            "peak_over_median": found.peak_over_median,
-            "peak_over_minimum": found.peak_over_minimum,
-            "p_value": found.p_value,
+            "period_frames": period.frames,
+            "part": period.part,
+            "phase_frame": period.phase_frame,
+            "peak_over_median": period.peak_over_median,
+            "peak_over_minimum": period.peak_over_minimum,
+            "p_value": period.p_value,
         },
-        limit_ratio=found.peak_over_median,
-        worst_frame=found.worst_frames[0],
-        frame_ranges=tuple((frame, frame) for frame in found.worst_frames),
+        limit_ratio=period.peak_over_median,
+        worst_frame=period.worst_frames[0],
+        frame_ranges=tuple((frame, frame) for frame in period.worst_frames),
     )
 
 

@@ -99,14 +99,14 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
     if not runs and contact >= CONTACT_SHARE:
         return
     worst = int(above.argmax())
-    found = (
+    message = (
         f"Both feet are above the floor by up to {100 * above[worst]:.0f} cm, worst at "
         f"{format_time(worst)}{f', {len(runs)} times in all' if len(runs) > 1 else ''}"
         if runs
         else "The feet have no consistent floor height"
     )
     yield Finding(
-        f"{found}; a foot is on the ground in {100 * contact:.0f} % of the frames.",
+        f"{message}; a foot is on the ground in {100 * contact:.0f} % of the frames.",
         {
             "height_m": float(above[worst]),
             "contact_share": contact,
@@ -336,18 +336,18 @@ def still_face(evidence: Evidence) -> Iterator[Finding]:
         jaw_unit = float(motion.expressions[:, unit_columns("jawOpen")].std(axis=0).max())
     is_jaw_still = jaw_deg < STILL_JAW_DEG and jaw_unit < STILL_COEFFICIENT
     if is_jaw_still and unit < STILL_COEFFICIENT:
-        said = "The face never moves, neither jaw nor expression."
+        message = "The face never moves, neither jaw nor expression."
         if not (jaw.any() or motion.expressions.any()):
-            said = "The motion has no face: jaw and expressions are zero in every frame."
+            message = "The motion has no face: jaw and expressions are zero in every frame."
     elif is_jaw_still:
-        said = "The jaw never moves, though the expression does."
+        message = "The jaw never moves, though the expression does."
     elif unit < STILL_COEFFICIENT:
         value = "all zero" if not motion.expressions.any() else "the same in every frame"
-        said = f"The expressions are {value}; only the jaw moves."
+        message = f"The expressions are {value}; only the jaw moves."
     else:
         return
     numbers = {"jaw_deviation_deg": jaw_deg, "expression_deviation": unit}
-    yield Finding(said, numbers)
+    yield Finding(message, numbers)
 
 
 def copied_face(evidence: Evidence) -> Iterator[Finding]:

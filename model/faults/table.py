@@ -92,10 +92,10 @@ def find_faults(evidence: Evidence) -> list[Finding]:
     still = _search_fault(STILL, evidence)
     if still:
         return still
-    found = [finding for fault in FAULTS for finding in _search_fault(fault, evidence)]
-    kinds = {finding.kind for finding in found}
+    findings = [finding for fault in FAULTS for finding in _search_fault(fault, evidence)]
+    kinds = {finding.kind for finding in findings}
     explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.explains}
-    return by_severity(finding for finding in found if finding.kind not in explained)
+    return by_severity(finding for finding in findings if finding.kind not in explained)
 
 
 def body_part(finding: Finding) -> BodyPart:

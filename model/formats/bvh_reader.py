@@ -35,27 +35,27 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
     """
     text = parse_bvh(path)
     skeleton = _Skeleton(text.joints, path.name)
-    found, is_ours = skeleton.identify_joints()
+    identified, is_ours = skeleton.identify_joints()
     draft = Draft(path.name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_scaled=True)
     for what in text.notes:
         draft.assume("frames", str(len(text.rows)), what)
     world = skeleton.world_rotations(text.rows)
-    pelvis = skeleton.joint_path(found["pelvis"][0], text.rows, world)
-    is_posed = not is_ours and not skeleton.is_standing(found)
+    pelvis = skeleton.joint_path(identified["pelvis"][0], text.rows, world)
+    is_posed = not is_ours and not skeleton.is_standing(identified)
     if is_posed:
         world = skeleton.use_first_frame_as_rest(text.rows, world)
-        found, _ = skeleton.identify_joints()
+        identified, _ = skeleton.identify_joints()
         reason = (
             "the rest pose is not a human pose; the first frame was used instead, so limbs may "
             "be twisted"
         )
         draft.assume("layout", "first frame", reason, "unsure")
-    turn = Rotation.identity() if is_ours else skeleton.axes_to_ours(found, draft)
+    turn = Rotation.identity() if is_ours else skeleton.axes_to_ours(identified, draft)
     places = skeleton.rest @ turn.as_matrix().T
-    turns = {} if is_ours else _rest_turns(places, found)
-    turns |= _trunk_turns(places, found) if is_posed else {}
-    draft.poses = _poses(world, found, turns, turn)
-    scale = _scale(skeleton.rest, found, draft)
+    turns = {} if is_ours else _rest_turns(places, identified)
+    turns |= _trunk_turns(places, identified) if is_posed else {}
+    draft.poses = _poses(world, identified, turns, turn)
+    scale = _scale(skeleton.rest, identified, draft)
     rest = open_body_skeleton().rest_joints.double().numpy()
     if pelvis is not None:
         draft.trans = turn.apply(scale * pelvis) - rest[0]
@@ -63,7 +63,7 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
         draft.missing_parts.add("place")
         draft.assume("place", "none", "no joint has position channels; the body stays in one place")
     if not is_ours:
-        _add_assumptions(draft, skeleton, found, turns)
+        _add_assumptions(draft, skeleton, identified, turns)
     draft.missing_parts.add("face")
     draft.assume("face", "none", "BVH files have no face; the face stays at rest", is_usual=is_ours)
     draft.set_frame_rate(round(1 / text.frame_s, 3), "from the file", "stated")
@@ -154,10 +154,10 @@ class _Skeleton(JointTree):
             )
         y = nearest_axis(up)
         x = nearest_axis(across - y * (across @ y))
-        told = draft.overrides.get("up"), draft.overrides.get("facing")
-        if told[0] is not None or told[1] in AXES:
-            y = y if told[0] is None else axis_vector(told[0])
-            z = np.cross(x, y) if told[1] not in AXES else axis_vector(told[1])
+        overrides = draft.overrides.get("up"), draft.overrides.get("facing")
+        if overrides[0] is not None or overrides[1] in AXES:
+            y = y if overrides[0] is None else axis_vector(overrides[0])
+            z = np.cross(x, y) if overrides[1] not in AXES else axis_vector(overrides[1])
             x = np.cross(y, z)
             if not np.linalg.norm(x):
                 raise MotionError(
@@ -222,13 +222,13 @@ class _Skeleton(JointTree):
         }
         if not axes:
             return None
-        offset, known = np.array(joint.offset), list(axes)
+        offset, angle_axes = np.array(joint.offset), list(axes)
         step = np.tile(offset, (len(rows), 1))
-        told = rows[:, list(axes.values())]
-        mean = told.mean(axis=0)
-        far = np.linalg.norm(mean - offset[known]) > np.linalg.norm(mean)
+        angles = rows[:, list(axes.values())]
+        mean = angles.mean(axis=0)
+        far = np.linalg.norm(mean - offset[angle_axes]) > np.linalg.norm(mean)
         # Positions nearer to zero than to the rest offset are relative to that offset.
-        step[:, known] = told + offset[known] if joint.parent >= 0 and far else told
+        step[:, angle_axes] = angles + offset[angle_axes] if joint.parent >= 0 and far else angles
         return step
 
 
@@ -308,7 +308,7 @@ def _scale(places: Float[np.ndarray, "J 3"], joint_map: JointMap, draft: Draft) 
     is_ours = abs(scale - 1.0) < 0.005
     unit = min(METRES, key=lambda each: abs(np.log(METRES[each] / scale)))
     reason = f"lengths were multiplied by {scale:.3g} to make its {limb} as long as SMPL-X's"
-    told = draft.resolve("units", unit, reason, "sure", tuple(METRES), is_ours)
+    unit_name = draft.resolve("units", unit, reason, "sure", tuple(METRES), is_ours)
     if "units" in draft.overrides:
-        return METRES[told]
+        return METRES[unit_name]
     return 1.0 if is_ours else scale

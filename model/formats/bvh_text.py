@@ -87,19 +87,19 @@ class _Reader:
 
     def _words(self) -> Iterator[str]:
         """Yield the words of the hierarchy, up to ``MOTION``."""
-        for found in re.finditer(r"[{}]|[^\s{}]+", self._text):
-            self._at = found.start()
-            if found[0].upper() == "MOTION":
-                self._at = found.end()
+        for match in re.finditer(r"[{}]|[^\s{}]+", self._text):
+            self._at = match.start()
+            if match[0].upper() == "MOTION":
+                self._at = match.end()
                 return
-            yield found[0][:MAX_WORD]
+            yield match[0][:MAX_WORD]
         raise self._error("there is no MOTION")
 
     def _lines(self) -> Iterator[str]:
         """Yield the remaining lines that are not empty."""
-        for found in re.compile(r"\S[^\n]*").finditer(self._text, self._at):
-            self._at = found.start()
-            yield found[0].rstrip()
+        for match in re.compile(r"\S[^\n]*").finditer(self._text, self._at):
+            self._at = match.start()
+            yield match[0].rstrip()
 
     def _hierarchy(self) -> list[Joint]:
         """Parse the joints in the order of the file, which is that of the channels."""
@@ -183,7 +183,7 @@ class _Reader:
         channels = own if len(first) == own else channels
         is_by_line = channels in (len(first), len(self._split_fused(first)))
         rows = np.empty((frames, channels))
-        found, at, rest = 0, self._at, []
+        num_values, at, rest = 0, self._at, []
         for words in chain([first], (line.split() for line in lines)):
             words = self._split_fused(words) if is_by_line else words
             if is_by_line and (rest or len(words) > channels):
@@ -194,34 +194,34 @@ class _Reader:
                 raise self._error(short)
             at, words = self._at, rest + words
             whole = len(words) // channels * channels
-            for start in range(0, min(whole, (frames - found) * channels), channels):
-                rows[found] = self._row(words[start : start + channels])
-                found += 1
+            for start in range(0, min(whole, (frames - num_values) * channels), channels):
+                rows[num_values] = self._row(words[start : start + channels])
+                num_values += 1
             rest = words[whole:]
-            if found == frames:
+            if num_values == frames:
                 break
-        if not found:
+        if not num_values:
             raise self._error(
                 f"the only row has {len(rest)} numbers; the joints have {channels} channels"
             )
-        if rest and found < frames:
+        if rest and num_values < frames:
             self._add_note(
-                f"row {found + 1} of {frames} is cut off ({len(rest)} of {channels} numbers)"
+                f"row {num_values + 1} of {frames} is cut off ({len(rest)} of {channels} numbers)"
             )
-        elif found < frames:
-            self._add_note(f"the file states {frames} frames but has {found}")
-        bad = np.flatnonzero(~np.isfinite(rows[:found]).all(axis=1))
+        elif num_values < frames:
+            self._add_note(f"the file states {frames} frames but has {num_values}")
+        bad = np.flatnonzero(~np.isfinite(rows[:num_values]).all(axis=1))
         if len(bad):
             raise MotionError(
                 f"{self._name} contains values that are not finite in frames"
                 f" {', '.join(map(str, bad[:8]))}; repair them first."
             )
-        largest = np.abs(rows[:found]).max()
+        largest = np.abs(rows[:num_values]).max()
         if largest > MAX_LENGTH:
             raise MotionError(
                 f"{self._name} contains the value {largest:.3g}, above the limit of {MAX_LENGTH:g}."
             )
-        return rows[:found]
+        return rows[:num_values]
 
     def _row(self, words: list[str]) -> list[float] | np.ndarray:
         try:
@@ -260,7 +260,7 @@ class _Reader:
         ends = [*roots[1:], len(joints)]
         start, end = max(zip(roots, ends, strict=True), key=lambda pair: pair[1] - pair[0])
         self._add_note(f"the file has {len(roots)} roots; {joints[start].name[:40]!r} was used")
-        kept = joints[start:end]
-        for joint in kept:
+        subtree = joints[start:end]
+        for joint in subtree:
             joint.parent = joint.parent - start if joint.parent >= 0 else -1
-        return kept
+        return subtree

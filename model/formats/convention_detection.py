@@ -92,8 +92,8 @@ def finish_import(
     if draft.fps <= FPS - 1.0:
         draft.missing_parts.add("detail")
     motion = _shift_by_lag(draft, motion)
-    known = {each.kind for each in draft.assumptions if each.confidence == "user"} | {"frames"}
-    for kind in sorted(draft.overrides.keys() - known):
+    by_user = {each.kind for each in draft.assumptions if each.confidence == "user"} | {"frames"}
+    for kind in sorted(draft.overrides.keys() - by_user):
         draft.assume(
             cast(Kind, kind), draft.overrides[kind], "which does not apply to this file", "user"
         )
@@ -104,14 +104,14 @@ def finish_import(
 
 def _shift_by_lag(draft: Draft, motion: Motion) -> Motion:
     """Shift the motion by the lag that the user states."""
-    told = draft.overrides.get("lag")
-    if told is None:
+    override = draft.overrides.get("lag")
+    if override is None:
         return motion
     try:
-        moved = shift_by_lag(motion, float(told))
+        moved = shift_by_lag(motion, float(override))
     except (ValueError, OverflowError) as error:
-        raise MotionError(f"{draft.name}: --assume lag={told}: {error}") from error
-    draft.assume("lag", told, "set by you; the motion was shifted by this many seconds", "user")
+        raise MotionError(f"{draft.name}: --assume lag={override}: {error}") from error
+    draft.assume("lag", override, "set by you; the motion was shifted by this many seconds", "user")
     return moved
 
 
@@ -148,14 +148,14 @@ def mean_finger_bend(poses: Float[np.ndarray, "T 55 3"]) -> float:
 
 def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
     """Decide whether hands are relative to the flat hand or the mean hand pose."""
-    told = draft.overrides.get("hands")
+    override = draft.overrides.get("hands")
     hands = draft.poses[:, list(HANDS)]
-    if "hands" in draft.missing_parts or (draft.is_scaled and told is None):
+    if "hands" in draft.missing_parts or (draft.is_scaled and override is None):
         return
     bend, moves = mean_finger_bend(draft.poses), bool(np.abs(hands).max(initial=0.0) > 1e-5)
     thumbs = float(draft.poses[:, [LEFT_HAND[12], RIGHT_HAND[12]], 0].mean())
-    if told is not None:
-        value, reason, confidence = told, "set by you", "user"
+    if override is not None:
+        value, reason, confidence = override, "set by you", "user"
     elif draft.is_offset:
         is_flat = bend > CURL_FLAT and moves
         value = "flat" if is_flat else "mean"
@@ -190,7 +190,12 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
                 "licensed mean hand pose)"
             )
     draft.assume(
-        "hands", value, reason, confidence, ("flat", "mean"), is_usual=value == "flat" and not told
+        "hands",
+        value,
+        reason,
+        confidence,
+        ("flat", "mean"),
+        is_usual=value == "flat" and not override,
     )
 
 
@@ -198,10 +203,10 @@ def _units(draft: Draft) -> None:
     """Decide the units by the height of the pelvis and the scale at which feet do not slide."""
     if draft.trans is None or draft.is_scaled:
         return
-    told = draft.overrides.get("units")
-    if told is not None:
-        draft.trans = draft.trans * METRES[told]
-        draft.assume("units", told, "set by you", "user", tuple(METRES))
+    override = draft.overrides.get("units")
+    if override is not None:
+        draft.trans = draft.trans * METRES[override]
+        draft.assume("units", override, "set by you", "user", tuple(METRES))
         return
     still = Draft(draft.name, {}, draft.poses[:_MAX_INSPECTED_FRAMES]).motion()
     feet = _tracks(still).joints[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]]
@@ -299,11 +304,11 @@ def _facing(draft: Draft) -> None:
     x, z = ahead.mean(axis=0)
     degrees = float(np.degrees(np.arctan2(x, z)))
     quarter = {0: "z", 90: "x", 180: "-z", -180: "-z", -90: "-x"}[round(degrees / 90) * 90]
-    told = draft.overrides.get("facing")
-    if told is not None:
-        if told in _FORWARD_DEG:
-            _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[told], degrees=True))
-        draft.assume("facing", told, "set by you", "user", (*_FORWARD_DEG, "as-is"))
+    override = draft.overrides.get("facing")
+    if override is not None:
+        if override in _FORWARD_DEG:
+            _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[override], degrees=True))
+        draft.assume("facing", override, "set by you", "user", (*_FORWARD_DEG, "as-is"))
     elif abs(degrees) > 60 and np.hypot(x, z) > 0.9 and quarter != "z":
         _turn(draft, Rotation.from_euler("y", _FORWARD_DEG[quarter], degrees=True))
         reason = f"the hips always face {degrees:.0f}° away from z; rotated to z"

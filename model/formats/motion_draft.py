@@ -89,8 +89,8 @@ class Draft:
     ) -> None:
         """Set the frame rate, unless the user states another."""
         is_ours = confidence == "stated" and abs(fps - FPS) < 0.01
-        told = self.resolve("rate", f"{fps:g}", reason, confidence, alternatives, is_ours)
-        self.fps = float(told) if "rate" in self.overrides else fps
+        resolved = self.resolve("rate", f"{fps:g}", reason, confidence, alternatives, is_ours)
+        self.fps = float(resolved) if "rate" in self.overrides else fps
 
     def turns(
         self, rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...]
@@ -111,12 +111,12 @@ class Draft:
         is_usual: bool = False,
     ) -> str:
         """Return the user's value of a property, or else the one detected, and record it."""
-        told = self.overrides.get(kind)
-        if told is None:
+        override = self.overrides.get(kind)
+        if override is None:
             self.assume(kind, detected, reason, confidence, alternatives, is_usual)
             return detected
-        self.assume(kind, told, "set by you", "user", alternatives)
-        return told
+        self.assume(kind, override, "set by you", "user", alternatives)
+        return override
 
     def select_frames(self, frames: slice) -> None:
         """Keep only a range of frames."""
@@ -311,15 +311,15 @@ def at_30_fps(motion: Motion, fps: float) -> Motion:
     if fps > FPS - 1.0:
         return change_motion_speed(motion, fps / FPS)
     at = np.arange(int((motion.num_frames - 1) * FPS / fps + 1e-6) + 1) * fps / FPS
-    known = np.arange(motion.num_frames)
+    frames = np.arange(motion.num_frames)
     rotmat = motion.local_rotations().double().numpy()[..., :2, :]
-    rows = _resample(rotmat.reshape(len(known), -1), known, at)
+    rows = _resample(rotmat.reshape(len(frames), -1), frames, at)
     turned = matrix_from_rot6d(torch.from_numpy(rows).unflatten(-1, (NUM_JOINTS, 6)))
     return replace(
         motion,
         poses=axis_angle_from_matrix(turned).flatten(1).float().numpy(),
-        trans=_resample(motion.trans, known, at).astype(np.float32),
-        expressions=_resample(motion.expressions, known, at).astype(np.float32),
+        trans=_resample(motion.trans, frames, at).astype(np.float32),
+        expressions=_resample(motion.expressions, frames, at).astype(np.float32),
     )
 
 

@@ -452,13 +452,13 @@ class _Archive:
             by_length.setdefault(length, []).append(key)
         by_length.pop(1, None)
         if len(by_length) > 1:
-            found = ", ".join(
+            lengths = ", ".join(
                 f"{length} of {join_names(keys)}" for length, keys in by_length.items()
             )
             draft.assume(
                 "frames",
                 str(frames),
-                f"lengths differ ({found}); the first {frames} frames were used",
+                f"lengths differ ({lengths}); the first {frames} frames were used",
             )
         draft.poses = _of_length(draft.poses, frames)
         if draft.trans is not None:
@@ -675,11 +675,11 @@ class _Archive:
         if dtype.kind not in "fiu" or 0 in shape or not shape or shape[-1] > NUM_BETAS:
             draft.assume("shape", "mean", f"`betas` {shape} of {dtype} is not a body shape")
             return
-        given = self._numbers(self.plain["betas"]).reshape(-1, shape[-1])[0]
-        if not np.isfinite(given).all() or np.abs(given).max() > MAX_ABS_VALUE:
+        betas = self._numbers(self.plain["betas"]).reshape(-1, shape[-1])[0]
+        if not np.isfinite(betas).all() or np.abs(betas).max() > MAX_ABS_VALUE:
             draft.assume("shape", "mean", "`betas` has values that are not finite or too large")
             return
-        draft.betas[: len(given)] = given
+        draft.betas[: len(betas)] = betas
         if len(shape) > 1:
             draft.assume("shape", "betas", f"the first row of `betas` {shape} was used", "likely")
 
@@ -741,10 +741,10 @@ def _bridge(draft: Draft, marks: Bool[np.ndarray, " T"]) -> None:
 
 
 def _is_motion(shape: tuple[int, ...]) -> bool:
-    known = rotation_layout(shape) or (
+    is_layout = rotation_layout(shape) or (
         len(shape) in (2, 3) and shape[-1] in (*COLUMNS, *UNSUPPORTED_LAYOUTS)
     )
-    return bool(known)
+    return bool(is_layout)
 
 
 def _rate(draft: Draft, stated: dict[str, str]) -> None:
@@ -766,8 +766,8 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
         return
     key, fps = next(iter(numbers.items()))
     if len(values) > 1:
-        said = ", ".join(f"`{key}` says {value:g}" for key, value in numbers.items())
-        draft.set_frame_rate(fps, said, "unsure", tuple(sorted(values)))
+        rates = ", ".join(f"`{key}` says {value:g}" for key, value in numbers.items())
+        draft.set_frame_rate(fps, rates, "unsure", tuple(sorted(values)))
     else:
         draft.set_frame_rate(fps, f"from `{key}`", "stated")
 

@@ -46,14 +46,14 @@ PARAMETERS = tuple(
 
 def split_key(key: str) -> tuple[str, str]:
     """Split an array's key into its prefix and its plain name, such as ``gt``, ``poses``."""
-    known = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, MISSING, *PARTS, "betas")
+    keys = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, MISSING, *PARTS, "betas")
     for mark in ("/", ":", "."):
-        before, found, after = key.rpartition(mark)
-        if found and after in known:
+        before, separator, after = key.rpartition(mark)
+        if separator and after in keys:
             return before, after
-    if key in known:
+    if key in keys:
         return "", key
-    suffixes = sorted((name for name in known if key.endswith(f"_{name}")), key=len)
+    suffixes = sorted((name for name in keys if key.endswith(f"_{name}")), key=len)
     return (key[: -len(suffixes[-1]) - 1], suffixes[-1]) if suffixes else ("", key)
 
 
@@ -71,8 +71,8 @@ def parameter_files(path: Path) -> dict[str, Path]:
     for name, candidates in layouts:
         if path.suffix.lower() != ".npy" or split_key(name)[1] not in PARAMETERS:
             continue
-        found = {split_key(each)[1]: file for each, file in candidates() if file.is_file()}
-        files = {part: found[part] for part in PARAMETERS if part in found}
+        file_by_part = {split_key(each)[1]: file for each, file in candidates() if file.is_file()}
+        files = {part: file_by_part[part] for part in PARAMETERS if part in file_by_part}
         if files.keys() & {"body_pose", "pose_body"} and next(iter(files)) in ROOTS:
             return files
     return {}

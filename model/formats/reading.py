@@ -126,8 +126,8 @@ _FORMER_KEYS = {"what": "kind", "why": "reason", "sure": "confidence", "others":
 
 def current_assumption(assumption: Mapping[str, Any]) -> dict[str, Any]:
     """Return the JSON of an assumption with the present keys, also that of earlier versions."""
-    found = rename_keys(assumption, _FORMER_KEYS)
-    return found | ({"confidence": "user"} if found.get("confidence") == "told" else {})
+    renamed = rename_keys(assumption, _FORMER_KEYS)
+    return renamed | ({"confidence": "user"} if renamed.get("confidence") == "told" else {})
 
 
 @dataclass(frozen=True)
@@ -144,8 +144,8 @@ class ImportedMotion:
     @property
     def rate(self) -> float:
         """Frame rate at which the file was read (Hz)."""
-        found = self.of("rate")
-        return 30.0 if found is None else float(found.value)
+        assumption = self.of("rate")
+        return 30.0 if assumption is None else float(assumption.value)
 
     def of(self, kind: Kind) -> Assumption | None:
         """Return the assumption of a kind; None if there was none."""
@@ -162,18 +162,22 @@ def differing_assumptions(readings: Mapping[str, ImportedMotion]) -> list[str]:
     sentences = []
     kinds: dict[Kind, str] = {"rate": "frame rate", "hands": "mean hand pose"}
     for kind, words in kinds.items():
-        values = {name: found.value for name, each in readings.items() if (found := each.of(kind))}
+        values = {
+            name: assumption.value
+            for name, each in readings.items()
+            if (assumption := each.of(kind))
+        }
         if len(set(values.values())) > 1:
-            said = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
+            values_text = ", ".join(f"{name} {value}" for name, value in list(values.items())[:6])
             sentences.append(
-                f"The motions differ in {words} ({said}), which may affect the metrics."
+                f"The motions differ in {words} ({values_text}), which may affect the metrics."
             )
     for part, (words, what) in MISSING_PART_TEXTS.items():
         without = [name for name, each in readings.items() if part in each.missing_parts]
         if without and len(without) < len(readings):
-            said = ", ".join(without[:6])
+            values_text = ", ".join(without[:6])
             sentences.append(
-                f"{said} {words}: do not compare {what} with those of the other motions."
+                f"{values_text} {words}: do not compare {what} with those of the other motions."
             )
     return sentences
 
@@ -249,9 +253,9 @@ class ImportOverrides:
 
     def unknown(self, files: Sequence[Path], *names: str) -> str:
         """Return an error text about the first statement on a missing file, or ""."""
-        known = self.restricted_to(files, *names).entries
+        applicable = self.restricted_to(files, *names).entries
         for name, kind, value in self.entries:
-            if (name, kind, value) not in known:
+            if (name, kind, value) not in applicable:
                 there = ", ".join(names or [path.name for path in files[:6]])
                 return (
                     f"The import setting {kind}={value} is for a file {name[:80]!r}, which does "
@@ -277,17 +281,17 @@ def parse_import_overrides(written: str) -> ImportOverrides:
     """
     says = []
     for part in filter(None, (part.strip(" ,") for part in _SAID.findall(written))):
-        found = _FLAG.match(part)
-        if found is None or found["kind"] not in OVERRIDE_VALUES:
+        match = _FLAG.match(part)
+        if match is None or match["kind"] not in OVERRIDE_VALUES:
             raise MotionError(
                 f"{part[:60]!r} is not a valid import setting; use SETTING=VALUE or "
                 f"FILE:SETTING=VALUE, with SETTING one of {', '.join(OVERRIDE_VALUES)}."
             )
-        kind, value = found["kind"], found["value"].strip()
-        known = OVERRIDE_VALUES[kind]
+        kind, value = match["kind"], match["value"].strip()
+        allowed = OVERRIDE_VALUES[kind]
         if kind in ("rate", "lag") and not _NUMBER.match(value):
             raise MotionError(f"{kind} must be a number; found {value[:40]!r}.")
-        if known and value not in known:
-            raise MotionError(f"{kind} must be one of {', '.join(known)}; found {value[:40]!r}.")
-        says.append((found["name"] or "", kind, value))
+        if allowed and value not in allowed:
+            raise MotionError(f"{kind} must be one of {', '.join(allowed)}; found {value[:40]!r}.")
+        says.append((match["name"] or "", kind, value))
     return ImportOverrides(tuple(says))

@@ -306,16 +306,16 @@ class System(ABC):
             UnknownNameError: if it has no such sampler.
             ValueError: if the guidance scale is not 1 for a system without guidance.
         """
-        known = {sampler.name: sampler for sampler in self.samplers}
+        samplers = {sampler.name: sampler for sampler in self.samplers}
         name = self.samplers[0].name if options.sampler is None else options.sampler
-        if name not in known:
-            has = ", ".join(known)
+        if name not in samplers:
+            has = ", ".join(samplers)
             raise UnknownNameError(f"{self.name} has no sampler {name!r}; it has {has}.")
         usual = 1.0 if self.guidance is None else self.guidance
         strength = usual if options.guidance is None else options.guidance
         if self.guidance is None and strength != 1:
             raise ValueError(f"{self.name} does not support guidance; omit it, or set it to 1.")
-        steps = options.steps or known[name].steps
+        steps = options.steps or samplers[name].steps
         return Sampling(sampler=name, steps=steps, guidance=strength)
 
     def supported_sampling(self, options: Sampling) -> Sampling:

@@ -167,8 +167,8 @@ class Family:
         """
         presets = self.presets(system)
         if preset not in presets:
-            found = f"choose one of {', '.join(presets)}" if presets else "it is not trained here"
-            raise ValueError(f"There is no config {preset!r} of {system}; {found}.")
+            choice = f"choose one of {', '.join(presets)}" if presets else "it is not trained here"
+            raise ValueError(f"There is no config {preset!r} of {system}; {choice}.")
         return presets[preset]
 
     def samplers_of(self, system: str) -> tuple[Sampler, ...]:

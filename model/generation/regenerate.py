@@ -76,11 +76,13 @@ def regenerate(
     if system.root_motion != "place":
         raise ValueError(f"{system.name} tells how the body travels, not where it is.")
     cut, draw = system.windowing, first_window_spec(system, options)
-    kept = None if before is None else before.followed
-    constraint = system.make_constraint(options.conditions[0], kept)
+    former_followed = None if before is None else before.followed
+    constraint = system.make_constraint(options.conditions[0], former_followed)
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     with single_threaded():
-        heard = system.conditioning(speech.waveform, cut.frames + (count - 1) * cut.advance, draw)
+        conditioning = system.conditioning(
+            speech.waveform, cut.frames + (count - 1) * cut.advance, draw
+        )
         chain = WindowChain(system, options)
         windows: list[Window] = []
         fresh: list[range] = []
@@ -89,7 +91,7 @@ def regenerate(
         leads_here, left = False, speech.num_frames
         for k in range(count):
             where = k * cut.advance, cut.frames, cut.context
-            window = SpeechWindow.of(heard, *where)
+            window = SpeechWindow.of(conditioning, *where)
             old = None if before is None else before.windows[k]
             is_same = before is not None and _same(
                 window, SpeechWindow.of(before.conditioning, *where)
@@ -121,7 +123,7 @@ def regenerate(
     followed = {} if constraint is None else constraint.state()
     (condition,) = options.conditions
     return GenerationState(
-        motion, condition, tuple(_merge_ranges(fresh)), tuple(windows), heard, followed
+        motion, condition, tuple(_merge_ranges(fresh)), tuple(windows), conditioning, followed
     )
 
 
@@ -168,9 +170,9 @@ def save_state(performance: GenerationState, path: Path) -> None:
     fields = [window.fields_of(slice(None)) for window in performance.windows]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:
-        followed = {_FOLLOWED + name: told for name, told in performance.followed.items()}
-        heard = performance.conditioning.contiguous()
-        part.write_bytes(save({_HEARD: heard, **followed, **tensors}))
+        followed = {_FOLLOWED + name: condition for name, condition in performance.followed.items()}
+        conditioning = performance.conditioning.contiguous()
+        part.write_bytes(save({_HEARD: conditioning, **followed, **tensors}))
 
 
 def load_state(path: Path, system: System, condition: Any, motion: Motion) -> GenerationState:
@@ -183,8 +185,10 @@ def load_state(path: Path, system: System, condition: Any, motion: Motion) -> Ge
         tensors = load(path.read_bytes())
         names = [name for name in tensors if name.startswith(_FOLLOWED)]
         followed = {name.removeprefix(_FOLLOWED): tensors.pop(name) for name in names}
-        heard = tensors.pop(_HEARD)
-        return GenerationState(motion, condition, (), _windows(system, tensors), heard, followed)
+        conditioning = tensors.pop(_HEARD)
+        return GenerationState(
+            motion, condition, (), _windows(system, tensors), conditioning, followed
+        )
     except (OSError, SafetensorError, KeyError, TypeError) as error:
         raise StateError("This version has expired. Generate the motion again.") from error
 

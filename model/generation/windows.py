@@ -173,15 +173,15 @@ def _generate_pieces(
     num_frames = cut.frames + (count - 1) * cut.advance
     features = system.conditioning(speech.waveform, num_frames, first_window_spec(system, options))
     constraint = system.make_constraint(options.conditions[0]) if options.conditions else None
-    told, chain = PiecewiseMotion(system, constraint=constraint), WindowChain(system, options)
+    pieces, chain = PiecewiseMotion(system, constraint=constraint), WindowChain(system, options)
     left = speech.num_frames
     for index in range(count):
         if should_cancel is not None and should_cancel():
             raise Cancelled
-        heard = SpeechWindow.of(features, index * cut.advance, cut.frames, cut.context)
+        speech_window = SpeechWindow.of(features, index * cut.advance, cut.frames, cut.context)
         length = min(left, cut.frames if index == count - 1 else cut.advance)
         left -= length
-        motions = told.append(chain.window(heard).part(slice(length)))
+        motions = pieces.append(chain.window(speech_window).part(slice(length)))
         yield MotionPiece(motions, 0, (index + 1) / count)
 
 

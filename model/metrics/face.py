@@ -16,7 +16,7 @@ BLINK_CLOSED, BLINK_OPEN = 0.5, 0.3
 
 def unit_columns(name: str) -> tuple[int, ...]:
     """Return the columns of a blendshape on both sides, in the order of `face_unit_names`."""
-    return tuple(k for k, found in enumerate(face_unit_names()) if found.startswith(name))
+    return tuple(k for k, unit in enumerate(face_unit_names()) if unit.startswith(name))
 
 
 def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str, float]:
@@ -28,13 +28,13 @@ def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str
     """
     frames = min(motion.num_frames, len(loudness))
     jaw = np.linalg.norm(motion.poses[:frames, 3 * JOINT_INDEX["jaw"] :][:, :3], axis=1)
-    found = {"jaw_loudness": correlation(jaw, loudness[:frames])}
+    measures = {"jaw_loudness": correlation(jaw, loudness[:frames])}
     if motion.expression_basis == "arkit52":
         lids = motion.expressions[:, unit_columns("eyeBlink")].mean(1)
         brow = motion.expressions[:, unit_columns("browInnerUp")].mean(1)
-        found["blinks_per_min"] = 60 * count_blinks(lids) / motion.duration_s
-        found["brow_std"] = float(brow.std())
-    return found
+        measures["blinks_per_min"] = 60 * count_blinks(lids) / motion.duration_s
+        measures["brow_std"] = float(brow.std())
+    return measures
 
 
 def count_blinks(lids: Float[np.ndarray, " T"]) -> int:
@@ -91,11 +91,11 @@ def face_hand_correlation(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -
     if motion.num_frames < 2 * SHIFT_S * FPS:
         return {}
     hands = wrist_speed(joints)
-    found = {"head_with_hands": _correlation_above_chance(head_speed(motion), hands)}
+    measures = {"head_with_hands": _correlation_above_chance(head_speed(motion), hands)}
     if motion.expression_basis == "arkit52":
         brow = motion.expressions[1:, unit_columns("browInnerUp")].mean(1)
-        found["brow_with_hands"] = _correlation_above_chance(brow, hands)
-    return found
+        measures["brow_with_hands"] = _correlation_above_chance(brow, hands)
+    return measures
 
 
 def wrist_speed(joints: Float[np.ndarray, "T 55 3"]) -> Float[np.ndarray, " T1"]:

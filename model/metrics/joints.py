@@ -85,8 +85,8 @@ def fingertip_measures(tracks: Tracks) -> FingertipMeasures:
 
 def position_measures(tracks: Tracks) -> PositionMeasures:
     """Compute the metrics of all joint positions."""
-    found = [mean_over_time(derivative_magnitudes(tracks.joints, order)) for order in (1, 2, 3)]
-    return PositionMeasures(*found, *map(mean_by_depth, found))
+    means = [mean_over_time(derivative_magnitudes(tracks.joints, order)) for order in (1, 2, 3)]
+    return PositionMeasures(*means, *map(mean_by_depth, means))
 
 
 def rotation_measures(tracks: Tracks) -> RotationMeasures:

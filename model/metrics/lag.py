@@ -170,11 +170,11 @@ def _shared_in_a_circle(
 ) -> Float[np.ndarray, " T"]:
     """Compute at entry ``lag`` the squared correlations with the sound so many frames before."""
     ours, theirs = np.fft.rfft(moves, axis=0), np.conj(np.fft.rfft(sound, axis=0))
-    found = np.zeros(len(moves))
+    correlations = np.zeros(len(moves))
     for each in ours.T:
         for other in theirs.T:
-            found += np.square(np.fft.irfft(each * other, len(moves)))
-    return found / len(moves)
+            correlations += np.square(np.fft.irfft(each * other, len(moves)))
+    return correlations / len(moves)
 
 
 _REACH = MOST_LAG_FRAMES + _DRIFT_FRAMES // 2
@@ -186,13 +186,13 @@ def _products(
     """Compute the products of all components for each block and each lag up to `_REACH`."""
     frames = max(_BLOCK_FRAMES, -(-len(moves) // _MAX_BLOCKS))
     padded = np.pad(sound, ((_REACH, _REACH), (0, 0)))
-    found = []
+    products = []
     for first in range(0, len(moves), frames):
         own = moves[first : first + frames]
         around = padded[first : first + len(own) + 2 * _REACH]
         windows = np.lib.stride_tricks.sliding_window_view(around, len(own), axis=0)[::-1]
-        found.append(np.einsum("tp,lqt->lpq", own, windows, optimize=True))
-    return np.array(found, np.float32).reshape(len(found), 2 * _REACH + 1, -1)
+        products.append(np.einsum("tp,lqt->lpq", own, windows, optimize=True))
+    return np.array(products, np.float32).reshape(len(products), 2 * _REACH + 1, -1)
 
 
 def _with_drift(

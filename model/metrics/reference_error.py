@@ -45,13 +45,13 @@ def rotation_difference_by_part(first: Motion, second: Motion) -> dict[str, floa
     shortest = min(first.num_frames, second.num_frames)
     a, b = (first_frames(motion, shortest).local_rotations() for motion in (first, second))
     angles = geodesic_angle(a.double(), b.double()).rad2deg().mean(0)
-    found = {
+    angles_by_part = {
         part: float(
             angles[[i for i, name in enumerate(JOINT_NAMES) if re.match(begin, name)]].mean()
         )
         for part, begin in PARTS.items()
     }
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
+    return dict(sorted(angles_by_part.items(), key=lambda item: -item[1]))
 
 
 UPPER_BODY_AND_HANDS = (*UPPER_BODY, *LEFT_HAND, *RIGHT_HAND)

@@ -138,13 +138,13 @@ def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
             f"Each motion must last at least {LEAST_FRAMES / FPS:g} s; the shortest lasts "
             f"{shortest / FPS:.1f} s."
         )
-    found = {}
+    shares = {}
     for part, track_of in TRACKS.items():
         tracks = [(key, track_of(motion)) for key, motion in motions.items()]
-        known = [(key, track) for key, track in tracks if track is not None]
-        if len(known) == len(tracks):
-            found[part] = _decided(known)
-    return found
+        available = [(key, track) for key, track in tracks if track is not None]
+        if len(available) == len(tracks):
+            shares[part] = _decided(available)
+    return shares
 
 
 def _decided(
@@ -194,9 +194,9 @@ def speech_and_silence_masks(
     """
     spoken, silent = np.zeros(len(voiced), bool), np.zeros(len(voiced), bool)
     wanted = round(SILENCE_S * FPS)
-    heard = np.flatnonzero(voiced)
-    spoken[heard] = True
-    for this, following in pairwise([*heard, len(voiced)]):
+    voiced_frames_index = np.flatnonzero(voiced)
+    spoken[voiced_frames_index] = True
+    for this, following in pairwise([*voiced_frames_index, len(voiced)]):
         if following - this > wanted:
             silent[this + 1 : this + 1 + wanted] = True
         elif following < len(voiced):
@@ -219,10 +219,10 @@ def silence_speed_ratio(motion: Motion, voiced: Bool[np.ndarray, " T"]) -> dict[
     spoken, silent = speech_and_silence_masks(voiced[:frames])
     if not silent.any():
         return {}
-    found = {}
+    ratios = {}
     for part, joints in PARTS.items():
         speed = angular_speed_sum(motion, joints)[: frames - 1]
         speaking = speed[spoken[1:]].mean()
         if speaking > 0:
-            found[f"{part}_in_silence"] = float(speed[silent[1:]].mean() / speaking)
-    return found
+            ratios[f"{part}_in_silence"] = float(speed[silent[1:]].mean() / speaking)
+    return ratios

@@ -196,8 +196,8 @@ def load_motion(path: str | Path) -> Motion:
             )
     fps = [f"{each:g}" for each in arrays.pop("mocap_frame_rate").flat[:2]]
     if fps != [f"{FPS}"]:
-        said = f"{' and '.join(fps) or 'no'} frames per second"
-        raise MotionError(f"{name} has {said}; resample it to {FPS} first.")
+        rates = f"{' and '.join(fps) or 'no'} frames per second"
+        raise MotionError(f"{name} has {rates}; resample it to {FPS} first.")
     numbers = {key: np.ascontiguousarray(array, np.float32) for key, array in arrays.items()}
     try:
         _check(numbers)

@@ -308,9 +308,9 @@ class PriorNetwork(ConditionedNetwork):
         tokens = self.speech_tokens(speech, has_speech)
         if extra_tokens is not None:
             tokens = tokens + extra_tokens
-        known = self.prior.posterior_mean(x_t, t, seed, has_seed)
-        body = known
+        prior_mean = self.prior.posterior_mean(x_t, t, seed, has_seed)
+        body = prior_mean
         if expression is not None:
-            body = torch.cat([known, mask_expression(expression, has_speech)], dim=-1)
+            body = torch.cat([prior_mean, mask_expression(expression, has_speech)], dim=-1)
         unit = self.branch(x_t, body, tokens, seed, has_seed, self.condition(t, speaker))
-        return known + self.prior.scale_by_posterior(unit.to(known.dtype), t, has_seed)
+        return prior_mean + self.prior.scale_by_posterior(unit.to(prior_mean.dtype), t, has_seed)

@@ -110,9 +110,9 @@ def detect_accents(speech: Speech, folder: Path) -> tuple[Accent, ...]:
 @torch.inference_mode()
 def _accents(codes: SpeechCodes, speech: Speech) -> tuple[Accent, ...]:
     features = torch.from_numpy(MelEncoder().encode(speech.waveform, speech.num_frames))
-    told = codes.network(codes.normaliser.normalise(features[None])).label_logits[0]
-    likely = torch.sigmoid(told[:, SPEECH_LABELS.index("accent")]).numpy()
-    strength = told[:, SPEECH_LABELS.index("strength")].numpy()
+    logits = codes.network(codes.normaliser.normalise(features[None])).label_logits[0]
+    likely = torch.sigmoid(logits[:, SPEECH_LABELS.index("accent")]).numpy()
+    strength = logits[:, SPEECH_LABELS.index("strength")].numpy()
     peaks, _ = find_peaks(likely, height=ACCENT_THRESHOLD, distance=MIN_ACCENT_DISTANCE)
     return tuple(
         Accent(round((int(k) + 0.5) / FPS, 4), round(float(np.clip(strength[k], 0, 1)), 3))

@@ -105,29 +105,32 @@ def parse_textgrid(text: str, name: str, error: type[ValueError]) -> tuple[list[
             )
         tiers.append(NamedTier(called, tuple(rows), kind == "TextTier"))
 
-    for found in _VALUE.finditer(text):
-        if found[2] is not None:
-            numbers.append(_number(found[2]))
+    for match in _VALUE.finditer(text):
+        if match[2] is not None:
+            numbers.append(_number(match[2]))
             continue
-        told = found[1].replace('""', '"')
-        if told in _CLASSES and len(numbers) in (0, 3):  # after a head of two times and a count
+        text_value = match[1].replace('""', '"')
+        if text_value in _CLASSES and len(numbers) in (
+            0,
+            3,
+        ):  # after a head of two times and a count
             if kind:
                 end_tier()
             elif numbers:
                 length, num_tiers = numbers[1], numbers[2]
-            kind, called, rows, num_rows = told, "", [], 0.0
+            kind, called, rows, num_rows = text_value, "", [], 0.0
         elif kind and not (called or numbers):
-            called = told
+            called = text_value
         elif kind and numbers:
             times = 1 if kind == "TextTier" else 2
             if len(numbers) < times:
                 raise error(
-                    f"{name} is cut off or damaged: {told[:40]!r} in its tier {called[:40]!r} has "
-                    "no time where it begins or ends; save it again."
+                    f"{name} is cut off or damaged: {text_value[:40]!r} in its tier "
+                    f"{called[:40]!r} has no time where it begins or ends; save it again."
                 )
             if not rows and len(numbers) == times + 3:  # after the tier's two times and its count
                 num_rows = numbers[2]
-            rows.append(Interval(numbers[-times], numbers[-1], told))
+            rows.append(Interval(numbers[-times], numbers[-1], text_value))
         numbers.clear()
     if kind:
         end_tier()
@@ -161,10 +164,10 @@ def format_textgrid(
             lines.append(f"        {what} [{k}]:")
             label = _quoted(row.text)
             if tier.has_points:
-                told = f"number = {row.start_s:.4f}", f"mark = {label}"
+                fields = f"number = {row.start_s:.4f}", f"mark = {label}"
             else:
-                told = f"xmin = {row.start_s:.4f}", f"xmax = {row.end_s:.4f}", f"text = {label}"
-            lines += [f"            {each}" for each in told]
+                fields = f"xmin = {row.start_s:.4f}", f"xmax = {row.end_s:.4f}", f"text = {label}"
+            lines += [f"            {each}" for each in fields]
     return "\n".join(lines) + "\n"
 
 
@@ -249,9 +252,11 @@ def parse_elan(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[st
             f"{name}: its timeline in ELAN begins {origin_s:g} s after the start of the media "
             f"(TIME_ORIGIN), so {origin_s:g} s were added to all times.",
         )
-    told = (each.text for each in root.iterfind("HEADER/PROPERTY") if each.get("NAME") == _DURATION)
+    durations = (
+        each.text for each in root.iterfind("HEADER/PROPERTY") if each.get("NAME") == _DURATION
+    )
     try:
-        duration_s = float((next(told, "") or "").strip()[:40])
+        duration_s = float((next(durations, "") or "").strip()[:40])
     except ValueError:
         duration_s = max(slots.values(), default=0.0)
     duration_s = max([duration_s, *slots.values()]) if origin_s > 0 else duration_s
@@ -276,10 +281,13 @@ def format_elan(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") 
     for place, tier in enumerate(tiers, 2):
         spans = _around(tier.rows) if tier.has_points else [_span(row) for row in tier.rows]
         kind = "phase" if tier.name.startswith(_PHRASES) else "time"
-        told = ET.Element("TIER", LINGUISTIC_TYPE_REF=kind, TIER_ID=tier.name)
+        tier_element = ET.Element("TIER", LINGUISTIC_TYPE_REF=kind, TIER_ID=tier.name)
         if tier.parent:
-            told.attrib |= {"LINGUISTIC_TYPE_REF": "more of a phase", "PARENT_REF": tier.parent}
-        root.insert(place, told)
+            tier_element.attrib |= {
+                "LINGUISTIC_TYPE_REF": "more of a phase",
+                "PARENT_REF": tier.parent,
+            }
+        root.insert(place, tier_element)
         for row, (start, end) in zip(tier.rows, spans, strict=True):
             of = names.get((tier.parent, row.end_s), "")
             if not of if tier.parent else end <= start:
@@ -292,7 +300,9 @@ def format_elan(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") 
                 what = "ALIGNABLE"
                 where = {f"TIME_SLOT_REF{k + 1}": f"ts{len(slots) + k}" for k in (0, 1)}
                 slots += start, end
-            one = _add_element(_add_element(told, "ANNOTATION"), f"{what}_ANNOTATION", **where)
+            one = _add_element(
+                _add_element(tier_element, "ANNOTATION"), f"{what}_ANNOTATION", **where
+            )
             one.set("ANNOTATION_ID", f"a{count}")
             _add_element(one, "ANNOTATION_VALUE", _label(row.text))
     if sound:
@@ -336,11 +346,11 @@ def _around(rows: Sequence[Interval]) -> list[tuple[int, int]]:
     for row in rows:
         at.append(max(round(1000 * row.start_s), at[-1] + 2 if at else 1))
     gaps = [at[0], *(b - a for a, b in pairwise(at)), 2 * AROUND_MS] if at else []
-    found = []
+    nearby = []
     for k, middle in enumerate(at):
         room = min(gaps[k] if k == 0 else gaps[k] // 2, gaps[k + 1] // 2, AROUND_MS)
-        found.append((middle - room, middle + room))
-    return found
+        nearby.append((middle - room, middle + room))
+    return nearby
 
 
 def _parsed(data: bytes, name: str) -> ET.Element:
@@ -379,7 +389,7 @@ def _media_origin_s(root: ET.Element, file: str) -> float:
 
 def _slots(root: ET.Element, file: str) -> dict[str, float]:
     """Return the time of each slot (s); those without one lie evenly between their neighbours."""
-    names, known, times = [], [], []
+    names, slots, times = [], [], []
     for k, slot in enumerate(root.iterfind("TIME_ORDER/TIME_SLOT")):
         names.append(slot.get("TIME_SLOT_ID", ""))
         value = slot.get("TIME_VALUE")
@@ -389,11 +399,11 @@ def _slots(root: ET.Element, file: str) -> dict[str, float]:
             raise PlanError(f"{file}: the time {value[:20]!r} is not a number of milliseconds.")
         if int(value) > MAX_HOURS * 3_600_000:
             raise PlanError(f"{file}: it is longer than {MAX_HOURS} hours.")
-        known.append(k)
+        slots.append(k)
         times.append(int(value) / 1000)
-    if not known:
+    if not slots:
         return {}
-    seconds = np.interp(np.arange(len(names)), known, times)
+    seconds = np.interp(np.arange(len(names)), slots, times)
     return dict(zip(names, seconds.tolist(), strict=True))
 
 

@@ -146,14 +146,14 @@ class PhaseNetwork(nn.Module):
 def _weights() -> tuple[PhaseNetwork, dict[str, np.ndarray]]:
     """Load the network with the mean durations of phases and their transition probabilities."""
     with np.load(WEIGHTS, allow_pickle=False) as data:
-        told = {name: data[name].astype(np.float32) for name in data.files}
-    network = PhaseNetwork(len(told["mean"]))
+        weights = {name: data[name].astype(np.float32) for name in data.files}
+    network = PhaseNetwork(len(weights["mean"]))
     state = {
-        name: torch.from_numpy(told[name.replace("inner.", "inner")]).view_as(tensor)
+        name: torch.from_numpy(weights[name.replace("inner.", "inner")]).view_as(tensor)
         for name, tensor in network.state_dict().items()
     }
     network.load_state_dict(state)
-    return network.eval().requires_grad_(False), told
+    return network.eval().requires_grad_(False), weights
 
 
 def _likelihoods(
@@ -162,10 +162,10 @@ def _likelihoods(
     Float[np.ndarray, "T phases"], Float[np.ndarray, " phases"], Float[np.ndarray, "phases phases"]
 ]:
     """Return log probabilities of phases per frame, of staying in each, and of transitions."""
-    network, told = _weights()
-    scores = network(torch.from_numpy((features - told["mean"]) / told["std"])[None])[0]
-    leave = 1 / told["frames"]
-    change = np.log(told["next"]) + np.log(leave)[:, None]
+    network, weights = _weights()
+    scores = network(torch.from_numpy((features - weights["mean"]) / weights["std"])[None])[0]
+    leave = 1 / weights["frames"]
+    change = np.log(weights["next"]) + np.log(leave)[:, None]
     return scores.log_softmax(1).numpy(), np.log(1 - leave), change
 
 
@@ -209,8 +209,8 @@ def _nods(tracks: Tracks) -> Iterator[Nod]:
     ahead = tracks.R_world_joint[:, JOINT_INDEX["head"], 1, 2].astype(np.float64)
     down = -np.degrees(np.arcsin(np.clip(ahead, -1, 1)))
     moved = gaussian_filter1d(down, 1.0) - gaussian_filter1d(down, 6.0)
-    peaks, told = find_peaks(moved, prominence=NOD_DEG)
-    for at_s, depth in zip(_seconds(peaks), told["prominences"], strict=True):
+    peaks, properties = find_peaks(moved, prominence=NOD_DEG)
+    for at_s, depth in zip(_seconds(peaks), properties["prominences"], strict=True):
         yield Nod(at_s, round(float(depth), 3))
 
 

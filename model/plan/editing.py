@@ -487,34 +487,38 @@ def _preparation(
 
 def _until(phases: Sequence[HandPhase], end_s: float) -> list[HandPhase]:
     """Return the phases before a time; a retraction that is cut too short becomes a hold."""
-    kept = [replace(p, end_s=min(p.end_s, end_s)) for p in phases if p.start_s < end_s - _TINY_S]
-    if kept and kept[-1].phase == "retraction":
-        last = kept[-1]
+    shortened = [
+        replace(p, end_s=min(p.end_s, end_s)) for p in phases if p.start_s < end_s - _TINY_S
+    ]
+    if shortened and shortened[-1].phase == "retraction":
+        last = shortened[-1]
         whole = next(p for p in phases if p.start_s == last.start_s)
         if (
             last.end_s < whole.end_s - _TINY_S
             and last.end_s - last.start_s < MIN_PHASE_S["retraction"]
         ):
-            before = kept[-2] if len(kept) > 1 else None
+            before = shortened[-2] if len(shortened) > 1 else None
             goal, kind = (before.goal, before.kind) if before else (last.goal, "")
-            kept[-1] = HandPhase(last.start_s, last.end_s, "hold", goal, kind)
-    return kept
+            shortened[-1] = HandPhase(last.start_s, last.end_s, "hold", goal, kind)
+    return shortened
 
 
 def _ending(
     phases: Sequence[HandPhase], body: Sequence[HandPhase], until_s: float
 ) -> list[HandPhase]:
     """Return a gesture with what follows it: a retraction, or a hold if time is short."""
-    found = [replace(p, end_s=min(p.end_s, until_s)) for p in body if p.start_s < until_s - _TINY_S]
-    last = found[-1]
+    shortened = [
+        replace(p, end_s=min(p.end_s, until_s)) for p in body if p.start_s < until_s - _TINY_S
+    ]
+    last = shortened[-1]
     left_s = until_s - last.end_s
     if left_s >= MIN_RETRACTION_S:
-        found += _back_to_rest(phases, last.end_s, until_s)
+        shortened += _back_to_rest(phases, last.end_s, until_s)
     elif left_s > _TINY_S and last.phase == "hold":
-        found[-1] = replace(last, end_s=until_s)
+        shortened[-1] = replace(last, end_s=until_s)
     elif left_s > _TINY_S:
-        found.append(HandPhase(last.end_s, until_s, "hold", last.goal, last.kind))
-    return found
+        shortened.append(HandPhase(last.end_s, until_s, "hold", last.goal, last.kind))
+    return shortened
 
 
 def _back_to_rest(
@@ -534,7 +538,7 @@ def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Plac
 
 def clamp_to_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[str, ...]]:
     """Move goals into the arm's reach and out of the body, with notes."""
-    found, notes = [], []
+    clamped, notes = [], []
     for one in block:
         out, up, forward = one.goal
         far = math.dist(one.goal, (0.0, 0.0, 0.0)) / ARM_M
@@ -545,5 +549,5 @@ def clamp_to_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[s
         if is_inside and forward < BODY_DEPTH_M:
             forward = BODY_DEPTH_M
             notes.append("A place inside the body was brought before it.")
-        found.append(replace(one, goal=tuple(round(n, 4) for n in (out, up, forward))))
-    return found, tuple(dict.fromkeys(notes))
+        clamped.append(replace(one, goal=tuple(round(n, 4) for n in (out, up, forward))))
+    return clamped, tuple(dict.fromkeys(notes))

@@ -49,13 +49,13 @@ def parse_plan(data: bytes, file: str) -> PlanResult:
 
 def _of_json(data: bytes, file: str) -> GesturePlan:
     try:
-        told = json.loads(data)
+        content = json.loads(data)
     except (ValueError, RecursionError):
-        told = None
-    if not isinstance(told, dict) or told.pop("format", None) != FORMAT:
+        content = None
+    if not isinstance(content, dict) or content.pop("format", None) != FORMAT:
         raise PlanError(f"{file} is not a plan of format {FORMAT}, as `plan --out` writes it.")
     # No file of text holds half a character, which JSON can spell.
-    text = json.dumps(told, ensure_ascii=False).encode("utf-8", "replace")
+    text = json.dumps(content, ensure_ascii=False).encode("utf-8", "replace")
     try:
         return parse_json(text, GesturePlan)
     except FieldError as error:
@@ -136,17 +136,17 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
 
 def plan_markers(plan: GesturePlan) -> list[tuple[float, str]]:
     """Return sorted starts (s) and names of phases but rests, of nods, gazes, brows and blinks."""
-    found = [(nod.time_s, f"nod {nod.depth_deg:.0f}°") for nod in plan.nods]
+    markers = [(nod.time_s, f"nod {nod.depth_deg:.0f}°") for nod in plan.nods]
     for side in SIDES:
         for phase in plan.hand(side):
             kind = f" ({phase.kind})" if phase.kind else ""
             word = f" on {phase.word}" if phase.word else ""
             if phase.phase != "rest":
-                found.append((phase.start_s, f"{side} {phase.phase}{kind}{word}"))
+                markers.append((phase.start_s, f"{side} {phase.phase}{kind}{word}"))
     for look in plan.looks:
-        found.append((look.start_s, f"look {look.yaw_deg:.0f}° {look.pitch_deg:.0f}°"))
-    found += [(brow.time_s, "frown" if brow.height < 0 else "brows") for brow in plan.brows]
-    return sorted([*found, *((blink.time_s, "blink") for blink in plan.blinks)])
+        markers.append((look.start_s, f"look {look.yaw_deg:.0f}° {look.pitch_deg:.0f}°"))
+    markers += [(brow.time_s, "frown" if brow.height < 0 else "brows") for brow in plan.brows]
+    return sorted([*markers, *((blink.time_s, "blink") for blink in plan.blinks)])
 
 
 def markers_csv(plan: GesturePlan) -> str:

@@ -211,8 +211,8 @@ class KindTable:
         }  # fmt: skip
         texts = {"names": self.names, "words": words}
         return {
-            **{f"kinds.{name}": torch.tensor(list("\n".join(told).encode()), dtype=torch.uint8)
-               for name, told in texts.items()},
+            **{f"kinds.{name}": torch.tensor(list("\n".join(rows).encode()), dtype=torch.uint8)
+               for name, rows in texts.items()},
             "kinds.struck": torch.tensor([self.struck.get(word, 0.0) for word in words]),
             **{f"kinds.{name}": torch.from_numpy(np.asarray(array, np.float32))
                for name, array in arrays.items()},

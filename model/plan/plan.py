@@ -216,8 +216,8 @@ class GesturePlan(_FromJson):
 
     def as_json(self) -> str:
         """Format the plan as the content of a `.json` file."""
-        told = json.dumps({"format": FORMAT, **dataclasses.asdict(self)})
-        rounded = json.loads(told, parse_float=lambda number: round(float(number), 4))
+        text = json.dumps({"format": FORMAT, **dataclasses.asdict(self)})
+        rounded = json.loads(text, parse_float=lambda number: round(float(number), 4))
         return json.dumps(rounded, indent=1) + "\n"
 
     def _lists(self) -> Iterator[tuple[str, tuple[Any, ...]]]:

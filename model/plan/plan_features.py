@@ -336,27 +336,27 @@ def coupled_states(
 ) -> dict[str, Float[np.ndarray, "T _"]]:
     """Return the input of each tier's sampling: its own chain, and the coupled tier's."""
     drawn: set[str] = set()
-    seen = {}
+    states = {}
     for tier in TIERS:
         own = chains[tier.name].state_before
         if tier.coupled_chain:
             other = chains[tier.coupled_chain]
             now = other.state_after if tier.coupled_chain in drawn else other.state_before
             own = np.concatenate([own, now], axis=1)
-        seen[tier.name] = own
+        states[tier.name] = own
         drawn.add(tier.name)
-    return seen
+    return states
 
 
 def chain_state_at(tier: EventChain, begun: EventOnset, frame: int) -> Float[np.ndarray, " seen"]:
     """Describe a chain at one frame, as `_state_features` does for many; called at every frame."""
     seconds = min((frame - begun.frame) / FPS, MAX_STATE_S)
     count = len(tier.states)
-    seen = np.zeros(tier.state_dim, np.float32)
-    seen[begun.state] = 1.0
-    seen[count : count + 2] = seconds, np.log(seconds + 0.1)
-    seen[count + 2 :] = begun.mark
-    return seen
+    state = np.zeros(tier.state_dim, np.float32)
+    state[begun.state] = 1.0
+    state[count : count + 2] = seconds, np.log(seconds + 0.1)
+    state[count + 2 :] = begun.mark
+    return state
 
 
 def _reachable(goal: Sequence[float]) -> tuple[float, float, float]:

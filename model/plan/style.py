@@ -233,8 +233,10 @@ class StyleChange:
         now = style_of(plan)
         times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
         wish = replace(now, **times)
-        found = with_style(plan, with_arousal(replace(wish, **self.to), self.excite), words)
-        return found.then(lambda new: misalign_gestures(new, words)) if self.wrong_words else found
+        changed = with_style(plan, with_arousal(replace(wish, **self.to), self.excite), words)
+        return (
+            changed.then(lambda new: misalign_gestures(new, words)) if self.wrong_words else changed
+        )
 
 
 def misalign_gestures(plan: GesturePlan, words: Sequence[Interval] = ()) -> PlanResult:
@@ -275,21 +277,21 @@ def read_style_file(path: Path) -> StyleChange:
     """Read a style file; raises `PlanError` if it is missing, too large, or invalid."""
     content = read_capped(path, MAX_BYTES, PlanError)
     try:
-        told = parse_toml(content.decode("utf-8"))
+        entries = parse_toml(content.decode("utf-8"))
     except ValueError as error:
         raise PlanError(f"{path.name} is not a TOML file.") from error
     try:
-        return parse_style(told)
+        return parse_style(entries)
     except PlanError as error:
         raise PlanError(f"{path.name}: {error}") from None
 
 
 def parse_style(content: Mapping[str, Any]) -> StyleChange:
     """Parse the tables of a style file."""
-    known = (*_NUMBERS, "times", "excite", "wrong_words")
-    unknown = sorted(set(content) - set(known))
+    keys = (*_NUMBERS, "times", "excite", "wrong_words")
+    unknown = sorted(set(content) - set(keys))
     if unknown:
-        raise PlanError(f"a style has no {unknown[0][:40]!r}; it may have {', '.join(known)}.")
+        raise PlanError(f"a style has no {unknown[0][:40]!r}; it may have {', '.join(keys)}.")
     times = content.get("times", {})
     if not isinstance(times, Mapping) or set(times) - set(_TIMES):
         raise PlanError(f"`times` is a table of some of {', '.join(_TIMES)}.")

@@ -72,8 +72,8 @@ def plan_to_tiers(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedT
         labels = [f"{p.phase} {kind}".rstrip(" ") for p, kind in zip(phases, kinds, strict=True)]
         tiers.append(NamedTier(name, tuple(map(_row, phases, labels))))
         for what, texts in more.items():
-            told = [(p, text) for p, text in zip(phases, texts, strict=True) if text]
-            rows = tuple(_row(phase, text, for_praat) for phase, text in told)
+            labelled = [(p, text) for p, text in zip(phases, texts, strict=True) if text]
+            rows = tuple(_row(phase, text, for_praat) for phase, text in labelled)
             tiers.append(NamedTier(f"{what}_{side}", rows, for_praat, "" if for_praat else name))
     of_body: tuple[tuple[str, Sequence[Any], Callable[[Any], str]], ...] = (
         ("nods", plan.nods, lambda nod: _numbered(nod.depth_deg)),
@@ -148,7 +148,7 @@ _T = TypeVar("_T", bound=str)
 
 def _match_stems(words: Iterable[str], stems: Mapping[str, _T]) -> list[_T]:
     """Return the meanings of the words that start with one of the stems, in order."""
-    return [told for word in words for stem, told in stems.items() if word.startswith(stem)]
+    return [kind for word in words for stem, kind in stems.items() if word.startswith(stem)]
 
 
 _Rows = defaultdict[tuple[str, str], list[Interval]]
@@ -184,10 +184,10 @@ def tiers_to_plan(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
         for content in (PHASE_TIER, _PHRASES)
     )
     if not of_phases and not phrases:
-        found = ", ".join(tier.name[:40] for tier in tiers[:_MAX_LISTED]) or "no tier"
+        tier_names = ", ".join(tier.name[:40] for tier in tiers[:_MAX_LISTED]) or "no tier"
         raise PlanError(
             "No tier has the gestures of a hand: name one gesture_right or gesture_left; found "
-            f"{found}."
+            f"{tier_names}."
         )
     for tier, meaning in phrases if of_phases else ():
         for side in _hands_of(meaning):
@@ -362,12 +362,12 @@ def _kinds(phases: Sequence[Interval], kinds: Sequence[Interval]) -> list[str]:
 
 def _goals(phases: Sequence[Interval], places: Sequence[Interval]) -> list[Place]:
     """Return the goal of each phase: that at its end, or else the last one reached by then."""
-    known = {round(row.end_s, 4): _place(row) for row in places}
-    times = list(known)
+    places_by_end = {round(row.end_s, 4): _place(row) for row in places}
+    times = list(places_by_end)
     goals = []
     for row in phases:
         last = max(bisect_right(times, row.end_s + _SAME_MOMENT_S) - 1, 0)
-        goals.append(known.get(round(row.end_s, 4), known[times[last]]))
+        goals.append(places_by_end.get(round(row.end_s, 4), places_by_end[times[last]]))
     return goals
 
 
@@ -417,8 +417,8 @@ def _phase_of(label: str) -> tuple[Phase | None, str]:
     words = re.findall(r"[a-z]+", label.lower())
     if len(words) == 1 and words[0] in _PHASE_LETTERS:
         return _PHASE_LETTERS[words[0]], ""
-    known = _match_stems(words, _PHASES)
-    return known[-1] if known else None, ""  # the last: "post-stroke hold"
+    matches = _match_stems(words, _PHASES)
+    return matches[-1] if matches else None, ""  # the last: "post-stroke hold"
 
 
 def _numbers(row: Interval) -> list[float]:

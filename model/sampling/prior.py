@@ -58,11 +58,11 @@ class GaussianPrior(nn.Module):
         full = covariance.double()
         size, axes = torch.linalg.eigh(full)  # an estimate need not be positive
         full = (axes * size.clamp_min(VARIANCE_FLOOR)[:, None]) @ axes.mT
-        known = full[:, :, :seed_frames]
+        seed_covariance = full[:, :, :seed_frames]
         noise = SEED_NOISE * full.diagonal(dim1=1, dim2=2).mean(1)
-        block = known[:, :seed_frames] + noise[:, None, None] * torch.eye(seed_frames)
-        gain = torch.linalg.solve(block, known.mT).mT
-        variance, vectors = torch.linalg.eigh(torch.stack([full, full - gain @ known.mT]))
+        block = seed_covariance[:, :seed_frames] + noise[:, None, None] * torch.eye(seed_frames)
+        gain = torch.linalg.solve(block, seed_covariance.mT).mT
+        variance, vectors = torch.linalg.eigh(torch.stack([full, full - gain @ seed_covariance.mT]))
         for name, value in {
             "covariance": covariance,
             "gain": gain,  # (C, T, S)

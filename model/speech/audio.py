@@ -438,8 +438,8 @@ def _parse_log(log: str, track: int) -> tuple[int | None, float | None, int]:
     """
     source = log.split("\nOutput #0", 1)[0]
     streams = _STREAM.findall(source)
-    sounds = [told for kind, told in streams if kind == "Audio"]
-    has_video = any(kind == "Video" and "attached pic" not in told for kind, told in streams)
+    sounds = [line for kind, line in streams if kind == "Audio"]
+    has_video = any(kind == "Video" and "attached pic" not in line for kind, line in streams)
     own = sounds[track] if track < len(sounds) else ""
     rate = re.search(r"^.*?, (\d+) Hz", own)
     length = re.search(r"^ +DURATION +: (\d+):(\d\d):(\d\d\.\d+)", own, re.MULTILINE)

@@ -292,9 +292,9 @@ class CausalMel:
         hops = BLOCK_SAMPLES // HOP
         start = self._next_hop - self._first_hop
         before = min(1, start)  # for the onset and the steadiness of the first new hop
-        found = analyse_hops(self._sound, start - before, start + hops)
-        new = SpectralFrames(*(values[before:] for values in vars(found).values()))
-        columns = hop_features(found, self._voice.voice(new))[before:]
+        block = analyse_hops(self._sound, start - before, start + hops)
+        new = SpectralFrames(*(values[before:] for values in vars(block).values()))
+        columns = hop_features(block, self._voice.voice(new))[before:]
         self._next_hop += hops
         self._drop_before(self._next_hop - _KEPT_BEFORE)
         silence = np.zeros(MelEncoder.dim)  # none is needed: a block's hops are its frames'

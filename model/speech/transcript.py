@@ -107,21 +107,21 @@ class WordsFile:
         """Leave out, with a note, what lies beyond the end of the speech."""
         if self.length_s <= speech_s + SPARE_S:
             return self
-        said = self.transcript
-        words = _before(speech_s, said.words)
+        whole = self.transcript
+        words = _before(speech_s, whole.words)
         note = (
             f"{self.name} goes on to {self.length_s:.1f} s and the speech to {speech_s:.1f} s: it "
             "may belong to another clip."
         )
-        if num_beyond := len(said.words) - len(words):
-            note += f" {num_beyond} of its {len(said.words)} words lie beyond and are left out."
-        gestures = {name: _before(speech_s, rows) for name, rows in said.gestures.items()}
+        if num_beyond := len(whole.words) - len(words):
+            note += f" {num_beyond} of its {len(whole.words)} words lie beyond and are left out."
+        gestures = {name: _before(speech_s, rows) for name, rows in whole.gestures.items()}
         transcript = replace(
-            said,
+            whole,
             words=words,
-            phones=_before(speech_s, said.phones),
+            phones=_before(speech_s, whole.phones),
             gestures={name: rows for name, rows in gestures.items() if rows},
-            accents=tuple(accent for accent in said.accents if accent.time_s < speech_s),
+            accents=tuple(accent for accent in whole.accents if accent.time_s < speech_s),
         )
         return replace(self, transcript=transcript, notes=(*self.notes, note), length_s=speech_s)
 
@@ -159,8 +159,8 @@ def read_words(path: str | Path) -> WordsFile:
     name, ending = path.name, path.suffix.lower()
     text, notes = _text_in(path)
     if is_textgrid(text):
-        given = _of_grid(text, name)
-        return replace(given, notes=(*notes, *given.notes))
+        transcript = _of_grid(text, name)
+        return replace(transcript, notes=(*notes, *transcript.notes))
     rows: list[Interval] | None = None
     match ending:
         case ".json":
@@ -182,8 +182,8 @@ def read_words(path: str | Path) -> WordsFile:
                 f"{name} is not a TextGrid, and its ending is none of a file of words "
                 f"({', '.join(ENDINGS)})."
             )
-    given = WordsFile(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
-    return replace(given, notes=(*notes, *given.notes), name=name)
+    transcript = WordsFile(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
+    return replace(transcript, notes=(*notes, *transcript.notes), name=name)
 
 
 def _text_in(path: Path) -> tuple[str, tuple[str, ...]]:
@@ -203,25 +203,25 @@ def _plain(text: str, name: str) -> str:
 
 def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> WordsFile:
     """Make words, if most rows hold one each, or else the text of all rows, to be aligned."""
-    found = _intervals(rows, "word", name)
-    length_s = max((row.end_s for row in found), default=0.0)
-    count = sum(len(row.text.split()) for row in found)
-    if are_words or count <= MOST_IN_A_ROW * len(found):
-        if not found:
+    intervals = _intervals(rows, "word", name)
+    length_s = max((row.end_s for row in intervals), default=0.0)
+    count = sum(len(row.text.split()) for row in intervals)
+    if are_words or count <= MOST_IN_A_ROW * len(intervals):
+        if not intervals:
             raise TranscriptError(f"{name} holds no words.")
-        words = tuple(Word(row.start_s, row.end_s, row.text) for row in found)
+        words = tuple(Word(row.start_s, row.end_s, row.text) for row in intervals)
         return WordsFile(Transcript(words), name=name, length_s=length_s)
-    text = _plain(" ".join(row.text for row in found), name)
+    text = _plain(" ".join(row.text for row in intervals), name)
     note = f"{name} gives times of sentences only: its words are looked for in the speech."
     return WordsFile(text=text, notes=(note,), name=name)
 
 
 def _of_grid(text: str, name: str) -> WordsFile:
-    found, length_s = parse_textgrid(text, name, TranscriptError)
-    tiers = [tier for tier in found if not tier.has_points]
+    parsed, length_s = parse_textgrid(text, name, TranscriptError)
+    tiers = [tier for tier in parsed if not tier.has_points]
     of_words = _word_tier(tiers, name)
     is_named = _kind_of(of_words.name) == "words"  # then its rows are words, whatever they hold
-    given = _of_rows(of_words.rows, name, is_named)
+    from_words = _of_rows(of_words.rows, name, is_named)
     of_gestures = [t for t in tiers if t is not of_words and GESTURE_TIER.search(t.name)]
     of_phones = [
         t
@@ -235,14 +235,14 @@ def _of_grid(text: str, name: str) -> WordsFile:
         for tier in of_gestures[:MAX_GESTURE_TIERS]
     }
     transcript = replace(
-        given.transcript,
+        from_words.transcript,
         gestures={each: phases for each, phases in gestures.items() if phases},
         phones=_phones(of_phones[:1], name),
-        accents=_accents(found),
+        accents=_accents(parsed),
     )
     last_s = max((row.end_s for row in of_words.rows), default=0.0)
     length_s = last_s if isnan(length_s) else length_s
-    return replace(given, transcript=transcript, length_s=length_s)
+    return replace(from_words, transcript=transcript, length_s=length_s)
 
 
 def _kind_of(name: str) -> Literal["words", "phones", ""]:
@@ -252,8 +252,8 @@ def _kind_of(name: str) -> Literal["words", "phones", ""]:
 
 
 def _speaker(name: str) -> str:
-    found = _SPEAKER.match(name.strip()[:MAX_NAME])
-    return "" if found is None else found[0]
+    match = _SPEAKER.match(name.strip()[:MAX_NAME])
+    return "" if match is None else match[0]
 
 
 def _word_tier(tiers: Sequence[NamedTier], name: str) -> NamedTier:
@@ -300,14 +300,14 @@ def _phones(tiers: Sequence[NamedTier], name: str) -> tuple[Interval, ...]:
 def _accents(tiers: list[NamedTier]) -> tuple[Accent, ...]:
     """Return the accents in order of time, without labels that are not numbers."""
     rows = next((t.rows for t in tiers if t.has_points and t.name == ACCENT_TIER), ())
-    found = [Accent(r.start_s, float(r.text)) for r in rows if _ACCENT.fullmatch(r.text)]
-    told = (accent for accent in found[:MAX_WORDS] if 0 <= accent.time_s < inf)
-    return tuple(sorted(told, key=lambda accent: accent.time_s))
+    accents = [Accent(r.start_s, float(r.text)) for r in rows if _ACCENT.fullmatch(r.text)]
+    valid = (accent for accent in accents[:MAX_WORDS] if 0 <= accent.time_s < inf)
+    return tuple(sorted(valid, key=lambda accent: accent.time_s))
 
 
 def _intervals(rows: Sequence[Interval], noun: str, name: str) -> tuple[Interval, ...]:
     """Return the intervals with a label, in order of time."""
-    found = []
+    intervals = []
     for row in rows:
         label = row.text.strip()
         if label and not 0 <= row.start_s < row.end_s < inf:
@@ -316,7 +316,9 @@ def _intervals(rows: Sequence[Interval], noun: str, name: str) -> tuple[Interval
                 f"{noun} must end after it begins."
             )
         if label:
-            found.append(Interval(row.start_s, row.end_s, label))
-    if len(found) > MAX_WORDS:
-        raise TranscriptError(f"{name} holds {len(found)} {noun}s; at most {MAX_WORDS} are read.")
-    return tuple(sorted(found, key=lambda interval: interval.start_s))
+            intervals.append(Interval(row.start_s, row.end_s, label))
+    if len(intervals) > MAX_WORDS:
+        raise TranscriptError(
+            f"{name} holds {len(intervals)} {noun}s; at most {MAX_WORDS} are read."
+        )
+    return tuple(sorted(intervals, key=lambda interval: interval.start_s))

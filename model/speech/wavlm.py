@@ -78,13 +78,13 @@ def load_speech_model(folder: Path, name: str) -> tuple[SpeechModel, int]:
 
     @torch.inference_mode()
     def hear(windows: Float32[np.ndarray, "n 32000"]) -> Float32[Tensor, "n 60 dim"]:
-        found = []
+        states = []
         for window in torch.from_numpy(windows):
             if levels:
                 spread = (window.var(correction=0) + 1e-7).sqrt()
                 window = (window - window.mean()) / spread
-            found.append(resampled(network(window[None]).last_hidden_state))
-        return torch.cat(found)
+            states.append(resampled(network(window[None]).last_hidden_state))
+        return torch.cat(states)
 
     return hear, int(network.config.hidden_size)
 

@@ -77,14 +77,14 @@ class Pronunciation:
 
 def pronounce_text(text: str, lookup: Lookup) -> list[Pronunciation]:
     """Return the words of a text in order, without punctuation and what cannot be pronounced."""
-    found = []
+    phones = []
     for chunk in text.replace("\u2019", "'").split():
         # A dash separates words; a hyphen joins them.
         for piece in re.split("[\u2014\u2013\u2026/]|--+", chunk):
             spoken = _pronounce(piece, lookup)
             if spoken is not None:
-                found.append(spoken)
-    return found
+                phones.append(spoken)
+    return phones
 
 
 def _pronounce(piece: str, lookup: Lookup) -> Pronunciation | None:
@@ -233,7 +233,7 @@ def pieces(waveform: Int16[np.ndarray, " N"]) -> Iterator[tuple[int, int]]:
 def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
     """Return the most likely words of the speech, however unlikely they are."""
     decoder = _decoder()
-    found = []
+    words = []
     for start, stop in pieces(waveform):
         sound = waveform[start:stop].tobytes()
         _decode(decoder, sound)
@@ -247,8 +247,8 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
             )
             if len(fitted) == len(segments):
                 word.phones = fitted[number].phones
-            found.append(word.moved(at))
-    return found
+            words.append(word.moved(at))
+    return words
 
 
 def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[TimedWord]:
@@ -263,14 +263,14 @@ def align(waveform: Int16[np.ndarray, " N"], text: str) -> list[TimedWord]:
         rough = _initial_alignment(_wide(spoken), waveform, names)
     if len(rough) != len(spoken):
         return []
-    found = []
+    aligned = []
     for first, last, start, stop in _parts(rough, len(waveform) * FRAMES_PER_S // SAMPLE_RATE):
-        found += _align_part(decoder, waveform, names[first:last], rough[first:last], start, stop)
-    for word, each in zip(found, spoken, strict=True):
+        aligned += _align_part(decoder, waveform, names[first:last], rough[first:last], start, stop)
+    for word, each in zip(aligned, spoken, strict=True):
         word.text = each.text
-    for word, likelihood in zip(found, _likelihoods(found), strict=True):
+    for word, likelihood in zip(aligned, _likelihoods(aligned), strict=True):
         word.confidence = likelihood
-    return found
+    return aligned
 
 
 def _align_part(
@@ -372,7 +372,7 @@ def _align_phones(decoder: Any, sound: bytes) -> list[TimedWord]:
         _decode(decoder, sound)
     except RuntimeError:  # no path through this sound reaches the end of its words
         return []
-    found = []
+    spans = []
     for word in decoder.get_alignment() or ():
         # The phone objects are only valid during this iteration.
         phones = [(phone.name, phone.start, phone.duration, phone.score) for phone in word]
@@ -380,7 +380,7 @@ def _align_phones(decoder: Any, sound: bytes) -> list[TimedWord]:
             continue
         start, end = phones[0][1], phones[-1][1] + phones[-1][2]
         fit = sum(score for *_, score in phones) / max(1, end - start)
-        found.append(
+        spans.append(
             TimedWord(
                 word.name,
                 start,
@@ -389,7 +389,7 @@ def _align_phones(decoder: Any, sound: bytes) -> list[TimedWord]:
                 [(name, begin, begin + length) for name, begin, length, _ in phones],
             )
         )
-    return found
+    return spans
 
 
 def _likelihoods(words: list[TimedWord]) -> list[float]:
@@ -397,12 +397,12 @@ def _likelihoods(words: list[TimedWord]) -> list[float]:
     fits = np.array([word.confidence for word in words])
     frames = np.array([word.end - word.start for word in words], np.float64)
     reach = _FIT_WORDS // 2
-    found = []
+    batches = []
     for number in range(len(words)):
         near = slice(max(0, number - reach), number + reach + 1)
         fit = float(np.average(fits[near], weights=frames[near]))
-        found.append(1.0 / (1.0 + math.exp((_SCORE_MIDPOINT - fit) / _FIT_WIDTH)))
-    return found
+        batches.append(1.0 / (1.0 + math.exp((_SCORE_MIDPOINT - fit) / _FIT_WIDTH)))
+    return batches
 
 
 def _decode(decoder: Any, sound: bytes) -> None:

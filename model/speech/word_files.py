@@ -38,9 +38,9 @@ def parse_table(text: str, is_label_file: bool = False) -> list[Interval] | None
     unit_s = 1.0
     if lines and _MILLISECONDS.fullmatch(lines[0].strip()):
         unit_s, lines = 1e-3, lines[1:]
-    found = [_TABLE_ROW.fullmatch(line) for line in lines]
-    rows = [match for match in found if match is not None]
-    if not rows or len(rows) < len(found):
+    matches = [_TABLE_ROW.fullmatch(line) for line in lines]
+    rows = [match for match in matches if match is not None]
+    if not rows or len(rows) < len(matches):
         return None
     if is_label_file and all(match[k].isdigit() for match in rows for k in (1, 2)):
         unit_s = _HTK_S

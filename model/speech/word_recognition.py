@@ -73,8 +73,8 @@ class WordRecognition:
         self._ends = time.monotonic() + TIMEOUT_S[0] + TIMEOUT_S[1] * duration_s
         count = len((text or "").split())
         if count > MAX_WORDS_A_SECOND * (duration_s + 1.0):
-            found = f"it has {count} words, more than are said in {duration_s:.1f} s"
-            self._heard = RecognitionResult(notes=(MISMATCH_NOTE.format(found=found),))
+            problem = f"it has {count} words, more than are said in {duration_s:.1f} s"
+            self._heard = RecognitionResult(notes=(MISMATCH_NOTE.format(found=problem),))
             return
         try:
             self._child = Child("model.speech.word_alignment")
@@ -132,9 +132,9 @@ def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) ->
     count, unsure = len(words), len(words) - len(sure)
     share = len(sure) / max(1, count)
     if is_aligned and share < MIN_CONFIDENT_SHARE:
-        found = f"{unsure} of its {count} words are not where they should be"
+        problem = f"{unsure} of its {count} words are not where they should be"
         return RecognitionResult(
-            notes=(MISMATCH_NOTE.format(found=found if words else "it is not said"),)
+            notes=(MISMATCH_NOTE.format(found=problem if words else "it is not said"),)
         )
     if count >= MIN_WORDS_FOR_LANGUAGE and share < MIN_CONFIDENT_SHARE:
         return RecognitionResult(notes=(UNSURE_NOTE.format(unsure=unsure, count=count),))

@@ -145,13 +145,13 @@ def override_setting(config: T, setting: str) -> T:
     Raises:
         ValueError: if there is no such field, or the value has another type.
     """
-    path, equals, told = setting.partition("=")
+    path, equals, value_text = setting.partition("=")
     if not equals:
         raise ValueError(f"{setting!r} is not a setting; write it as field=value.")
     try:
-        value = json.loads(told)
+        value = json.loads(value_text)
     except json.JSONDecodeError:
-        value = told
+        value = value_text
     *outer, name = path.split(".")
     values = asdict(config)  # type: ignore[call-overload]
     place = values

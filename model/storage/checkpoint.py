@@ -51,10 +51,10 @@ def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], WeightsC
     card = load_card(folder, system)
     path = folder / f"{file_stem(system)}.safetensors"
     content = read_capped(path, MAX_BYTES, CheckpointError)
-    found = hashlib.sha256(content).hexdigest()
-    if found != card.sha256:
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != card.sha256:
         raise CheckpointError(
-            f"{path} has sha256 {found[:12]}..., its card says {card.sha256[:12]}...; "
+            f"{path} has sha256 {digest[:12]}..., its card says {card.sha256[:12]}...; "
             "restore both files from the same source."
         )
     try:

@@ -96,8 +96,8 @@ def read_capped(path: Path, most: int, error: type[ValueError]) -> bytes:
         reason = (cause.strerror or str(cause)).lower()
         raise error(f"{path.name} could not be read: {reason}.") from cause
     if len(data) > most:
-        told = f"{most // 2**20} MiB" if most >= 2**20 else f"{most // 1000} kB"
-        raise error(f"{path.name} is larger than the limit of {told}.")
+        limit = f"{most // 2**20} MiB" if most >= 2**20 else f"{most // 1000} kB"
+        raise error(f"{path.name} is larger than the limit of {limit}.")
     return data
 
 

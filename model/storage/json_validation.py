@@ -75,8 +75,8 @@ def validation_message(error: ValidationError) -> str:
 
 
 def _why(error: ValidationError) -> str:
-    found = error.errors(include_url=False)
-    first = next((one for one in found if one["type"] in _UNKNOWN), found[0])
+    errors = error.errors(include_url=False)
+    first = next((one for one in errors if one["type"] in _UNKNOWN), errors[0])
     name = "`" + ".".join(map(str, first["loc"]))[:80] + "`" if first["loc"] else "it"
     if first["type"] == "json_invalid":
         is_deep = "recursion" in str(first.get("ctx"))

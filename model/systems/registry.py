@@ -73,16 +73,18 @@ def _entry_label(entry: Any) -> str:
 
 
 def _why(error: BaseException) -> str:
-    told = " ".join(str(error).split())
-    sentence = told if isinstance(error, FamilyError) else f"{type(error).__name__}: {told}"
+    reason = " ".join(str(error).split())
+    sentence = reason if isinstance(error, FamilyError) else f"{type(error).__name__}: {reason}"
     return sentence if sentence.endswith(".") else f"{sentence}."
 
 
 def _bundled() -> list[Family]:
     """Return the families in the folders next to this file: ``FAMILY`` of each ``config.py``."""
     folders = (each.name for each in iter_modules(model.systems.__path__) if each.ispkg)
-    found = [import_module(f"{model.systems.__name__}.{name}.config").FAMILY for name in folders]
-    return sorted(found, key=lambda family: (family.place, family.name))
+    bundled_families = [
+        import_module(f"{model.systems.__name__}.{name}.config").FAMILY for name in folders
+    ]
+    return sorted(bundled_families, key=lambda family: (family.place, family.name))
 
 
 _FAMILIES = _bundled()
@@ -99,7 +101,7 @@ def register(family: Family) -> None:
     Raises:
         FamilyError: if one of its names is taken.
     """
-    taken = {name for known in _FAMILIES for name in (known.name, *known.names)}
+    taken = {name for existing in _FAMILIES for name in (existing.name, *existing.names)}
     doubles = [name for name in (family.name, *family.names) if name in taken]
     if doubles:
         raise FamilyError(f"the name {doubles[0]!r} is taken.")
@@ -194,8 +196,8 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
     """
     available = list_systems(folder)
     if name not in available:
-        found = ", ".join(available) if available else f"none in {folder}"
-        raise UnknownNameError(f"There is no system {name!r}; available: {found}.")
+        choices = ", ".join(available) if available else f"none in {folder}"
+        raise UnknownNameError(f"There is no system {name!r}; available: {choices}.")
     family = family_of(name)
     try:
         return family.load(name, folder)

@@ -97,11 +97,11 @@ def make_card(
 ) -> dict[str, Any]:  # fmt: skip
     corpus = folder / "corpus.json"
     train_clips = data.clips_of_split("train")
-    seen = {clip.speaker for clip in train_clips}
+    speakers = {clip.speaker for clip in train_clips}
     train_frames = sum(clip.num_frames for clip in train_clips if clip.copy == 0)
     return {
         "config": json.loads(to_json(config)),
-        "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in seen},
+        "speakers": {name: n for n, name in sorted(data.speakers.items()) if n in speakers},
         "training_data": json.loads(corpus.read_text()) if corpus.is_file() else folder.name,
         "training_hours": round(train_frames / FPS / 3600, 3),
         "steps": steps,

@@ -162,8 +162,8 @@ def statistics_batch(data: PreparedData, window_frames: int) -> Batch:
 
 def fit_features(data: PreparedData) -> Normaliser:
     """Compute the statistics of the speech features from every hundredth frame."""
-    told = torch.from_numpy(np.array(data.speech[::100], np.float32))
-    return Normaliser(told.mean(0), told.std(0).clamp_min(STD_FLOOR))
+    sample = torch.from_numpy(np.array(data.speech[::100], np.float32))
+    return Normaliser(sample.mean(0), sample.std(0).clamp_min(STD_FLOOR))
 
 
 def prior_batches(data: PreparedData, window_frames: int) -> Iterator[Batch]:

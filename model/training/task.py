@@ -69,10 +69,12 @@ class TaskSetup:
         torch.manual_seed(config.random_seed)
         if self.start is None:
             return None
-        given = TrainedWeights.read(self.start, config.system)
-        if "normaliser.mean" not in given.tensors:
-            raise CheckpointError(f"The weights of {given.name} have no normalisation statistics.")
-        return given
+        weights = TrainedWeights.read(self.start, config.system)
+        if "normaliser.mean" not in weights.tensors:
+            raise CheckpointError(
+                f"The weights of {weights.name} have no normalisation statistics."
+            )
+        return weights
 
 
 @runtime_checkable
@@ -233,12 +235,12 @@ class SingleNetworkTask(ABC):
 
     def export(self) -> dict[str, Tensor]:
         """Return the averaged weights and the statistics."""
-        found = {f"network.{name}": t for name, t in self.average.module.state_dict().items()}
-        found |= {**self.normaliser.tensors(), **self.statistics}
+        tensors = {f"network.{name}": t for name, t in self.average.module.state_dict().items()}
+        tensors |= {**self.normaliser.tensors(), **self.statistics}
         prior = getattr(self.network, "prior", None)
         if prior is not None:
-            found["prior.covariance"] = prior.covariance
-        return {name: tensor.cpu() for name, tensor in found.items()}
+            tensors["prior.covariance"] = prior.covariance
+        return {name: tensor.cpu() for name, tensor in tensors.items()}
 
     def state(self) -> dict[str, Any]:
         return {name: getattr(self, name).state_dict() for name in self.state_attributes}

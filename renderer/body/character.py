@@ -261,11 +261,11 @@ class _Character:
         """Return the joints of the zero pose; one without a bone is where the next one is."""
         joints = np.full((NUM_JOINTS, 3), np.nan)
         joints[0] = self._rest[0]
-        known = [0] * NUM_JOINTS
+        indices = [0] * NUM_JOINTS
         for joint in range(1, NUM_JOINTS):
-            parent = known[PARENTS[joint]]
-            known[joint] = joint if JOINT_NAMES[joint] in self._at else parent
-            if known[joint] == joint:
+            parent = indices[PARENTS[joint]]
+            indices[joint] = joint if JOINT_NAMES[joint] in self._at else parent
+            if indices[joint] == joint:
                 step = self._at[JOINT_NAMES[joint]] - self._at[JOINT_NAMES[parent]]
                 joints[joint] = joints[parent] + self.turns[parent].apply(step)
         for joint in reversed(range(1, NUM_JOINTS)):
@@ -426,18 +426,20 @@ class _Character:
         """Return sentences on what of the character moves and what does not."""
         name = self._gltf.name
         without = [each.replace("_", " ") for each in JOINT_NAMES if each not in self.bones]
-        told = [f"{name} has {NUM_JOINTS - len(without)} of SMPL-X's 55 joints"]
+        remarks = [f"{name} has {NUM_JOINTS - len(without)} of SMPL-X's 55 joints"]
         if without:
             shown = without if len(without) <= 8 else [*without[:7], f"{len(without) - 7} more"]
-            told[0] += f"; joints without a bone do not move: {join_names(shown)}"
-        told.append(shapes.remark)
-        told.append(
+            remarks[0] += f"; joints without a bone do not move: {join_names(shown)}"
+        remarks.append(shapes.remark)
+        remarks.append(
             "It keeps its own proportions, so a hand may miss the body where the motion touches "
             "it; metrics are computed on the standard skeleton"
         )
         if num_missing:
-            told.append(f"{pluralise(num_missing, 'texture')} could not be read and are left out")
-        return tuple(f"{each}." for each in told)
+            remarks.append(
+                f"{pluralise(num_missing, 'texture')} could not be read and are left out"
+            )
+        return tuple(f"{each}." for each in remarks)
 
 
 Places = dict[str, np.ndarray]

@@ -86,11 +86,11 @@ def clustered_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
         coarse_m, faces = 1.0, body.faces
         for _ in range(6 if len(faces) > count else 0):
             middle_m = (fine_m * coarse_m) ** 0.5
-            found = clustered(middle_m)
-            if len(found) > count:
+            clusters = clustered(middle_m)
+            if len(clusters) > count:
                 fine_m = middle_m
             else:
-                coarse_m, faces = middle_m, found
+                coarse_m, faces = middle_m, clusters
         meshes.append(faces.astype(np.uint32))
     return meshes
 

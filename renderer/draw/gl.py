@@ -66,9 +66,9 @@ class Canvas(pyrender.Renderer):
             self._body.show(frame, camera)
         body = self._box_of(frame.vertices, camera)
         shadow = self._box_of(frame.shadow_corners, camera)
-        covered, is_kept = body.joined(shadow), camera == self._camera
-        self._changed = covered.joined(self._covered) if is_kept else self._whole
-        ground = shadow.joined(self._shadow) if is_kept else self._whole
+        covered, is_reusable = body.joined(shadow), camera == self._camera
+        self._changed = covered.joined(self._covered) if is_reusable else self._whole
+        ground = shadow.joined(self._shadow) if is_reusable else self._whole
         self._covered, self._shadow, self._camera = covered, shadow, camera
         GL.glEnable(GL.GL_SCISSOR_TEST)
         if ground.width and ground.height:

@@ -66,8 +66,8 @@ def probe_backend(name: Backend, python: str = sys.executable) -> BackendReport:
     if child.returncode < 0:
         return _broken(name, f"the driver ended {ExitReport(child.returncode).exit_text}")
     if child.returncode:
-        said = child.stderr.decode(errors="replace").strip().splitlines()
-        return _broken(name, said[-1] if said else f"exit status {child.returncode}")
+        lines = child.stderr.decode(errors="replace").strip().splitlines()
+        return _broken(name, lines[-1] if lines else f"exit status {child.returncode}")
     return BackendReport(name, child.stdout.decode(errors="replace").strip().splitlines()[-1])
 
 

@@ -93,8 +93,8 @@ class JitterSheet:
 
     def curves(self, row: str, kind: FilterVersion) -> Curves:
         """Return the curves of a row, for each motion that has a finite value there."""
-        found = {name: _curve(row, versions[kind]) for name, versions in self.jitter.items()}
-        return {name: (x, y) for name, (x, y) in found.items() if np.isfinite(y).any()}
+        curves = {name: _curve(row, versions[kind]) for name, versions in self.jitter.items()}
+        return {name: (x, y) for name, (x, y) in curves.items() if np.isfinite(y).any()}
 
 
 def _curve(row: str, jitter: Jitter) -> tuple[np.ndarray, np.ndarray]:

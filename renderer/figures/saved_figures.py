@@ -58,9 +58,9 @@ def save_contents(
         places: positions from `save_figure`.
     """
     arrays: list[np.ndarray] = []
-    told = {"name": name, "caption": caption, "places": places or []}
-    told["contents"] = _as_json(contents, arrays)
-    text = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    metadata = {"name": name, "caption": caption, "places": places or []}
+    metadata["contents"] = _as_json(contents, arrays)
+    text = np.frombuffer(json.dumps(metadata).encode(), np.uint8)
     # Compressed as little as possible: pictures dominate, and numpy's default level is slow.
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for key, array in {_TEXT: text, **dict(enumerate(arrays))}.items():
@@ -76,9 +76,13 @@ def draw_saved(path: Path, out: Path) -> None:
     """
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            told = json.loads(arrays[_TEXT].tobytes())
-            draw, caption, places = DRAW[told["name"]], str(told["caption"]), told["places"]
-            contents = _from_json(told["contents"], arrays)
+            metadata = json.loads(arrays[_TEXT].tobytes())
+            draw, caption, places = (
+                DRAW[metadata["name"]],
+                str(metadata["caption"]),
+                metadata["places"],
+            )
+            contents = _from_json(metadata["contents"], arrays)
     except (KeyError, TypeError, ValueError, zipfile.BadZipFile, RecursionError) as error:
         raise FigureError(
             f"{path.name} is not a saved figure, or it is damaged; make the figure again."
@@ -91,8 +95,8 @@ def _as_json(value: Any, arrays: list[Shaped[np.ndarray, " ..."]]) -> Any:
     """Convert contents to JSON with the kind of each object; arrays are appended to ``arrays``."""
     if is_dataclass(value):
         of = {field.name: getattr(value, field.name) for field in fields(value)}
-        told = {name: _as_json(each, arrays) for name, each in of.items()}
-        return {"kind": type(value).__name__, "of": told}
+        converted = {name: _as_json(each, arrays) for name, each in of.items()}
+        return {"kind": type(value).__name__, "of": converted}
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"kind": "array", "of": len(arrays) - 1}

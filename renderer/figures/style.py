@@ -344,13 +344,13 @@ def _settle(figure: "Figure", places: Places | None) -> None:
         parts += part.subfigs
     if not places:
         _execute_layout(engine, figure)
-        found = (
+        layout = (
             *(text.get_position() for text in texts),
             *(part.bbox_relative.bounds for part in parts),
             *(axes.get_position(original=True).bounds for axes in figure.axes),
         )
         # The last digits that matplotlib's solver finds depend on addresses in memory.
-        places += [np.round(place, 6).tolist() for place in found]
+        places += [np.round(place, 6).tolist() for place in layout]
     each: Iterator[Any] = iter(places)
     for text in texts:
         text.set_position(next(each))

@@ -152,11 +152,11 @@ def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, 
     num_betas = max(_FEWEST_BETAS, int(np.flatnonzero(motion.betas).max(initial=-1)) + 1)
     betas = np.zeros(num_betas, np.float32)
     betas[: len(motion.betas)] = motion.betas[:num_betas]
-    told = {}
+    motions = {}
     if markers:
         frames = [round(seconds * FPS) for seconds, _ in markers]
-        told["marker_frames"] = np.array(frames, np.int32)
-        told["marker_names"] = np.array([name for _, name in markers])
+        motions["marker_frames"] = np.array(frames, np.int32)
+        motions["marker_names"] = np.array([name for _, name in markers])
     is_flame = motion.expression_basis == "flame100"
     with out.open("wb") as file:
         np.savez(
@@ -175,5 +175,5 @@ def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, 
             pose_jaw=motion.poses[:, 66:69],
             pose_eye=motion.poses[:, 69:75],
             pose_hand=motion.poses[:, 75:],
-            **told,
+            **motions,
         )

@@ -129,15 +129,15 @@ def close_up_joints(view: str) -> list[int]:
 
 def close_up_mesh(body: Body, view: str) -> SubMesh:
     """Return the part that a close-up shows; an arm ends closed in the middle of the upper arm."""
-    is_kept = np.isin(body.main_joints, close_up_joints(view))
+    is_near = np.isin(body.main_joints, close_up_joints(view))
     side = view.removesuffix("_hand")
     if is_arm := side != view:
         shoulder, elbow = (JOINT_INDEX[f"{side}_{name}"] for name in ("shoulder", "elbow"))
         arm, here = (
             a - body.rest_joints[shoulder] for a in (body.rest_joints[elbow], body.template)
         )
-        is_kept &= (body.main_joints != shoulder) | ((here - arm / 2) @ arm >= 0)
-    is_whole = is_kept[body.faces].all(axis=1)
+        is_near &= (body.main_joints != shoulder) | ((here - arm / 2) @ arm >= 0)
+    is_whole = is_near[body.faces].all(axis=1)
     faces = body.faces[is_whole]
     if is_arm:
         faces = np.concatenate([faces, _cap_hole(faces, body.faces[~is_whole])])
@@ -255,29 +255,29 @@ def make_camera_setup(
         reach[knees] = np.minimum(reach[knees], KNEE_FLESH_M)
     joints = CLOSE_UP_JOINTS.get(view, _framed(framing))
     sigma = CLOSE_UP_SIGMA_FRAMES if view in CLOSE_UP_JOINTS else WALK_SIGMA_FRAMES
-    seen = [(view, aspect, joints, reach[joints], sigma)]
+    setups = [(view, aspect, joints, reach[joints], sigma)]
     for panel in close_ups:
         joints, is_face = CLOSE_UP_JOINTS[panel.view], panel.view == "face"
         flesh = reach[joints] if is_face else np.minimum(reach[joints], FINGERTIP_M)
         sigma = CLOSE_UP_SIGMA_FRAMES if is_face else STEADY_SIGMA_FRAMES
-        seen.append((panel.view, panel.aspect, joints, flesh, sigma))
-    places: list[list[np.ndarray]] = [[] for _ in seen]
+        setups.append((panel.view, panel.aspect, joints, flesh, sigma))
+    places: list[list[np.ndarray]] = [[] for _ in setups]
     from_afar, pelvises, floors, corners = [], [], [], []
     for motion in motions:
         positions = _joint_positions(body, motion)
-        from_afar.append(extreme_points(positions[:, seen[0][2]], view, aspect=aspect))
-        for found, (name, ratio, joints, _, sigma) in zip(places, seen, strict=True):
+        from_afar.append(extreme_points(positions[:, setups[0][2]], view, aspect=aspect))
+        for place, (name, ratio, joints, _, sigma) in zip(places, setups, strict=True):
             relative = positions[:, joints] - _track(body, positions, name, sigma)[:, None]
-            found.append(extreme_points(relative, name, aspect=ratio))
+            place.append(extreme_points(relative, name, aspect=ratio))
         pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
     wandered_m = float(np.ptp(pelvises, axis=0).max())
     shots = []
-    for found, (name, ratio, _, flesh, sigma) in zip(places, seen, strict=True):
+    for place, (name, ratio, _, flesh, sigma) in zip(places, setups, strict=True):
         if not shots and view not in CLOSE_UP_JOINTS and wandered_m <= FOLLOW_DISTANCE_M:
-            found, sigma = from_afar, None
-        points = np.concatenate(found)
+            place, sigma = from_afar, None
+        points = np.concatenate(place)
         radius = np.broadcast_to(flesh, points.shape[:2]).ravel()
         camera = fit_camera(points.reshape(-1, 3), name, aspect=ratio, radius_m=radius)
         shots.append(PanelCamera(name, camera, sigma))

@@ -306,10 +306,10 @@ def label_band(
         if draw.textlength(label, font) > widest:
             shrunk = size * widest / draw.textlength(label, font)
             font = ImageFont.load_default(max(shrunk, _SMALLEST_LABEL * height))
-        kept = len(label)
+        num_letters = len(label)
         while draw.textlength(label, font) > widest:
-            kept -= 1
-            label = label[:kept] + "..."
+            num_letters -= 1
+            label = label[:num_letters] + "..."
         middle = (left + picture_width * (index + 0.5), height / 2)
         draw.text(middle, label, fill=inks[index] if inks else _INK, font=font, anchor="mm")
     return np.asarray(band)

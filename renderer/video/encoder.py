@@ -82,12 +82,12 @@ def run_ffmpeg(*arguments: str, log: str = "error") -> str:
         capture_output=True,
         check=False,
     )
-    said = run.stderr.decode(errors="replace").strip()
+    messages = run.stderr.decode(errors="replace").strip()
     if run.returncode:
-        last = " ".join(said.split())[-300:] or "none"
+        last = " ".join(messages.split())[-300:] or "none"
         end = ExitReport(run.returncode).exit_text
         raise VideoError(f"ffmpeg ended {end}; its last message: {last}")
-    return said if log == "info" else run.stdout.decode(errors="replace")
+    return messages if log == "info" else run.stdout.decode(errors="replace")
 
 
 @dataclass(frozen=True)
@@ -107,11 +107,11 @@ def probe_video(video: Path) -> VideoInfo:
     """
     copied = ("-map", "0:v:0", "-c", "copy", "-f", "null", "-")
     try:
-        said = run_ffmpeg("-stats", "-i", str(video), *copied, log="info")
+        output = run_ffmpeg("-stats", "-i", str(video), *copied, log="info")
     except VideoError as error:
         raise VideoError(f"{video} cannot be read as a video: {error}") from error
-    size = re.search(r"Video: .*?, (\d+)x(\d+)[ ,]", said)
-    counts = re.findall(r"frame=\s*(\d+)", said)
+    size = re.search(r"Video: .*?, (\d+)x(\d+)[ ,]", output)
+    counts = re.findall(r"frame=\s*(\d+)", output)
     if size is None or not counts:
         raise VideoError(f"{video} cannot be read as a video.")
     return VideoInfo(int(size[1]), int(size[2]), int(counts[-1]))
@@ -264,9 +264,9 @@ class Encoder:
         except subprocess.TimeoutExpired:
             self._process.kill()
         self._messages.seek(0)
-        said = self._messages.read().decode(errors="replace").strip()
+        messages = self._messages.read().decode(errors="replace").strip()
         self._abort()
-        last_line = f"its last message: {said.splitlines()[-1] if said else 'none'}"
+        last_line = f"its last message: {messages.splitlines()[-1] if messages else 'none'}"
         end = ExitReport(self._process.returncode).exit_text
         return VideoError(f"{self.out.name} cannot be written: ffmpeg ended {end}; {last_line}")
 

@@ -220,6 +220,6 @@ def _fitting(words: str, size: float, width: int | None) -> ImageFont.FreeTypeFo
 
 def _font_file() -> str:
     """Return a font with units such as m/s³, which Pillow's lacks, from matplotlib's data."""
-    found = importlib.util.find_spec("matplotlib")
-    assert found is not None and found.origin is not None
-    return str(Path(found.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")
+    spec = importlib.util.find_spec("matplotlib")
+    assert spec is not None and spec.origin is not None
+    return str(Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf" / "DejaVuSans-Bold.ttf")

@@ -175,13 +175,13 @@ class _Worker:
 
 def worker_failure(ended: ExitReport) -> RuntimeError:
     """Return the error for a drawing process that died: a driver's crash, or a bug."""
-    told = ended.user_message(
+    message = ended.user_message(
         "The rendering process",
         "draw smaller or fewer videos at once",
         "start the rendering again (in a new process)",
         "The most likely cause is the OpenGL driver.",
     )
-    return GLError(told) if ended.signal is not None else RuntimeError(told)
+    return GLError(message) if ended.signal is not None else RuntimeError(message)
 
 
 def main() -> int:

@@ -144,10 +144,10 @@ def _tucked_in(body: Mesh, wearer: clothes.GarmentCuts) -> Mesh:
 def _with_few_influences(mesh: Mesh) -> Mesh:
     """Limit each vertex to eight joints, with weights that sum to one."""
     weights = mesh.weights
-    smallest_kept = np.sort(weights, axis=1)[:, [-MAX_INFLUENCES]]
-    kept = np.where(weights >= np.maximum(smallest_kept, 1e-4), weights, 0)
+    thresholds = np.sort(weights, axis=1)[:, [-MAX_INFLUENCES]]
+    weights_left = np.where(weights >= np.maximum(thresholds, 1e-4), weights, 0)
     attributes = mesh.attributes.copy()
-    attributes[:, 3 : 3 + weights.shape[1]] = kept / kept.sum(1, keepdims=True)
+    attributes[:, 3 : 3 + weights.shape[1]] = weights_left / weights_left.sum(1, keepdims=True)
     return Mesh(mesh.faces, attributes, mesh.regions)
 
 

@@ -141,11 +141,11 @@ def _edge_loop(quads: Int[np.ndarray, "Q 4"], start: tuple[int, int]) -> list[in
 
 
 def _edges_at(quads: list[list[int]], vertex: int) -> list[tuple[int, int]]:
-    found = []
+    edges = []
     for quad in quads:
         k = quad.index(vertex)
-        found += [(vertex, quad[k - 1]), (vertex, quad[(k + 1) % 4])]
-    return found
+        edges += [(vertex, quad[k - 1]), (vertex, quad[(k + 1) % 4])]
+    return edges
 
 
 Heights = Float[np.ndarray, " N"]

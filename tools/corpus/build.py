@@ -127,16 +127,17 @@ def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
     manifest = root / MANIFEST
     wanted = {"format": FORMAT, "seed": seed, "clip_s": clip_s}
     if manifest.is_file():
-        found = read_manifest(manifest)
-        if found["format"] != FORMAT:
+        existing = read_manifest(manifest)
+        if existing["format"] != FORMAT:
             raise CorpusError(
-                f"{root} holds a corpus of format {found['format']}, and this version makes"
+                f"{root} holds a corpus of format {existing['format']}, and this version makes"
                 f" format {FORMAT}; choose another folder."
             )
-        if found != wanted:
+        if existing != wanted:
             raise CorpusError(
-                f"{root} holds another corpus ({_describe(found)}, asked for {_describe(wanted)});"
-                " choose another folder, or the same seed to continue that one."
+                f"{root} holds another corpus ({_describe(existing)}, asked "
+                f"for {_describe(wanted)}); choose another folder, or the same seed to continue "
+                "that one."
             )
     elif root.is_dir() and any(root.iterdir()):
         raise CorpusError(f"{root} is not empty and holds no corpus; choose another folder.")
@@ -147,8 +148,8 @@ def _claim_folder(root: Path, seed: int, clip_s: float) -> None:
 def read_manifest(path: Path) -> dict[str, int | float]:
     """Read format, seed and clip length from a corpus's manifest."""
     try:
-        found = json.loads(path.read_text())
-        return {key: found[key] for key in ("format", "seed", "clip_s")}
+        manifest = json.loads(path.read_text())
+        return {key: manifest[key] for key in ("format", "seed", "clip_s")}
     except (ValueError, TypeError, KeyError) as error:
         raise CorpusError(f"{path} is not readable; choose another folder.") from error
 

@@ -91,8 +91,8 @@ def read_catalogue(weights: Path, examples: tuple[Path, ...] = ()) -> Catalogue:
 def _usual_steps(system: str) -> str:
     family = family_of(system)
     steps = {name: family.samplers_of(name)[0].steps for name in family.systems}
-    whose = family.name if len(set(steps.values())) == 1 else system
-    return f"{whose} {steps[system]}"
+    owner = family.name if len(set(steps.values())) == 1 else system
+    return f"{owner} {steps[system]}"
 
 
 def example_title(path: Path) -> str:
@@ -116,7 +116,7 @@ def _trained_on(cards: list[WeightsCard]) -> str:
     data = cards[0].get("training_data")
     # A corpus made by this project has a description, any other folder only a name.
     what = "procedurally generated motion" if isinstance(data, dict) else f"“{data}”"
-    least, most = (f"{found:.1f}" for found in (min(hours), max(hours)))
+    least, most = (f"{hours_of_one:.1f}" for hours_of_one in (min(hours), max(hours)))
     return f"{least if least == most else f'{least} to {most}'} hours of {what}"
 
 

@@ -87,8 +87,8 @@ def table_head(labels: Mapping[str, str]) -> str:
 
 
 def table_row(title: str, cells: Iterable[str]) -> str:
-    told = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
-    return f'<tr><th scope="row">{escape(title)}</th>{told}</tr>'
+    cells_html = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+    return f'<tr><th scope="row">{escape(title)}</th>{cells_html}</tr>'
 
 
 def table(name: str, corner: str, head: str, body: str, foot: str = "") -> str:
@@ -158,8 +158,8 @@ def verdict(numbers: str, judgement: str, bars: str = "") -> str:
     claim, others = claim_of(judgement)
     if not bars or not claim:
         claim, others = numbers, judgement
-    told = f"<p>{explained(others)}</p>" if others and not bars else ""
-    return f'<div class="verdict"><div><b>{explained(claim)}</b>{told}</div>{bars}</div>'
+    others_html = f"<p>{explained(others)}</p>" if others and not bars else ""
+    return f'<div class="verdict"><div><b>{explained(claim)}</b>{others_html}</div>{bars}</div>'
 
 
 def claim_of(judgement: str) -> tuple[str, str]:

@@ -94,7 +94,7 @@ def _figure(
 ) -> str:
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
     links = "".join(download_link(url, f"{stem}.{end}", end.upper()) for end, url in urls.items())
-    said = "".join(
+    captions = "".join(
         f"<p>{explained(sentences[key])}</p>" for key in about.says if sentences.get(key)
     )
     beside = (
@@ -109,7 +109,7 @@ def _figure(
         f'<a class="zoom" href="{escape(urls["png"])}" target="_blank" '
         f'aria-label="{text.ENLARGE_FIGURE.format(title=escape(about.title))}">'
         f'<img src="{escape(urls["png"])}" alt="{escape(about.title)}"></a>'
-        f'<figcaption>{said}{beside}<p class="links">{links}</p>'
+        f'<figcaption>{captions}{beside}<p class="links">{links}</p>'
         f"{redraw}</figcaption></figure></section>"
     )
 

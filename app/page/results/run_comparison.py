@@ -96,7 +96,7 @@ class RunPair:
         for pair in (references, *systems):
             labels = short_names(dict.fromkeys(filter(None, pair)))
             is_shared = pair is references and self.has_same_reference
-            found = [
+            run_columns = [
                 Column(
                     self.name(name, letter),
                     self.name(labels[name], letter),
@@ -107,10 +107,10 @@ class RunPair:
                 for name, letter, run in zip(pair, "AB", self.runs, strict=True)
                 if name in run.numbers
             ]
-            columns += found
-            if len(found) == 2 and pair is not references:
+            columns += run_columns
+            if len(run_columns) == 2 and pair is not references:
                 named = f"{' and '.join(dict.fromkeys(labels.values()))}: {text.PAIR_DIFFERENCE}"
-                columns.append(found[1].minus(found[0], named, text.PAIR_DIFFERENCE))
+                columns.append(run_columns[1].minus(run_columns[0], named, text.PAIR_DIFFERENCE))
         points = dict.fromkeys(point_title(run.point) for run in self.runs)
         return table_of(columns, " and ".join(points), text.PAIR_LEGEND)
 
@@ -124,17 +124,17 @@ class RunPair:
             return value
         # Different speeches can be chosen; with one speech, or none, the longer sound plays.
         spoken = [i for i, run in enumerate(self.runs) if run.speech_sha256]
-        heard = sorted(spoken or (0, 1), key=lambda i: -lines[i].get("duration_s", 0.0))[:1]
+        audible = sorted(spoken or (0, 1), key=lambda i: -lines[i].get("duration_s", 0.0))[:1]
         if len(spoken) == 2 and not self.has_same_speech:
-            heard = spoken
+            audible = spoken
         names = [row["name"] for row in rows]
         sounds = [
             {
                 "label": _sound_label(self.runs[i], "AB"[i]),
                 "audio": values[i]["audio"],
-                "timeline": _as_address(self._timeline(lines, i, names, len(heard) == 1)),
+                "timeline": _as_address(self._timeline(lines, i, names, len(audible) == 1)),
             }
-            for i in heard
+            for i in audible
         ]
         first = {kind: sounds[0][kind] for kind in ("audio", "timeline")}
         return value | first | ({"sounds": sounds} if len(sounds) > 1 else {})

@@ -50,8 +50,8 @@ class RunView:
     @property
     def record(self) -> RunRecord:
         """Current record of the run; raises RunError if there is none."""
-        told = (self.folder / RUN).stat() if (self.folder / RUN).exists() else None
-        key = (told.st_ino, told.st_mtime_ns) if told else (0, 0)
+        stat = (self.folder / RUN).stat() if (self.folder / RUN).exists() else None
+        key = (stat.st_ino, stat.st_mtime_ns) if stat else (0, 0)
         if self._read is None or self._read[0] != key:
             self._read = key, read_run(self.folder)
         return self._read[1]
@@ -80,8 +80,15 @@ class RunView:
         offers: Sequence[EditSuggestion] = (),
     ) -> None:
         """Set the message, state (``working`` during a take) and offers of the plan editor."""
-        told = [{"label": one.label, "edits": [e.as_json() for e in one.edits]} for one in offers]
-        self.editing = {"message": sentence, "refused": is_refused, "state": state, "offers": told}
+        suggestions = [
+            {"label": one.label, "edits": [e.as_json() for e in one.edits]} for one in offers
+        ]
+        self.editing = {
+            "message": sentence,
+            "refused": is_refused,
+            "state": state,
+            "offers": suggestions,
+        }
 
     def for_browser(self, address: Address) -> RunView:
         """Return a copy for another browser, which cannot edit the run."""
@@ -116,12 +123,12 @@ class RunView:
         """Return the state of the plan editor, with the rows that can be edited."""
         editable = {}
         for row in self.record.rows:
-            if told := self.file("editor", row.name):
+            if editor := self.file("editor", row.name):
                 take = row.edit or EditInfo(number=0, original_row=row.name, parent_row=row.name)
                 editable[row.name] = {
                     "of": take.original_row,
                     "from": take.parent_row if row.edit else "",
-                    "told": self.address(told),
+                    "told": self.address(editor),
                 }
         return {"rows": self.planned_rows(), "editable": editable, **state}
 
@@ -180,9 +187,11 @@ def with_noise(value: dict[str, Any], clean: dict[str, Any], rad: float) -> dict
         rad: noise about each axis (rad) until the slider is moved.
     """
     colors = colors_of(ROTATION_SPACES, None)
-    kept = {key: clean[key] for key in ("frames", "available", "is_reference", "noise", "is_drawn")}
+    shared = {
+        key: clean[key] for key in ("frames", "available", "is_reference", "noise", "is_drawn")
+    }
     rows = [
-        {**kept, "name": name, "label": label, "stem": name, "space": name, "color": colors[name]}
+        {**shared, "name": name, "label": label, "stem": name, "space": name, "color": colors[name]}
         for name, label in ROTATION_SPACES.items()
     ]
     noise = {"rad": rad, "range": [MIN_NOISE_RAD, MAX_NOISE_RAD], "has_slider": True}

@@ -99,12 +99,12 @@ def measures_table(run: RunRecord) -> str:
         for name, numbers in run.numbers.items()
     ]
     judgement = run.verdict.comparison if run.verdict and jerk_bars(run) else ""
-    said = _says(
+    captions = _says(
         markup.claim_of(judgement)[1],
         run.figure_captions.get("step"),
         run.figure_captions.get("beats"),
     )
-    above = _findings(run) + said
+    above = _findings(run) + captions
     legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
     return table_of(columns, point_title(run.point), legend, above)
 
@@ -209,9 +209,9 @@ def _cell(measure: Metric, column: Column, near: Mapping[FilterVersion, Sequence
     spans = ""
     for kind in VERSIONS:
         is_near = column.name in near[kind]
-        told = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>' if is_near else ""
+        legend = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>' if is_near else ""
         value = write(column.read(measure, kind))
-        spans += f'<span class="{kind}{" near" if is_near else ""}">{value}{told}</span>'
+        spans += f'<span class="{kind}{" near" if is_near else ""}">{value}{legend}</span>'
     return f"<td{column.of_kind}>{spans}</td>"
 
 
@@ -282,8 +282,8 @@ def runs_title(records: Sequence[RunRecord]) -> str:
     """Return the title of a run, or of the runs of several clips."""
     if len(records) < 2:
         return records[0].title
-    asked = records[0].settings.get("systems", "")
-    return f"{len(records)} clips: {asked}"
+    requested = records[0].settings.get("systems", "")
+    return f"{len(records)} clips: {requested}"
 
 
 def clips_html(runs: Mapping[str, RunRecord]) -> str:
@@ -308,7 +308,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         )
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
-    cells = [ranged(*found, format_number) for found in means.values()]
+    cells = [ranged(*numbers, format_number) for numbers in means.values()]
     head = markup.table_head({name: names[name] for name in jerk})
     title = f"{point_title(first.point)} jerk in m/s³, as generated, clip by clip"
     foot = f"<tfoot>{markup.table_row(text.CLIPS_MEAN, cells)}</tfoot>"
@@ -379,8 +379,8 @@ def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips
     head = markup.table_head({name: name for name in systems})
 
     def table(chosen: list[Mapping[str, Any]]) -> str:
-        told = cells_of(list(systems), [dict(row) for row in chosen])
-        body = "".join(markup.table_row(title, cells) for title, cells in told.items())
+        cells_by_name = cells_of(list(systems), [dict(row) for row in chosen])
+        body = "".join(markup.table_row(title, cells) for title, cells in cells_by_name.items())
         return markup.table(SETS_TABLE, SETS_TABLE, head, body)
 
     star = f"<p>{escape(star_legend(systems, clips))}</p>" if len(systems) > 1 else ""

@@ -97,8 +97,8 @@ def framing(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
 
 def _name_of(host: str) -> str:
     """Return the name in a Host header; empty if it holds more than a name and a port."""
-    found = _HOST.fullmatch(host)
-    return found["name"].strip("[]").lower() if found else ""
+    match = _HOST.fullmatch(host)
+    return match["name"].strip("[]").lower() if match else ""
 
 
 def install_guard(
@@ -221,8 +221,8 @@ async def _refuse(sentence: str, status: int, scope: Scope, receive: Receive, se
 
 async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: Send) -> None:
     """Answer in the format of Gradio's routes; its page and client then show the sentence."""
-    told = {"detail": error.sentence, "error": error.sentence}
-    answer = JSONResponse(told, status_code=error.status, headers={"Connection": "close"})
+    body = {"detail": error.sentence, "error": error.sentence}
+    answer = JSONResponse(body, status_code=error.status, headers={"Connection": "close"})
     await answer(scope, receive, send)
 
 
@@ -233,8 +233,8 @@ async def refuse_wrong_body(request: Request, error: Exception) -> JSONResponse:
     """
     first = cast(RequestValidationError, error).errors()[0]
     where = ".".join(map(str, first["loc"]))[:80]
-    told = printable(WRONG_BODY.format(where=where, why=first["msg"]))[:300]
-    return JSONResponse({"detail": told, "error": told}, status_code=422)
+    message = printable(WRONG_BODY.format(where=where, why=first["msg"]))[:300]
+    return JSONResponse({"detail": message, "error": message}, status_code=422)
 
 
 _NO_TEXT = "Invalid UTF-8 sequence received from client."

@@ -69,8 +69,10 @@ async def _serve(socket: WebSocket, sessions: LiveSessions) -> None:
 
     number: int | None = None
     try:
-        told, cookie = await _ask(socket), socket.cookies.get(COOKIE, "")
-        number = await run_in_threadpool(sessions.open, told, cookie, tell, address_of(socket))
+        first_message, cookie = await _ask(socket), socket.cookies.get(COOKIE, "")
+        number = await run_in_threadpool(
+            sessions.open, first_message, cookie, tell, address_of(socket)
+        )
         if not await _sent(socket, await unsent.get()):  # token and timing come first
             return
         async with asyncio.TaskGroup() as ways:

@@ -105,8 +105,10 @@ class Media(TokenStore[_Shared]):
         path, _, _ = address.partition("?")
         route, _, rest = path.partition("/")
         token, _, name = rest.partition("/")
-        found = self.file(token, unquote(name), cookie) if f"/{route}" == MEDIA_ROUTE else None
-        return found and found[0]
+        shared_path = (
+            self.file(token, unquote(name), cookie) if f"/{route}" == MEDIA_ROUTE else None
+        )
+        return shared_path and shared_path[0]
 
     def file(self, token: str, name: str, cookie: str) -> tuple[Path, str | None] | None:
         """Return the path of a file, with its MIME type if it is shown; None without access."""
@@ -250,10 +252,10 @@ def media_routes(
     """
 
     async def file(token: str, name: str, request: Request) -> Response:
-        found = await run_in_threadpool(media.file, token, name, cookie_of(request))
-        if found is None:
+        shared_path = await run_in_threadpool(media.file, token, name, cookie_of(request))
+        if shared_path is None:
             return PlainTextResponse(GONE, status_code=404)
-        path, media_type = found
+        path, media_type = shared_path
         kind = request.query_params.get("as")
         if kind == "character":
             return await moving_character(path, request)
@@ -350,8 +352,8 @@ def character_route(characters: Characters, exports: OnDemandFiles, quota: Quota
                 async for piece in request.stream():
                     size += len(piece)
                     if size > MAX_CHARACTER_BYTES:
-                        told = CHARACTER_TOO_LARGE.format(limit=MAX_CHARACTER_BYTES / 1e6)
-                        return PlainTextResponse(told, status_code=413)
+                        message = CHARACTER_TOO_LARGE.format(limit=MAX_CHARACTER_BYTES / 1e6)
+                        return PlainTextResponse(message, status_code=413)
                     file.write(piece)
             quota.require(owner, size)
             answer = await exports.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
@@ -429,7 +431,7 @@ def viewer_constants() -> bytes:
     from renderer.files.glb import STEP_M
     from renderer.video.render_constants import render_constants
 
-    told = {
+    constants = {
         **render_constants(),
         "faces": list(face_names()),
         "reaches": base64.b64encode(encode_camera_bound_poses()).decode("ascii"),
@@ -440,7 +442,7 @@ def viewer_constants() -> bytes:
         "tones": COLORS,
         "builds": {"names": BUILDS, "step": STEP_M},
     }
-    return json.dumps(told, separators=(",", ":")).encode()
+    return json.dumps(constants, separators=(",", ":")).encode()
 
 
 VIEWER_ASSETS: Mapping[str, tuple[Callable[[], bytes], str]] = {

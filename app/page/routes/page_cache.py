@@ -76,22 +76,27 @@ class PageCache:
                 return self._answers[key]
             headers = [(b"host", f"{secrets.token_hex(16)}.invalid".encode())]
             headers += [header for header in scope["headers"] if header[0] == b"cookie"]
-            asked = {**scope, "method": "GET", "query_string": key.query, "headers": headers}
-            asked["extensions"] = {}
+            request_scope = {
+                **scope,
+                "method": "GET",
+                "query_string": key.query,
+                "headers": headers,
+            }
+            request_scope["extensions"] = {}
             self.app.api_info = None  # Gradio would keep the list with the first visitor's host
             messages: list[Message] = []
 
             async def collect(message: Message) -> None:
                 messages.append(message)
 
-            await self.inner(asked, receive, collect)
+            await self.inner(request_scope, receive, collect)
             start, *rest = messages
             if start["status"] != 200:
                 return None
             body = b"".join(message.get("body", b"") for message in rest)
-            parts = body.split(self._root_url(asked, key.path).encode())
-            kept = [header for header in start["headers"] if header[0] != b"content-length"]
-            self._answers[key] = _Answer(kept, parts)
+            parts = body.split(self._root_url(request_scope, key.path).encode())
+            headers_sent = [header for header in start["headers"] if header[0] != b"content-length"]
+            self._answers[key] = _Answer(headers_sent, parts)
             return self._answers[key]
 
     def _root_url(self, scope: Scope, path: str) -> str:

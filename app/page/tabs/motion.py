@@ -153,12 +153,12 @@ def build_form(services: Services) -> FormParts:
     if catalogue.examples:
         _offer_examples(catalogue.examples, of["speech"], config.cache_folder / "examples")
     with gr.Accordion(text.CLIPS_LABEL, open=False, elem_id="several-fold"):
-        told = text.CLIPS_HELP.format(
+        help_text = text.CLIPS_HELP.format(
             count=MAX_CLIPS,
             max_min=round(config.max_speech_s / 60, 1),
             size=config.max_upload.upper().replace("MB", " MB"),
         )
-        gr.HTML(f'<p class="hint">{told}</p>')
+        gr.HTML(f'<p class="hint">{help_text}</p>')
         of["clips"] = services.file(
             "clips", text.CLIPS_LABEL, ["audio"], "several", file_count="multiple"
         )

@@ -102,14 +102,14 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
     )
     # Clicked by the assumption chips of a row, to change one assumption and measure again.
     otherwise = gr.Button(elem_classes="otherwise-start told-elsewhere")
-    said = otherwise.click(
+    overrides_box = otherwise.click(
         None,
         assume,
         assume,
         js="(said) => document.querySelector('#own-player .lockstep').said(said)",
         api_visibility="private",
     )
-    runner.wire(page, form.fields, (filled.then, said.then), api_name="own_motion")
+    runner.wire(page, form.fields, (filled.then, overrides_box.then), api_name="own_motion")
     ClipRunner(services, form, parts, runner).after(of_sets[1].input, [of_sets[1]])
     return parts
 

@@ -57,8 +57,8 @@ def page_request(
         "max_speech_s": config.max_speech_s,
         "figure_forms": ("png",),
     }
-    known = all_names(kind)
-    return request_from(kind, {name: own[name] for name in own if name in known} | dict(values))
+    names = all_names(kind)
+    return request_from(kind, {name: own[name] for name in own if name in names} | dict(values))
 
 
 @dataclass(frozen=True)
@@ -114,11 +114,11 @@ class Services:
         )
 
     def _refusal(self, kind: UploadKind, value: str | list[str] | None) -> str:
-        given = [value] if isinstance(value, str) else value or ()
-        paths = [Path(path) for path in dict.fromkeys(given)]  # without duplicates
+        checked_paths = [value] if isinstance(value, str) else value or ()
+        paths = [Path(path) for path in dict.fromkeys(checked_paths)]  # without duplicates
         try:
-            given = Upload(kind, paths, self.config.max_speech_s)
-            sentence = self.upload_worker.do(rejection_reason, given) if paths else ""
+            checked_paths = Upload(kind, paths, self.config.max_speech_s)
+            sentence = self.upload_worker.do(rejection_reason, checked_paths) if paths else ""
         except Exception as error:  # the check itself failed or timed out
             log.warning("an upload could not be checked: %s", error)
             return ""

@@ -69,8 +69,8 @@ def build_study_tab(services: Services) -> Fields:
         return paths or [str(copy_as_upload(path, folder)) for path in catalogue.examples] or None
 
     for button in ready:
-        asked, changes = STUDY_PRESETS[button.value]
-        filled = json.dumps([asked, [default_planner()], changes])
+        settings, changes = STUDY_PRESETS[button.value]
+        filled = json.dumps([settings, [default_planner()], changes])
         # In the browser, so that a click on "Make the study" right after it uses these values.
         button.click(
             None,
@@ -401,14 +401,14 @@ class StudyRunner(TabRunner):
                     folder.mkdir(parents=True, mode=0o700)
                 written = Path(shutil.copyfile(plan, work / plan.name))
                 collect_files((*fields["speeches"], *fields["motions"]), work)
-                asked = ExportRequest(
+                request = ExportRequest(
                     plan=written,
                     out=work / "study",
                     weights=config.weights,
                     body=config.body,
                     zips=(bundle, key),
                 )
-                study = services.worker.do(EXPORT_STUDY, asked, callbacks)
+                study = services.worker.do(EXPORT_STUDY, request, callbacks)
                 if callbacks.should_cancel():
                     raise Cancelled
                 return Path(shutil.move(study.bundle, job.folder / "bundle"))
@@ -496,8 +496,8 @@ class AnalysisRunner(StudyRunner):
             self.status: markup.sentence_status(text.STARTING),
             self.result_part: update_html(""),
         }
-        asked = AnalysisRequest(answers, key, job.folder / "results")
-        files = yield from self.run_task(job, analyse, asked)
+        request = AnalysisRequest(answers, key, job.folder / "results")
+        files = yield from self.run_task(job, analyse, request)
         links = files_listed(files, self.services.media.share(job.folder, job.cookie))
         html = f'{framed(files[0].read_text("utf-8"))}<div class="downloads">{links}</div>'
         yield {self.status: markup.sentence_status(ANALYSED), self.result_part: update_html(html)}

@@ -109,9 +109,9 @@ class Turns(queueing.Queue):
 
     def _next_of(self, queue: EventQueue) -> Event | None:
         """Return the first event with a listener; checks alternate between addresses."""
-        heard = [event for event in queue.queue if self._has_listener(event)]
-        others = [event for event in heard if not _is_from(event, self._checked)]
-        return next(iter((others if queue.concurrency_id == CHECKS else []) or heard), None)
+        waited_for = [event for event in queue.queue if self._has_listener(event)]
+        others = [event for event in waited_for if not _is_from(event, self._checked)]
+        return next(iter((others if queue.concurrency_id == CHECKS else []) or waited_for), None)
 
     def send_message(self, event: Event, event_message: Any) -> None:
         """Send a message to the event's page if it is connected."""

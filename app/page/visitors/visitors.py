@@ -138,9 +138,9 @@ class TokenStore(Generic[Thing]):
 
     def take(self, token: str, cookie: str) -> Thing | None:
         """Remove and return the object of a token; with a wrong cookie, the token stays valid."""
-        found = self.find(token, cookie)
+        item = self.find(token, cookie)
         with self._lock:
-            return found if self._entries.pop(token if found else "", None) else None
+            return item if self._entries.pop(token if item else "", None) else None
 
     def all(self) -> list[Thing]:
         """Return the stored objects of all browsers."""

@@ -196,8 +196,8 @@ def distance_rows(
             counts = {"codes": count, "frames": judge.frames_a_code, "least": least}
             notes.append(LEFT_OUT.format(encoder=TITLES[judge.metric].rsplit(", ", 1)[1], **counts))
             continue
-        known = [record for record, (length, _) in zip(records, shapes, strict=True) if length]
-        rows += _rows(judge, systems, len(known), partial(_codes_of, number, known))
+        measured = [record for record, (length, _) in zip(records, shapes, strict=True) if length]
+        rows += _rows(judge, systems, len(measured), partial(_codes_of, number, measured))
     return rows, notes
 
 

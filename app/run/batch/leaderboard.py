@@ -118,11 +118,11 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
     path = folder / "many.json"
     content = read_capped(path, MAX_BYTES, RunError)
     try:
-        told = json.loads(content)
+        results = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise RunError(f"{path} is not JSON.") from error
     try:
-        return _entries(told, folder, note, set(names))
+        return _entries(results, folder, note, set(names))
     except RunError:
         raise
     except (LookupError, TypeError, AttributeError, ValueError) as error:
@@ -190,11 +190,11 @@ def merge_entries(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
     merged: dict[tuple[str, str, str], Entry] = {}
     for board in boards:
         for entry in board:
-            known = merged.get(entry.key)
-            if known is None:
+            existing = merged.get(entry.key)
+            if existing is None:
                 merged[entry.key] = entry
                 continue
-            newer, older = sorted((entry, known), key=lambda one: one.measured_at, reverse=True)
+            newer, older = sorted((entry, existing), key=lambda one: one.measured_at, reverse=True)
             merged[entry.key] = replace(newer, note=newer.note or older.note)
     return sorted(
         merged.values(), key=lambda one: (one.test, one.is_recorded, one.system, one.measured_at)

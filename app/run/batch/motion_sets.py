@@ -90,8 +90,8 @@ def measure_sets(request: DiagnoseRequest, callbacks: RunCallbacks = NO_CALLBACK
     """
     limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
     folders = unpack_archives(sets_of(request), request.output.out / UNPACKED, limits)
-    found = diagnose_folders(in_folders(request, folders), callbacks.progress_callback("numbers"))
-    return replace(found, request=request)
+    result = diagnose_folders(in_folders(request, folders), callbacks.progress_callback("numbers"))
+    return replace(result, request=request)
 
 
 def diagnose_folders(
@@ -153,21 +153,26 @@ def _diagnose_sets(
         of_sets[_SPEECH] = speech, SOUND_ENDINGS
     files = pair_files(of_sets, (REFERENCE_NAME, _SPEECH))
     sounds = {clip: first_sample(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
-    clips = sorted(set.intersection(*(set(found) for found in files.values())))
+    clips = sorted(set.intersection(*(set(paths_of_set) for paths_of_set in files.values())))
     if not clips:
         raise no_common_clips(files)
     notes = [
-        f"{name}: {len(found) - len(clips)} of {len(found)} clips are missing in another set and "
-        f"were not measured: {shorten_list(set(found) - set(clips))}."
-        for name, found in files.items()
-        if len(found) > len(clips)
+        f"{name}: {len(paths_of_set) - len(clips)} of {len(paths_of_set)} clips are missing in "
+        f"another set and were not measured: {shorten_list(set(paths_of_set) - set(clips))}."
+        for name, paths_of_set in files.items()
+        if len(paths_of_set) > len(clips)
     ]
     notes += [
         f"{name} has {count} samples of each clip; their metrics are averaged first."
-        for name, found in files.items()
-        if (count := _counts(len(found[clip]) for clip in clips)) != "1"
+        for name, paths_of_set in files.items()
+        if (count := _counts(len(paths_of_set[clip]) for clip in clips)) != "1"
     ]
-    paths = [path for found in files.values() for each in found.values() for path in each.values()]
+    paths = [
+        path
+        for paths_of_set in files.values()
+        for each in paths_of_set.values()
+        for path in each.values()
+    ]
     notes += filter(None, [request.imports.import_overrides.unknown(paths, *files)])
     silent = [clip for clip in clips if clip not in sounds]
     if request.speech.path is not None and silent:
@@ -184,24 +189,26 @@ def _diagnose_clips(
     on_progress: Callable[[float], None],
     pool: JobPool,
 ) -> SetResults:
-    kept, here = request.output.out.absolute() / "clips", with_paths(request, Path.absolute)
+    clips_folder, here = request.output.out.absolute() / "clips", with_paths(request, Path.absolute)
     measured = {
         clip: _ClipJob(
             files={
-                name: {sample: path.absolute() for sample, path in found[clip].items()}
-                for name, found in files.items()
+                name: {sample: path.absolute() for sample, path in readings[clip].items()}
+                for name, readings in files.items()
             },
             sound=sounds[clip].absolute() if clip in sounds else None,
             request=here,
-            record=kept / f"{clip}.json",
+            record=clips_folder / f"{clip}.json",
             semantics=_semantics_of(here, clip),
         )
         for clip in clips
     }
     jobs = [Job(clip, each.is_measured, each.measure) for clip, each in measured.items()]
-    known, left_out = run_jobs(jobs, pool, lambda clip, share: on_progress(share))
-    if known:
-        notes.append(f"{known} clips had already been measured; their results were reused.")
+    measured_clips, left_out = run_jobs(jobs, pool, lambda clip, share: on_progress(share))
+    if measured_clips:
+        notes.append(
+            f"{measured_clips} clips had already been measured; their results were reused."
+        )
     if len(left_out) == len(jobs):
         raise RunError(next(iter(left_out.values())))
     left_out = dict(sorted(left_out.items()))
@@ -211,15 +218,15 @@ def _diagnose_clips(
     notes += [sentence for each in numbers.values() for sentence in each["unread"]]
     above = notes_on_sets(files, list(numbers.values()))
     notes[:0] = above
-    systems, kept_records = list(files), list(records.values())
-    distances, unsaid = distance_rows(systems, kept_records, here.metrics)
+    systems, records_list = list(files), list(records.values())
+    distances, unsaid = distance_rows(systems, records_list, here.metrics)
     origin = _origin_of(systems, numbers, here.metrics)
-    published = PublishedMetrics(kept_records)
+    published = PublishedMetrics(records_list)
     speeds = _speeds_of(here)
     compared = _by_rule(published, systems, numbers, speeds) | distance_values(
-        systems, kept_records, here.metrics, _variations(here)
+        systems, records_list, here.metrics, _variations(here)
     )
-    written, told = write_tables(
+    written, results = write_tables(
         request.output.out,
         systems,
         numbers,
@@ -230,15 +237,15 @@ def _diagnose_clips(
         speeds=speeds,
         below=rule_lines(systems, compared, here.metrics.expected),
     )
-    drawn, said = draw_spread(request.output.out, systems, list(numbers.values()), speeds)
+    drawn, spread_notes = draw_spread(request.output.out, systems, list(numbers.values()), speeds)
     return SetResults(
         request,
         files=(*written, *drawn),
-        notes=(*notes, *unsaid, *said),
-        summary=told,
+        notes=(*notes, *unsaid, *spread_notes),
+        summary=results,
         clips={
-            name: {clip: first_sample(found[clip]) for clip in numbers}
-            for name, found in files.items()
+            name: {clip: first_sample(readings[clip]) for clip in numbers}
+            for name, readings in files.items()
         },
         audio_files={clip: sounds[clip] for clip in numbers if clip in sounds},
     )
@@ -273,10 +280,10 @@ def _by_rule(
     for system in systems:
         for key in ("beat_align", "l1_diversity_m"):
             measured = [each["systems"][system]["numbers"].get(key) for each in numbers.values()]
-            known = [value for value in measured if value is not None]
-            if known:
+            finite = [value for value in measured if value is not None]
+            if finite:
                 protocol = protocol_of(key, speeds)
-                values[system, protocol, key, PLAIN] = sum(known) / len(known)
+                values[system, protocol, key, PLAIN] = sum(finite) / len(finite)
     return values
 
 
@@ -382,27 +389,27 @@ class _ClipJob:
         readings = {name: self._readings(name, unread) for name in self.files}
         of_all = {
             f"{name} {sample}": each
-            for name, found in readings.items()
-            for sample, each in found.items()
+            for name, imported in readings.items()
+            for sample, each in imported.items()
         }
         shortest = min(each.motion.num_frames for each in of_all.values())
-        heard = self._shared_inputs(shortest)
+        shared = self._shared_inputs(shortest)
         apart = incomparable_parts({which: each.missing_parts for which, each in of_all.items()})
         reference = None
         systems: dict[str, Any] = {}
         motions: dict[str, list[Motion]] = {}
         clips: dict[str, list[Clip]] = {}
         for name in sorted(readings, key=lambda name: name != REFERENCE_NAME):  # first
-            told = []
+            notes = []
             for sample, reading in readings[name].items():
                 motion = first_frames(reading.motion, shortest)
                 motions.setdefault(name, []).append(motion)
-                evidence = analyse_raw(motion, open_body_skeleton(), reference, **heard)
+                evidence = analyse_raw(motion, open_body_skeleton(), reference, **shared)
                 recorded = None if name == REFERENCE_NAME else clips.get(REFERENCE_NAME, [None])[0]
-                clip = heard["inputs"].clip(motion, evidence.tracks, recorded)
+                clip = shared["inputs"].clip(motion, evidence.tracks, recorded)
                 clips.setdefault(name, []).append(clip)
                 faults = drop_missing_parts(find_faults(evidence), reading.missing_parts)
-                told.append({
+                notes.append({
                     "numbers": numbers_of(
                         evidence.raw, reading.missing_parts, apart[f"{name} {sample}"]
                     ),
@@ -412,14 +419,14 @@ class _ClipJob:
                 if name == REFERENCE_NAME:
                     reference = evidence
             assumed = [assumed_in(each) for each in readings[name].values()]
-            systems[name] = {**mean_of_samples(told), "assumed": assumed}
+            systems[name] = {**mean_of_samples(notes), "assumed": assumed}
         self.record.parent.mkdir(parents=True, exist_ok=True)
         variations = _variations(self.request)
         save_codes(self.record, motions, self.request.metrics, variations)
-        save_sums(self.record, self._sums(readings, motions, clips, heard["inputs"]))
-        told = {"frames": shortest, "systems": systems, "unread": unread}
+        save_sums(self.record, self._sums(readings, motions, clips, shared["inputs"]))
+        notes = {"frames": shortest, "systems": systems, "unread": unread}
         write_atomically(
-            self.record, json.dumps({"stamp": self._stamp(), **told}, allow_nan=False) + "\n"
+            self.record, json.dumps({"stamp": self._stamp(), **notes}, allow_nan=False) + "\n"
         )
 
     def _sums(
@@ -459,8 +466,8 @@ class _ClipJob:
         inputs = protocol_inputs(replace(self.request, metrics=metrics), speech, num_frames)
         if speech is None:
             return {"inputs": inputs}
-        heard = speech_bands_by_frame(speech.waveform)
-        return {"onsets_s": onsets_of(speech), "speech_bands": heard, "inputs": inputs}
+        bands = speech_bands_by_frame(speech.waveform)
+        return {"onsets_s": onsets_of(speech), "speech_bands": bands, "inputs": inputs}
 
     def _readings(self, name: str, unread: list[str]) -> dict[str, ImportedMotion]:
         """Read the samples of a set, and append the reasons of unreadable ones to ``unread``.
@@ -510,9 +517,9 @@ def _origin_of(
 
 def assumed_in(reading: ImportedMotion) -> dict[str, Any]:
     """Return the assumptions on a file that differ from our format, and what it lacks."""
-    told = [each for each in reading.assumptions if not each.is_default]
+    assumptions = [each for each in reading.assumptions if not each.is_default]
     return {
-        "said": [[each.kind, each.value, each.reason] for each in told],
+        "said": [[each.kind, each.value, each.reason] for each in assumptions],
         "lacks": sorted(reading.missing_parts),
     }
 
@@ -526,8 +533,8 @@ def notes_on_sets(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> 
         name: [file for each in numbers for file in each["systems"][name]["assumed"]]
         for name in systems
     }
-    told = [each for of_set in files.values() for file in of_set for each in file["said"]]
-    why = {(kind, value): because for kind, value, because in reversed(told)}
+    assumptions = [each for of_set in files.values() for file in of_set for each in file["said"]]
+    why = {(kind, value): because for kind, value, because in reversed(assumptions)}
     counts = {
         name: Counter((kind, value) for file in of_set for kind, value, _ in file["said"])
         for name, of_set in files.items()

@@ -55,17 +55,17 @@ def pair_files(
         name: _files(folder, RECORDED if name in recorded else GENERATED, endings)
         for name, (folder, endings) in folders.items()
     }
-    clip_names = {each.parts[-1] for found in files.values() for each in found if not each.sample}
+    clip_names = {each.parts[-1] for paths in files.values() for each in paths if not each.sample}
     numbers_are_clips = any(
         map(_is_numbered, (f for name in recorded for f in files.get(name, ())))
     )
     files = {
-        name: found if name in recorded else _of_folders(found, clip_names, numbers_are_clips)
-        for name, found in files.items()
+        name: paths if name in recorded else _of_folders(paths, clip_names, numbers_are_clips)
+        for name, paths in files.items()
     }
-    deepest = max((len(each.parts) for found in files.values() for each in found), default=1)
+    deepest = max((len(each.parts) for paths in files.values() for each in paths), default=1)
     for depth in range(1, deepest + 1):
-        clips = {name: _clips(found, depth) for name, found in files.items()}
+        clips = {name: _clips(paths, depth) for name, paths in files.items()}
         if all(twice is None for _, twice in clips.values()):
             break
     for name, (_, twice) in clips.items():
@@ -76,7 +76,7 @@ def pair_files(
                 f"Two files of {name} have the same clip name {_read(twice[0], one).parts[-1]!r}: "
                 f"{one} and {other}. Rename one."
             )
-    return {name: found for name, (found, _) in clips.items()}
+    return {name: paths for name, (paths, _) in clips.items()}
 
 
 def no_common_clips(files: Mapping[str, Mapping[str, Samples]]) -> RunError:

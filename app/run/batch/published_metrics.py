@@ -140,9 +140,9 @@ class PublishedMetrics:
                     variation, protocol, key, system = name.split("|", 3)
                     where = variation, protocol, system
                     drawn = np.multiply.outer(self._draws[:, place], file[name])
-                    known = self._sums.setdefault(where, {})
-                    known[key] = known.get(key, 0.0) + drawn
-                    self.clips[where] = self.clips.get(where, 0) + (key == next(iter(known)))
+                    sums = self._sums.setdefault(where, {})
+                    sums[key] = sums.get(key, 0.0) + drawn
+                    self.clips[where] = self.clips.get(where, 0) + (key == next(iter(sums)))
 
     def values(self, protocol: str, system: str, variation: str = PLAIN) -> dict[str, np.ndarray]:
         """Return the value of all clips and those of the draws, by name; NaN for an empty draw."""
@@ -166,9 +166,11 @@ class PublishedMetrics:
                 continue
             values = {name: self.values(protocol, name) for name in systems}
             for key, unit in (record.values or {}).items():
-                known = {name: each[key] for name, each in values.items() if key in each}
-                clips = {name: self.clips[PLAIN, protocol, name] for name in known}
-                yield from interval_rows((f"{protocol}/{key}", unit), known, clips, protocol)
+                values_of_metric = {name: each[key] for name, each in values.items() if key in each}
+                clips = {name: self.clips[PLAIN, protocol, name] for name in values_of_metric}
+                yield from interval_rows(
+                    (f"{protocol}/{key}", unit), values_of_metric, clips, protocol
+                )
 
 
 def interval_rows(
@@ -194,8 +196,8 @@ def interval_rows(
 
 def _interval(values: Float[np.ndarray, " draws"]) -> tuple[float, float, float]:
     drawn = values[1:][~np.isnan(values[1:])]
-    found = percentile_interval(values[0], drawn if len(drawn) else values[:1])
-    return found.mean, found.low, found.high
+    limits = percentile_interval(values[0], drawn if len(drawn) else values[:1])
+    return limits.mean, limits.low, limits.high
 
 
 def rule_lines(
@@ -235,7 +237,7 @@ def rule_lines(
             first = next(iter(plain.values()))
             for place, (protocol, variation, value) in enumerate(own):
                 change = value - (first if variation == PLAIN else plain[protocol])
-                told = f"{change:+.3g}" if abs(change) > 1e-9 * abs(value) else "0"
+                change_text = f"{change:+.3g}" if abs(change) > 1e-9 * abs(value) else "0"
                 gap = ["" if reported is None else f"{value - reported:+.3g}"] if expected else []
                 rule = protocol if variation == PLAIN else f"{protocol}, {variation}"
                 cells = (
@@ -243,7 +245,7 @@ def rule_lines(
                     escape_markdown(system),
                     rule,
                     format_value(value),
-                    told if place else "",
+                    change_text if place else "",
                     *gap,
                 )
                 rows.append(cells)

@@ -126,11 +126,11 @@ def run_folder(
         into.mkdir(parents=True)
         _unpack_runs(path, into, endings, limits)
         folders = [into, *into.iterdir()]
-    found = next(filter(None, map(runs_in, folders)), {})
-    if not found:
+    runs = next(filter(None, map(runs_in, folders)), {})
+    if not runs:
         raise RunError(NO_RUN.format(name=printable(path.name), why=f"{RUN} is missing"))
-    first = next(iter(found.values()))
-    return first if len(found) == 1 else first.parent
+    first = next(iter(runs.values()))
+    return first if len(runs) == 1 else first.parent
 
 
 def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackLimits) -> None:

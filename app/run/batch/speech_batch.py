@@ -104,7 +104,7 @@ def run_batch(
         done = partial(_is_done, request.output.out, stamp)
         jobs.append(Job(clip, done, partial(_do_clip, request, stamp), has_news=True))
     with lock_folder(out):
-        kept, failed = run_jobs(
+        finished, failed = run_jobs(
             jobs,
             pool,
             lambda clip, share: on_done(requests[clip].output.out, share),
@@ -121,7 +121,7 @@ def run_batch(
             names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
             numbers = dict(zip(clips, map(_clip_results, runs), strict=True))
             files, _ = write_tables(out, names, numbers, notes, failed)
-    return BatchResult(tuple(clips), kept, failed, files, tuple(notes))
+    return BatchResult(tuple(clips), finished, failed, files, tuple(notes))
 
 
 def _mean_progress(callbacks: RunCallbacks, num_clips: int) -> Callable[[str, RunEvent], None]:
@@ -147,7 +147,7 @@ def run_jobs(
         on_done: called with the name of each finished job, and the fraction done.
         further: callbacks of `JobPool.run_all`.
     """
-    kept = done = sum(job.is_done() for job in jobs)
+    num_done = done = sum(job.is_done() for job in jobs)
 
     def tell(name: str) -> None:
         nonlocal done
@@ -155,7 +155,7 @@ def run_jobs(
         on_done(name, done / len(jobs))
 
     failed = pool.run_all(jobs, tell, **further)
-    return kept, {name: _sentence(error) for name, error in failed.items()}
+    return num_done, {name: _sentence(error) for name, error in failed.items()}
 
 
 def find_speeches(source: Path) -> dict[str, Path]:
@@ -169,13 +169,13 @@ def find_speeches(source: Path) -> dict[str, Path]:
     """
     if source.is_dir():
         inside = sorted(path for path in source.iterdir() if path.is_file())
-        found = [path for path in inside if has_suffix(ENDINGS, Path(path.name))]
-        if not found:
+        listed = [path for path in inside if has_suffix(ENDINGS, Path(path.name))]
+        if not listed:
             raise RunError(f"{source} contains no audio files ({', '.join(ENDINGS)}).")
     else:
-        found = _listed(source)
+        listed = _listed(source)
     speeches: dict[str, Path] = {}
-    for path in found:
+    for path in listed:
         name = file_stem(path.stem)
         if name in speeches:
             raise RunError(
@@ -190,15 +190,15 @@ def _listed(source: Path) -> list[Path]:
         lines = [line.strip() for line in source.read_text("utf-8").splitlines()]
     except (OSError, UnicodeDecodeError) as error:
         raise RunError(f"The list {source} cannot be read: {error}.") from error
-    found = [source.parent / line for line in lines if line and line[0] != "#"]
-    if not found:
+    paths = [source.parent / line for line in lines if line and line[0] != "#"]
+    if not paths:
         raise RunError(f"{source} lists no audio files; write one path per line.")
-    missing = [path for path in found if not path.is_file()]
+    missing = [path for path in paths if not path.is_file()]
     if missing:
         raise RunError(
             f"{source} lists {len(missing)} files that do not exist; the first is {missing[0]}."
         )
-    return found
+    return paths
 
 
 def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
@@ -216,16 +216,16 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
             f"{folder} is not a folder; for several speeches, give a folder of plans with the "
             f"names of the speech files ({', '.join(PLAN_ENDINGS)})."
         )
-    known = tuple(ending.lower() for ending in PLAN_ENDINGS)
-    found = {
+    endings = tuple(ending.lower() for ending in PLAN_ENDINGS)
+    plans = {
         file_stem(path.stem): path.absolute()
         for path in sorted(folder.iterdir())
-        if has_suffix(known, Path(path.name))
+        if has_suffix(endings, Path(path.name))
     }
-    missing = [clip for clip in clips if clip not in found]
+    missing = [clip for clip in clips if clip not in plans]
     if missing:
         raise RunError(f"{folder} has no plan for {len(missing)} clips; the first is {missing[0]}.")
-    return found
+    return plans
 
 
 def _stamp(request: AnyRun) -> str:
@@ -239,18 +239,18 @@ def _stamp(request: AnyRun) -> str:
     files = {name: path for name, path in read.items() if path is not None}
     files |= {path.name: path for path in weights}
     body = request.video.body
-    asked = flat_json(request) | {name: None for name in read}
-    return inputs_digest(files if body is None else files | {"body": body}, asked)
+    fields = flat_json(request) | {name: None for name in read}
+    return inputs_digest(files if body is None else files | {"body": body}, fields)
 
 
 def inputs_digest(files: Mapping[str, Path], transcript: object) -> str:
     """Return the digest of a request and its files, by name, size and modification time."""
     of_files = {}
     for name, path in files.items():
-        found = path.stat()
-        of_files[name] = [path.name, found.st_size, found.st_mtime_ns]
-    told = json.dumps({"said": transcript, "files": of_files}, default=str, sort_keys=True)
-    return hashlib.sha256(told.encode()).hexdigest()
+        stat = path.stat()
+        of_files[name] = [path.name, stat.st_size, stat.st_mtime_ns]
+    digest_input = json.dumps({"said": transcript, "files": of_files}, default=str, sort_keys=True)
+    return hashlib.sha256(digest_input.encode()).hexdigest()
 
 
 def _do_clip(

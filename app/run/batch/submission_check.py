@@ -66,15 +66,15 @@ def check_sets(
         for folder in (*named.values(), recorded):
             if not folder.is_dir():
                 raise RunError(f"{folder} is not a folder or archive; --check needs whole sets.")
-        found = {name: _checked(name, folder, recorded) for name, folder in named.items()}
+        checks = {name: _checked(name, folder, recorded) for name, folder in named.items()}
         lines = ["# Check against the rules of the GENEA leaderboard", ""]
-        for each in found.values():
+        for each in checks.values():
             lines += [f"- {line}" for line in each.messages] + [
                 f"  - {clip}" for clip in each.listed
             ]
         results.path("check.md").write_text("\n".join(lines) + "\n", "utf-8")
         results.publish()
-    return found
+    return checks
 
 
 def _name_of(path: Path) -> str:
@@ -97,39 +97,39 @@ def _of_test_split(clips: Mapping[str, Samples], folder: Path) -> dict[str, Path
 def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
     sets = {name: (folder, ENDINGS), REFERENCE_NAME: (recorded, ENDINGS)}
     files_of = pair_files(sets, (REFERENCE_NAME,))
-    found, wanted = files_of[name], _of_test_split(files_of[REFERENCE_NAME], recorded)
-    counts = {clip: len(found[clip]) for clip in sorted(found.keys() & wanted.keys())}
+    present, wanted = files_of[name], _of_test_split(files_of[REFERENCE_NAME], recorded)
+    counts = {clip: len(present[clip]) for clip in sorted(present.keys() & wanted.keys())}
     most = max(counts.values(), default=0)
     uneven = [clip for clip, count in counts.items() if count != most]
-    missing, extra = sorted(wanted.keys() - found.keys()), sorted(found.keys() - wanted.keys())
+    missing, extra = sorted(wanted.keys() - present.keys()), sorted(present.keys() - wanted.keys())
     files: dict[str, list[str]] = {}
     for clip in counts:
-        for file, why in _wrong_files(folder, found[clip], wanted[clip]).items():
+        for file, why in _wrong_files(folder, present[clip], wanted[clip]).items():
             files.setdefault(why, []).append(file)
-    told = []
+    problems = []
     if uneven:
-        told.append(
+        problems.append(
             f"{shorten_list(uneven)} have fewer samples than other clips, which have {most}."
         )
     if most not in (0, 1, SAMPLES):
-        told.append(
+        problems.append(
             f"it has {most} samples per clip; a probabilistic system must submit {SAMPLES}, a "
             "deterministic one 1."
         )
     if missing:
-        told.append(f"missing clips ({len(missing)}): {shorten_list(missing)}.")
+        problems.append(f"missing clips ({len(missing)}): {shorten_list(missing)}.")
     if extra:
-        told.append(
+        problems.append(
             f"clips to remove, as they are not in the test set ({len(extra)}): "
             f"{shorten_list(extra)}."
         )
-    told += [f"{shorten_list(named)}: {why}" for why, named in files.items()]
+    problems += [f"{shorten_list(named)}: {why}" for why, named in files.items()]
     random = f", {most} samples of each" if most > 1 else ""
     right = f"all {len(counts)} clips meet the leaderboard's rules{random}."
     return SubmissionReport(
-        [f"{name}: {sentence}" for sentence in told or [right]],
+        [f"{name}: {sentence}" for sentence in problems or [right]],
         [*(f"Missing: {clip}" for clip in missing), *(f"Extra: {clip}" for clip in extra)],
-        is_valid=not told,
+        is_valid=not problems,
     )
 
 

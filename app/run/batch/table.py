@@ -47,15 +47,19 @@ def mean_of_samples(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """
     if len(samples) == 1:
         return dict(samples[0])
-    known = {
+    values_by_metric = {
         row.key: [each["numbers"][row.key] for each in samples if row.key in each["numbers"]]
         for row in METRICS
     }
     counts = Counter(kind for each in samples for kind in set(each["findings"]))
     return {
-        "numbers": {key: float(np.mean(values)) for key, values in known.items() if values},
+        "numbers": {
+            key: float(np.mean(values)) for key, values in values_by_metric.items() if values
+        },
         "spread": {
-            key: float(np.std(values, ddof=1)) for key, values in known.items() if len(values) > 1
+            key: float(np.std(values, ddof=1))
+            for key, values in values_by_metric.items()
+            if len(values) > 1
         },
         "samples": len(samples),
         "findings": [kind for kind, count in counts.items() if 2 * count >= len(samples)],
@@ -67,8 +71,8 @@ def interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Compute the mean over clips with its 95 % bootstrap interval, which a single clip lacks."""
     from model.evaluation.tables import bootstrap
 
-    found = bootstrap(values)
-    return found.mean, found.low, found.high
+    estimate = bootstrap(values)
+    return estimate.mean, estimate.low, estimate.high
 
 
 def write_tables(
@@ -145,9 +149,9 @@ def _clip_rows(
     protocols = "; ".join([WORKBENCH, *(f"{key} {protocol}" for key, protocol in others)])
     yield ("clip", "system", "findings", *keys, "left out because", "protocols")
     for name, clips in of_systems.items():
-        for clip, told in clips:
-            values = [told["numbers"].get(key) for key in keys]
-            findings = "; ".join(dict.fromkeys(told["findings"]))
+        for clip, record in clips:
+            values = [record["numbers"].get(key) for key in keys]
+            findings = "; ".join(dict.fromkeys(record["findings"]))
             yield (clip, name, findings, *values, "", protocols)
     for clip, why in left_out.items():
         yield (clip, "", "", *[""] * len(keys), why, "")
@@ -167,9 +171,9 @@ def worst_clips(of_systems: ClipsBySystem) -> list[dict[str, Any]]:
         if name == REFERENCE_NAME:
             continue
         faulty = [
-            {"system": name, "clip": clip, "kinds": kinds, "jerk": told["numbers"].get(JERK)}
-            for clip, told in clips
-            if (kinds := list(dict.fromkeys(told["findings"])))
+            {"system": name, "clip": clip, "kinds": kinds, "jerk": record["numbers"].get(JERK)}
+            for clip, record in clips
+            if (kinds := list(dict.fromkeys(record["findings"])))
         ]
         worst += sorted(faulty, key=badness, reverse=True)[:NUM_WORST]
     return sorted(worst, key=badness, reverse=True)
@@ -204,15 +208,15 @@ def _grid(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
 def _spread_lines(of_systems: ClipsBySystem) -> list[str]:
     """Format the standard deviations between samples of one clip, if there are any."""
     spreads = {
-        name: [told["spread"] for _, told in clips if "spread" in told]
+        name: [record["spread"] for _, record in clips if "spread" in record]
         for name, clips in of_systems.items()
     }
     spreads = {name: of for name, of in spreads.items() if of}
     rows = []
     for row in METRICS:
-        known = [[each[row.key] for each in of if row.key in each] for of in spreads.values()]
-        if any(known):
-            cells = (format_value(float(np.mean(each)) if each else None) for each in known)
+        by_metric = [[each[row.key] for each in of if row.key in each] for of in spreads.values()]
+        if any(by_metric):
+            cells = (format_value(float(np.mean(each)) if each else None) for each in by_metric)
             rows.append((title_with_unit(row), *cells))
     title = "Standard deviation between the samples of a clip, averaged over clips."
     return ["", title, "", *_grid(("measure", *spreads), rows)] if spreads else []
@@ -240,15 +244,15 @@ def _rows(of_systems: ClipsBySystem, speeds: BeatSpeeds) -> Iterator[Row]:
     """Yield the mean of each system and the differences of all pairs, by metric."""
     for measure in METRICS:
         values = {
-            name: np.array([told["numbers"].get(measure.key, np.nan) for _, told in clips])
+            name: np.array([record["numbers"].get(measure.key, np.nan) for _, record in clips])
             for name, clips in of_systems.items()
         }
         for place, (name, own) in enumerate(values.items()):
-            known = own[~np.isnan(own)]
-            if not len(known):
+            finite = own[~np.isnan(own)]
+            if not len(finite):
                 continue
             head, protocol = (measure.key, measure.unit, name), protocol_of(measure.key, speeds)
-            yield (*head, len(known), *interval(known.tolist()), *[""] * 4, protocol)
+            yield (*head, len(finite), *interval(finite.tolist()), *[""] * 4, protocol)
             for other in list(values)[place + 1 :]:
                 pairs = own - values[other]
                 pairs = pairs[~np.isnan(pairs)]
@@ -314,7 +318,7 @@ def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
     ]
-    kinds = sorted({kind for found in findings.values() for kind in found})
+    kinds = sorted({kind for by_kind in findings.values() for kind in by_kind})
     if kinds:
         counts = (
             (format_kinds([kind]), *(str(findings[name].get(kind, 0)) for name in systems))

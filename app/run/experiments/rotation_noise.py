@@ -52,24 +52,24 @@ def compare_rotation_noise(
             f"No rotation moves the {request.joint}; track a joint further from the pelvis."
         )
     request.import_overrides.check([motion])
-    found = read_any_motion(motion, request.import_overrides, request.body)
+    reading = read_any_motion(motion, request.import_overrides, request.body)
     growth = measure_error_growth(
-        found.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
+        reading.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
     )
     noisy = dict(
-        zip(NAMES, add_rotation_noise(found.motion, request.noise_rad, request.seed), strict=True)
+        zip(NAMES, add_rotation_noise(reading.motion, request.noise_rad, request.seed), strict=True)
     )
     record = RunRecord(kind="imported", point=DEFAULT_TRACKED_POINT)
     with open_run_writer(
         request.output.out, record, callbacks, is_incremental=request.output.is_incremental
     ) as run:
         tip = make_tracked_point(request.body, DEFAULT_TRACKED_POINT)
-        run.add_notes(*found.notes, *_growth_sentences(growth, request.noise_rad))
-        shown = run.write_viewer_files({**noisy, WITHOUT_NOISE: found.motion}, None, tip)
+        run.add_notes(*reading.notes, *_growth_sentences(growth, request.noise_rad))
+        shown = run.write_viewer_files({**noisy, WITHOUT_NOISE: reading.motion}, None, tip)
         run.write_timeline(shown, EMPTY_TRANSCRIPT)
         _draw_growth(request, growth, run)
         if request.has_video:
-            _draw_bodies(request, found.motion, noisy, run)
+            _draw_bodies(request, reading.motion, noisy, run)
         run.finish(DRAWN.format(noise=request.noise_rad))
 
 
@@ -84,8 +84,8 @@ def _draw_growth(request: RotationNoiseRequest, growth: ErrorGrowth, run: RunWri
             "predicted_global": growth.predicted_global_spread_m,
         }
     )
-    said = error_growth_summary(growth, request.noise_rad)
-    run.write_figure("error_growth", spreads, said, request.output.figure_forms)
+    summary = error_growth_summary(growth, request.noise_rad)
+    run.write_figure("error_growth", spreads, summary, request.output.figure_forms)
 
 
 def _draw_bodies(

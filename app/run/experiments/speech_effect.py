@@ -102,22 +102,22 @@ def measure_speech_effect(
                     path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
                     save_motion(motion, path)
                     run.add_files(path)
-        told = {
+        effects = {
             system: _effect_numbers(system, made, request.speakers)
             for system, made in of_system.items()
         }
-        labels = short_names(told)
+        labels = short_names(effects)
         run.add_notes(
-            *(_effect_sentence(labels[system], numbers) for system, numbers in told.items())
+            *(_effect_sentence(labels[system], numbers) for system, numbers in effects.items())
         )
         table = [
             (system, part, *shares.values(), WORKBENCH)
-            for system, numbers in told.items()
+            for system, numbers in effects.items()
             for part, shares in numbers["parts"].items()
         ]
-        run.write_table("hearing", told, [("system", "part", *_COLUMNS, "protocol"), *table])
-        _draw_hearing(told, of_system, run, request)
-        run.finish(f"Compared {pluralise(len(told), 'system')}.")
+        run.write_table("hearing", effects, [("system", "part", *_COLUMNS, "protocol"), *table])
+        _draw_hearing(effects, of_system, run, request)
+        run.finish(f"Compared {pluralise(len(effects), 'system')}.")
 
 
 def _generate_grids(
@@ -206,16 +206,17 @@ def _effect_numbers(
 
     try:
         parts = {
-            part: shares(found) for part, found in speech_and_noise_shares(generated.grid).items()
+            part: shares(part_shares)
+            for part, part_shares in speech_and_noise_shares(generated.grid).items()
         }
-        told = {
+        effect = {
             "protocol": WORKBENCH,
             "guidance": generated.guidance,
             "arm_rotations_same_noise": arm_rotation_correlation_same_noise(generated.grid),
             "parts": parts,
         }
         if speakers is None:
-            return told
+            return effect
         calm, lively = wrist_speeds(generated.by_speaker, speakers).values()
         compared = {
             "calm": speakers[0],
@@ -225,7 +226,7 @@ def _effect_numbers(
         }
     except ValueError as error:
         raise RunError(f"{system}: {error}") from error
-    return {**told, "speakers": compared}
+    return {**effect, "speakers": compared}
 
 
 def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
@@ -238,7 +239,7 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
         verdict = "Arm motion depends more on the noise seed than on the speech."
     else:
         verdict = "The difference is not significant; use more speeches and seeds."
-    told = (
+    sentence = (
         f"{system}: the speech accounts for {_percent(arms['by_speech'])} of the arm-speed "
         f"correlation and the noise seed for {_percent(arms['by_noise'])}, a difference of "
         f"{_points(lead)} percentage points (95 % interval over pairs of motions {_points(low)} to "
@@ -246,11 +247,11 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
         f"r = {numbers['arm_rotations_same_noise']:.2f}."
     )
     if "speakers" not in numbers:
-        return f"{told} {verdict}"
+        return f"{sentence} {verdict}"
     both = numbers["speakers"]
     calm, manner = both["calm"], both["manner"]
     return (
-        f"{told} For the speakers {calm} and {both['lively']}, the speaker accounts for "
+        f"{sentence} For the speakers {calm} and {both['lively']}, the speaker accounts for "
         f"{_percent(manner['by_speaker'])} of the arm-speed correlation. With the same noise and "
         "speech, their arm rotations correlate with r = "
         f"{manner['arm_rotations_same_noise']:.2f}, "

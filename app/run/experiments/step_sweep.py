@@ -72,8 +72,8 @@ def measure_step_sweep(request: StepSweepRequest, callbacks: RunCallbacks = NO_C
             )
         run.progress_callback("numbers")(1.0)
         run.add_notes(*_step_sentences(points))
-        told = [asdict(point) | {"protocol": WORKBENCH} for point in points]
-        run.write_table("steps", told, [told[0], *(point.values() for point in told)])
+        rows = [asdict(point) | {"protocol": WORKBENCH} for point in points]
+        run.write_table("steps", rows, [rows[0], *(point.values() for point in rows)])
         run.write_figure(
             "steps", DataFrame(points), STEP_SWEEP_CAPTION, request.output.figure_forms
         )

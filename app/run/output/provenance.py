@@ -29,13 +29,13 @@ _PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmp
 
 def versions() -> dict[str, str]:
     """Return the versions of this project, Python and packages that affect numbers or pictures."""
-    found = {"project": revision(), "python": platform.python_version()}
+    installed = {"project": revision(), "python": platform.python_version()}
     for package in _PACKAGES:
         try:
-            found[package] = importlib.metadata.version(package)
+            installed[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            installed[package] = "not installed"
+    return installed
 
 
 def describe_systems(systems: Sequence[Any]) -> dict[str, dict[str, Any]]:

@@ -261,9 +261,9 @@ class RunRecord(_Strict):
         if number < 3 and isinstance(numbers := record.get("numbers"), dict):
             record["numbers"] = _numbers_by_key(numbers)
         if number == 1:
-            asked = record.pop("asked", None)
+            request = record.pop("asked", None)
             kind = GenerateRequest if record.get("kind") == "generated" else DiagnoseRequest
-            record["request"] = nested_fields(kind, asked) if isinstance(asked, dict) else {}
+            record["request"] = nested_fields(kind, request) if isinstance(request, dict) else {}
         return record
 
     @model_validator(mode="after")
@@ -378,8 +378,8 @@ def runs_in(folder: Path) -> dict[str, Path]:
     """Return the folders of runs by clip: the folder itself under "", or its subfolders."""
     if file_of(folder, RUN) is not None:
         return {"": folder}
-    found = (path.parent for path in sorted(folder.glob(f"*/{RUN}")))
-    own = (path for path in found if not path.is_symlink() and file_of(path, RUN) is not None)
+    folders = (path.parent for path in sorted(folder.glob(f"*/{RUN}")))
+    own = (path for path in folders if not path.is_symlink() and file_of(path, RUN) is not None)
     return {path.name: path for path in own if not path.name.startswith(".")}
 
 
@@ -393,8 +393,8 @@ def file_of(folder: Path, name: str | None) -> Path | None:
 
 def row_files(folder: Path, kind: RowFileKind) -> dict[str, Path]:
     """Return the files of one kind by row; raises RunError as `read_run`."""
-    found = ((row.name, file_of(folder, row.files.get(kind))) for row in read_run(folder).rows)
-    return {name: path for name, path in found if path is not None}
+    files = ((row.name, file_of(folder, row.files.get(kind))) for row in read_run(folder).rows)
+    return {name: path for name, path in files if path is not None}
 
 
 @contextmanager
@@ -471,8 +471,8 @@ def files_of(folder: Path) -> list[Path]:
     runs = runs_in(folder) or {"": folder}
     named = [(run, name) for run in runs.values() for name in (RUN, *read_run(run).named)]
     named += [(folder, name) for name in TABLES if "" not in runs]
-    found = (file_of(*each) for each in named)
-    return [path for path in found if path is not None]
+    paths = (file_of(*each) for each in named)
+    return [path for path in paths if path is not None]
 
 
 def is_run_zip(path: Path) -> bool:
@@ -482,8 +482,8 @@ def is_run_zip(path: Path) -> bool:
             names = archive.namelist()
     except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
         return False
-    found = sum(name.split("/")[-1] == RUN and name.count("/") <= 2 for name in names)
-    return 0 < found <= MAX_CLIPS
+    num_runs = sum(name.split("/")[-1] == RUN and name.count("/") <= 2 for name in names)
+    return 0 < num_runs <= MAX_CLIPS
 
 
 def truncate(text: str) -> str:

@@ -156,10 +156,12 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
             places = (round(lands_s + by * STEP_S, 3) for step in steps for by in (step, -step))
             others = {name: value for name, value in edit.values.items() if name != "word"}
             moved = (Edit(edit.do, {**others, "at": at}) for at in places if at >= 0)
-            found = next((each for each in moved if can_be(each)), None)
-            if found is not None:
+            suggestion = next((each for each in moved if can_be(each)), None)
+            if suggestion is not None:
                 offers.append(
-                    EditSuggestion(f"Nearest free time, {found.values['at']:.1f} s", (found,))
+                    EditSuggestion(
+                        f"Nearest free time, {suggestion.values['at']:.1f} s", (suggestion,)
+                    )
                 )
         if error.gesture is not None:
             one = {"side": error.gesture.side, "lands": error.gesture.lands_s}
@@ -188,8 +190,8 @@ def _edit(message: object) -> Edit:
     do = message.get("do")
     kind = KINDS.get(do) if isinstance(do, str) else None
     if not isinstance(do, str) or kind is None:
-        known = ", ".join(KINDS)
-        raise RunError(f"There is no edit {printable(str(do))[:40]!r}; choose from {known}.")
+        kinds = ", ".join(KINDS)
+        raise RunError(f"There is no edit {printable(str(do))[:40]!r}; choose from {kinds}.")
     try:
         values = kind.reader.validate_python({k: v for k, v in message.items() if k != "do"})
     except ValidationError as error:
@@ -254,11 +256,11 @@ def _end(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
         done = done.then(lambda new: editing.move_phase_end(new, other, also_s, also_s + by_s))
     new = done.plan
     for hand in SIDES:
-        known = [one.end_s for one in plan.hand(hand) if one.phase == "stroke"]
+        ends = [one.end_s for one in plan.hand(hand) if one.phase == "stroke"]
         phases = tuple(
             replace(one, word=_word_at(words, one.end_s))
             if one.phase == "stroke"
-            and all(abs(one.end_s - end_s) >= TIME_TOLERANCE_S for end_s in known)
+            and all(abs(one.end_s - end_s) >= TIME_TOLERANCE_S for end_s in ends)
             else one
             for one in new.hand(hand)
         )
@@ -303,8 +305,8 @@ _Second = Annotated[float, Field(ge=0, le=3600, strict=True)]
 
 
 def _kind(does: ApplyEdit, **values: Any) -> EditKind:
-    told = with_config(_STRICT)(TypedDict("Values", values))  # pyright: ignore
-    return EditKind(TypeAdapter(told), does)
+    values_type = with_config(_STRICT)(TypedDict("Values", values))  # pyright: ignore
+    return EditKind(TypeAdapter(values_type), does)
 
 
 def _within(least: float, most: float) -> Any:

@@ -110,9 +110,9 @@ def request_from(kind: type[Request], values: Mapping[str, Any]) -> Request:
 
 
 def _check_names(kind: type, names: Iterable[str]) -> None:
-    known = all_names(kind)
+    names_of_kind = all_names(kind)
     for name in names:
-        if name not in known:
+        if name not in names_of_kind:
             there = ", ".join(sorted(request_fields(kind)))
             raise RunError(f"There is no option {name!r}; choose from {there}.")
 
@@ -205,15 +205,15 @@ def refuse_ignored(request: object, names: Sequence[str], why: str, **usual: Any
     Raises:
         RunError: with the names of the flags.
     """
-    given = []
+    ignored = []
     for name in names:
         field = request_field(type(request), name)
         if field.value(request) not in (field.default, usual.get(name, field.default)):
             marks = getattr(field.type, "__metadata__", ())
             flag = next((mark.name for mark in marks if getattr(mark, "name", None)), name)
-            given.append(f"--{flag.replace('_', '-')}")
-    if given:
-        raise RunError(f"{why}; remove {join_names(given)}.")
+            ignored.append(f"--{flag.replace('_', '-')}")
+    if ignored:
+        raise RunError(f"{why}; remove {join_names(ignored)}.")
 
 
 def with_paths(request: Request, change: Callable[[Path], Path]) -> Request:

@@ -325,12 +325,12 @@ def jerk_marks(
 
 def _jerk_around(body: Body, motion: BodyMotion, frames: Sequence[int]) -> np.ndarray:
     """Compute the mean jerk (N, J) in m/s³ of joints around frames; 0 in a clip under 4 frames."""
-    found = []
+    values = []
     for frame in frames:
         near = slice(max(0, frame - AROUND_FRAMES), frame + AROUND_FRAMES + 1)
         jerk = derivative_magnitudes(body.joint_positions(select_frames(motion, near)), 3)
-        found.append(jerk.mean(axis=0) if len(jerk) else np.zeros(jerk.shape[1]))
-    return np.stack(found)
+        values.append(jerk.mean(axis=0) if len(jerk) else np.zeros(jerk.shape[1]))
+    return np.stack(values)
 
 
 def _round_up(value: float) -> float:
@@ -370,7 +370,7 @@ def comparison_video(
         Cancelled, VideoError: see `renderer.video.compose.compose_videos`.
     """
     callbacks.report_progress("comparison", 0.0)
-    out, is_given_up = folder.path(f"{COMPARISON}.mp4"), Event()
+    out, is_cancelled = folder.path(f"{COMPARISON}.mp4"), Event()
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,
@@ -379,13 +379,13 @@ def comparison_video(
             out,
             wav,
             on_progress=partial(callbacks.report_progress, "comparison"),
-            should_cancel=lambda: is_given_up.is_set() or callbacks.should_cancel(),
+            should_cancel=lambda: is_cancelled.is_set() or callbacks.should_cancel(),
         )
         try:
             yield
             joining.result()
         except BaseException:
-            is_given_up.set()
+            is_cancelled.set()
             raise
     on_file(out)
     callbacks.report_progress("comparison", 1.0)

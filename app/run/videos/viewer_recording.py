@@ -210,7 +210,7 @@ def _compose(
         edge = round(request.viewer.wipe * body.width)
         inks = [request.viewer.bodies[number].color for number in request.viewer.visible]
         pair = Pair(mode, room.width, room.height, body, tuple(beside), edge, inks)
-        labels = [f"{label}{said}" for label, said in zip(labels, _SAID[mode], strict=True)]
+        labels = [f"{label}{caption}" for label, caption in zip(labels, _SAID[mode], strict=True)]
     compose_videos(
         videos,
         labels,

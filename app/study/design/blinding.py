@@ -35,7 +35,7 @@ def make_key(plan: Plan, design: Design) -> Key:
         names = dict(zip(design.stimuli, _distinct(len(design.stimuli), 8), strict=True))
     trials = _distinct(len(design.trials), 4)
     questions = protocol_questions(plan.protocol)
-    asked = tuple(question.id for question in questions)
+    question_ids = tuple(question.id for question in questions)
     return Key(
         study=secrets.token_hex(8),
         title=plan.title,
@@ -51,7 +51,7 @@ def make_key(plan: Plan, design: Design) -> Key:
                 kind=trial.kind,
                 clip=trial.clip,
                 videos=tuple(sorted(names[stimulus] for stimulus in trial.stimuli)),
-                questions=(ATTENTION_QUESTION,) if trial.press else asked,
+                questions=(ATTENTION_QUESTION,) if trial.press else question_ids,
                 expected=Expected(ATTENTION_QUESTION, trial.press) if trial.press else None,
             )
             for name, trial in zip(trials, design.trials, strict=True)
@@ -111,7 +111,7 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
     def agreement(*by_system: Float[np.ndarray, " ..."], axis: int) -> np.ndarray:
         return np.sum([np.square(each.sum(axis=axis)) for each in by_system], axis=0)
 
-    found = stats.permutation_test(
+    test = stats.permutation_test(
         tuple(ranks.T),
         agreement,
         permutation_type="samples",
@@ -121,7 +121,7 @@ def order_probability(scenes: Sequence[Mapping[str, float]]) -> float:
         alternative="greater",
         random_state=0,  # pyright: ignore[reportCallIssue]  # `rng` from scipy 1.15 on
     )
-    return float(found.pvalue)
+    return float(test.pvalue)
 
 
 def order_leaks(names: Mapping[Stimulus, str]) -> list[str]:

@@ -164,15 +164,15 @@ class Condition:
             for sampler in family.samplers_of(system)
         }
         if not samplers:
-            known = ", ".join(name for family in families() for name in family.systems)
-            raise ValueError(f"there is no system {system!r}; the systems are {known}")
+            system_names = ", ".join(name for family in families() for name in family.systems)
+            raise ValueError(f"there is no system {system!r}; the systems are {system_names}")
         sampler = values.get("sampler", next(iter(samplers)))
         if sampler not in list(samplers):
             raise ValueError(f"`sampler` of {name!r} must be one of {', '.join(samplers)}")
-        for asked in ("plan", "style"):
-            if values.get(asked) is not None and system not in planning_systems():
+        for field in ("plan", "style"):
+            if values.get(field) is not None and system not in planning_systems():
                 raise ValueError(
-                    f"the system {name!r} performs no plans, so it cannot have `{asked}`"
+                    f"the system {name!r} performs no plans, so it cannot have `{field}`"
                 )
         return {"system": system, "sampler": sampler, "steps": samplers[sampler], **values}
 
@@ -265,15 +265,15 @@ def read_plan(path: Path) -> Plan:
         raise RunError(f"There is no plan at {path}.")
     content = read_capped(path, MAX_PLAN_BYTES, RunError)
     try:
-        found = parse_toml(content.decode("utf-8"))
+        content_table = parse_toml(content.decode("utf-8"))
     except ValueError as error:
         raise RunError(f"{path.name} is not a TOML file: {error}.") from error
-    clips = found.get("clips")
+    clips = content_table.get("clips")
     tables = [clip for clip in clips if isinstance(clip, dict)] if isinstance(clips, list) else []
     names = [name for clip in tables if isinstance(name := clip.get("name"), str)]
     try:
         return parse_json(
-            json.dumps(found, default=str), Plan, {"folder": path.parent, "clips": names}
+            json.dumps(content_table, default=str), Plan, {"folder": path.parent, "clips": names}
         )
     except FieldError as error:
         raise RunError(f"The plan {path.name} cannot be used: {error}.") from error

@@ -102,16 +102,16 @@ def _num_checks(plan: Plan, count: int) -> int:
         RunError: if the plan sets more.
     """
     most = max(1, count // (PAGES_PER_CHECK - 1))
-    asked = plan.attention_checks
-    if asked is None:
+    num_checks = plan.attention_checks
+    if num_checks is None:
         return min(USUAL_CHECKS, most)
-    if asked > most:
+    if num_checks > most:
         raise RunError(
             f"At most one page in {PAGES_PER_CHECK} may be an attention check, or one in all: of "
-            f"{pluralise(count, 'trial')} a participant that is {most}; the plan asks for {asked}. "
-            "Leave `attention_checks` out, or show more trials."
+            f"{pluralise(count, 'trial')} a participant that is {most}; the plan asks for "
+            f"{num_checks}. Leave `attention_checks` out, or show more trials."
         )
-    return asked
+    return num_checks
 
 
 def _scenes(plan: Plan) -> list[tuple[str, str]]:

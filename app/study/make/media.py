@@ -83,14 +83,14 @@ def encode_speech(waveform: Float32[np.ndarray, " N"], out: Path, clip: str) -> 
 
 def measure_loudness(path: Path) -> float:
     """Measure the integrated loudness of a file by EBU R128, in LUFS; -70 is silence."""
-    said = run_ffmpeg(
+    log = run_ffmpeg(
         "-i", str(path), "-map", "0:a:0", "-af", "ebur128=framelog=quiet", "-f", "null", "-",
         log="info",
     )  # fmt: skip
-    found = re.findall(r"I:\s+(-?[\d.]+) LUFS", said)
-    if not found:
+    loudness = re.findall(r"I:\s+(-?[\d.]+) LUFS", log)
+    if not loudness:
         raise VideoError(f"The loudness of {path.name} could not be measured.")
-    return float(found[-1])
+    return float(loudness[-1])
 
 
 def bit_rate(size: int) -> int:
@@ -110,12 +110,12 @@ def encode_picture(drawn: Path, out: Path, size: int, share: float = 1.0) -> Non
         for number in range(MAX_ENCODINGS):
             part = Path(folder) / f"{number}.h264"
             frames = _encode(drawn, part, round(rate))
-            found = 8 * FPS * part.stat().st_size / frames
-            if best is None or abs(found - wanted) < abs(best[0] - wanted):
-                best = found, part
-            if abs(found - wanted) <= RATE_TOLERANCE * wanted:
+            measured_rate = 8 * FPS * part.stat().st_size / frames
+            if best is None or abs(measured_rate - wanted) < abs(best[0] - wanted):
+                best = measured_rate, part
+            if abs(measured_rate - wanted) <= RATE_TOLERANCE * wanted:
                 break
-            rate *= wanted / found
+            rate *= wanted / measured_rate
         assert best is not None
         os.replace(best[1], out)
 

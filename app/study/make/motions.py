@@ -133,10 +133,10 @@ def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
                 )
         return wanted
     if len(set(lengths.values())) > 1:
-        found = ", ".join(f"{what} {frames} frames" for what, frames in lengths.items())
+        lengths_text = ", ".join(f"{what} {frames} frames" for what, frames in lengths.items())
         raise RunError(
-            f"Clip {clip.name!r} has parts of unequal length ({found}); set `length_s` to cut all "
-            "to one length."
+            f"Clip {clip.name!r} has parts of unequal length ({lengths_text}); set `length_s` "
+            "to cut all to one length."
         )
     frames = next(iter(lengths.values()))
     if frames < 1:
@@ -148,8 +148,8 @@ def _excerpt(speech: Speech, start_s: float, num_frames: int) -> Speech:
     """Cut the excerpt to exactly the frames' length; less than a frame of silence may be added."""
     start = round(start_s * SAMPLE_RATE)
     waveform = np.zeros(round(num_frames * SAMPLE_RATE / FPS), np.float32)
-    heard = speech.waveform[start : start + len(waveform)]
-    waveform[: len(heard)] = heard
+    excerpt = speech.waveform[start : start + len(waveform)]
+    waveform[: len(excerpt)] = excerpt
     return replace(speech, waveform=waveform)
 
 
@@ -205,8 +205,8 @@ def _generate(
         steps=system.steps,
         sampler=system.sampler,
     )
-    if (given := source.plans.get(system.name)) is not None:
-        options = replace(options, conditions=(given,))
+    if (plan := source.plans.get(system.name)) is not None:
+        options = replace(options, conditions=(plan,))
     if system.style is not None:
         plans = options.conditions or draw_conditions(loaded, source.speech, options)
         options = replace(options, conditions=tuple(system.style.apply(p).plan for p in plans))

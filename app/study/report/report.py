@@ -167,8 +167,8 @@ def headline(result: QuestionResult) -> str:
 
     def lead(one: str, other: str) -> int:
         """Return 1 if the first system is significantly better, -1 if worse, else 0."""
-        found = result.one(measure, one, other)
-        return better * found.significant_side if found else 0
+        estimate = result.one(measure, one, other)
+        return better * estimate.significant_side if estimate else 0
 
     best, *others = order
     beaten = [other for other in others if lead(best, other) > 0]
@@ -176,24 +176,24 @@ def headline(result: QuestionResult) -> str:
         return f"{name}{best} was significantly better than every other system."
     ahead_of_best = [other for other in others if lead(best, other) < 0]
     alike = [best, *(other for other in others if lead(best, other) == 0)]
-    told = []
+    lines = []
     if any(lead(*pair) for pair in combinations(alike, 2)):
-        told.append(f"{best} does not differ significantly from {join_names(alike[1:])}")
+        lines.append(f"{best} does not differ significantly from {join_names(alike[1:])}")
     elif len(alike) > 1:
-        told.append(f"{join_names(alike)} do not differ significantly")
+        lines.append(f"{join_names(alike)} do not differ significantly")
     if len(order) == 2 and measure == "share" and (votes := result.one("share", *order)):
         ties = f", {pluralise(votes.ties, 'tie')}" if votes.ties else ""
-        told[:1] = [f"{told[0]}: {votes.wins} and {votes.losses} votes{ties}"] if told else []
+        lines[:1] = [f"{lines[0]}: {votes.wins} and {votes.losses} votes{ties}"] if lines else []
     if beaten:
-        told.append(f"{best} is significantly better than {join_names(beaten)}")
+        lines.append(f"{best} is significantly better than {join_names(beaten)}")
     if ahead_of_best:
-        told.append(
+        lines.append(
             f"{join_names(ahead_of_best)} significantly better than {best} directly, not overall"
         )
     friedman = result.one("friedman")
     if alike == order and friedman and friedman.is_significant:
-        told.append("yet not all systems are equal (Friedman)")
-    return f"{name}{'; '.join(told)}."
+        lines.append("yet not all systems are equal (Friedman)")
+    return f"{name}{'; '.join(lines)}."
 
 
 def _inline_figure(kind: str, name: str, description: str, *about: Any) -> Markup:

@@ -114,18 +114,18 @@ def collect_answers(paths: Iterable[Path], key: Key) -> Collected:
         participants.append(participant)
         if refused:
             left_out.append(_refused_sentence(participant, refused))
-    kept, doubles = _each_once(participants, key)
-    return Collected(tuple(kept), tuple(left_out + doubles))
+    valid, doubles = _each_once(participants, key)
+    return Collected(tuple(valid), tuple(left_out + doubles))
 
 
 def _files(paths: Iterable[Path]) -> list[Path]:
     files: list[Path] = []
     for path in paths:
         if path.is_dir():
-            found = (
+            answer_files = (
                 file for file in sorted(path.rglob("*.json")) if file.name != SIMULATION_TRUTH_FILE
             )
-            inside = (file for file in found if not is_hidden(file.relative_to(path)))
+            inside = (file for file in answer_files if not is_hidden(file.relative_to(path)))
             files.extend(file for file in inside if file.is_file())
         elif path.is_file():
             files.append(path)
@@ -154,13 +154,13 @@ def valid_answers(sent: Participant, key: Key) -> tuple[Participant, Counter[str
         except FieldError as error:
             refused[str(error)] += 1
             continue
-        asked = answer.trial, answer.question
+        answered = answer.trial, answer.question
         fault = _answer_error(answer, key, key.lists[sent.list_number])
-        fault = fault or ("the question was answered before" if asked in accepted else None)
+        fault = fault or ("the question was answered before" if answered in accepted else None)
         if fault:
             refused[fault] += 1
         else:
-            accepted[asked] = answer
+            accepted[answered] = answer
     panel = {name: sent.panel[name] for name in key.panel_ids if name in sent.panel}
     return replace(sent, answers=tuple(accepted.values()), panel=panel), refused
 

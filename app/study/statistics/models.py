@@ -193,25 +193,25 @@ def strength_numbers(
 ) -> list[ResultEstimate]:
     """Compute log-strengths, their differences, tie parameter, left advantage and Elo ratings."""
     fit = fit_strengths(votes, systems, has_sides)
-    found = [fit.number("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
-    found += [
+    estimates = [fit.number("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
+    estimates += [
         fit.number("log_strength_gap", {a: 1.0, b: -1.0}, systems[a], systems[b])
         for a, b in combinations(range(len(systems)), 2)
     ]
-    found.append(
+    estimates.append(
         ResultEstimate("tie_parameter", value=math.exp(fit.best[-1]) if fit.has_ties else 0.0)
     )
     if has_sides:
-        found.append(fit.number("left_advantage", {len(systems): 1.0}))
-    return found + elo_numbers(votes, systems)
+        estimates.append(fit.number("left_advantage", {len(systems): 1.0}))
+    return estimates + elo_numbers(votes, systems)
 
 
 def elo_numbers(votes: pd.DataFrame, systems: Sequence[str]) -> list[ResultEstimate]:
     """Compute Elo ratings as on leaderboards: ties half, no sides, clear preferences twice."""
     fit = fit_strengths(votes, systems, has_sides=False, splits_ties=True)
     scale = ELO_SCALE / math.log(10)
-    found = [fit.number("elo", {i: scale}, name) for i, name in enumerate(systems)]
-    return [one.shifted(ELO_MEAN) for one in found]
+    estimates = [fit.number("elo", {i: scale}, name) for i, name in enumerate(systems)]
+    return [one.shifted(ELO_MEAN) for one in estimates]
 
 
 def mean_numbers(
@@ -226,7 +226,7 @@ def mean_numbers(
     means = table.reindex(columns=list(systems)).dropna().to_numpy()  # (R, K)
     if not len(means):
         return 0, []
-    found = [
+    estimates = [
         ResultEstimate(measure, name, None, float(value), *limits)
         for name, value, limits in zip(systems, means.mean(0), mean_limits(means), strict=True)
     ]
@@ -241,7 +241,7 @@ def mean_numbers(
         for (a, b), gap, limits in zip(pairs, gaps.T, mean_limits(gaps), strict=True)
     ]
     friedman = ResultEstimate("friedman", p=_friedman_p(means))
-    return len(means), [*found, *with_holm(tested), friedman]
+    return len(means), [*estimates, *with_holm(tested), friedman]
 
 
 def _paired_p(gap: Float[np.ndarray, " R"]) -> float:
@@ -289,8 +289,8 @@ def alpha_number(units: Iterable[Sequence[float]], level: Level) -> ResultEstima
     drawn = (
         _alpha(draw @ by_unit, values, level) for draw in participant_weights(count)[:ALPHA_DRAWS]
     )
-    known = np.array([[one] for one in drawn if one is not None])
-    ((low, high),) = percentile_limits(known, count if len(known) == ALPHA_DRAWS else 1)
+    unit_values = np.array([[one] for one in drawn if one is not None])
+    ((low, high),) = percentile_limits(unit_values, count if len(unit_values) == ALPHA_DRAWS else 1)
     return ResultEstimate(measure, value=alpha, low=low, high=high)
 
 

@@ -77,8 +77,8 @@ class ResultEstimate:
         the interval is unknown, as all answered alike, the test decides.
         """
         value, low, high = self.limits
-        is_known = np.isfinite(high - low)
-        side = self.side if is_known else int(np.sign(value - self._chance))
+        is_finite = np.isfinite(high - low)
+        side = self.side if is_finite else int(np.sign(value - self._chance))
         lead = np.sign(self.participants_for - self.participants_against)
         return side if self.is_significant and (not self.votes or lead == side) else 0
 
@@ -138,15 +138,15 @@ def proportion_estimates(
     low, high = clopper_pearson(share * effective, effective)
     p = sign_test(pro, con) if is_tested else None
     counts = (wins, len(score) - wins - losses, losses, pro, con)
-    found = [ResultEstimate(measure, first, second, share, low, high, p, None, *counts)]
+    estimates = [ResultEstimate(measure, first, second, share, low, high, p, None, *counts)]
     if (over_clips := _effective_over_clips(votes)) is not None:
         low, high = clopper_pearson(share * over_clips, over_clips)
-        found.append(replace(about, measure=f"{measure}_also_over_clips", low=low, high=high))
+        estimates.append(replace(about, measure=f"{measure}_also_over_clips", low=low, high=high))
     if wins + losses:
         low, high = clopper_pearson(wins, wins + losses)
         plain, decided = f"{measure}_of_decided_as_if_independent", wins / (wins + losses)
-        found.append(replace(about, measure=plain, value=decided, low=low, high=high))
-    return found
+        estimates.append(replace(about, measure=plain, value=decided, low=low, high=high))
+    return estimates
 
 
 def with_holm(numbers: Sequence[ResultEstimate]) -> list[ResultEstimate]:
@@ -250,7 +250,7 @@ def detectable_share(count: int, alpha: float = ALPHA) -> float | None:
         return None
 
     def lacks(share: float) -> float:
-        seen = stats.binom.cdf(tail, count, share) + stats.binom.sf(count - tail - 1, count, share)
-        return float(seen) - POWER
+        power = stats.binom.cdf(tail, count, share) + stats.binom.sf(count - tail - 1, count, share)
+        return float(power) - POWER
 
     return float(optimize.root_scalar(lacks, bracket=(0.5, 1.0)).root)

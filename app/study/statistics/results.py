@@ -83,7 +83,7 @@ class QuestionResult:
     def compared(self) -> list[ResultEstimate]:
         """Main comparisons of systems."""
         kinds = ("mean_rank", "mean_rating", "share", "right_choices")
-        return next((found for kind in kinds if (found := self.all(kind))), [])
+        return next((estimates for kind in kinds if (estimates := self.all(kind))), [])
 
     @property
     def bar_measure(self) -> str:
@@ -181,8 +181,8 @@ def read_jitter(folder: Path, key: Key) -> Jitter:
         if not path.is_file():
             continue
         try:
-            found = parse_diagnostics(json.loads(path.read_bytes()))
-            measured = {REFERENCE_NAME: found.get("reference"), **found["systems"]}
+            diagnostics = parse_diagnostics(json.loads(path.read_bytes()))
+            measured = {REFERENCE_NAME: diagnostics.get("reference"), **diagnostics["systems"]}
             for name in (name for name in key.systems if measured.get(name)):
                 if value := measured[name]["raw"][JERK]:
                     jitter[clip, name] = float(value)
@@ -211,13 +211,13 @@ def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[ResultEstimate]:
     }
     are_apart = (jerk["left"] - jerk["right"]).abs() > 0
     rows = swap_sides(votes, jerk["left"] > jerk["right"])[are_apart & (votes.score != 0.5)]
-    found = []
+    joined = []
     for measure, is_named in (
         ("smoother_chosen_naming_smoothness", True),
         ("smoother_chosen_otherwise", False),
     ):
-        found += proportion_estimates(measure, pd.DataFrame(rows[rows.is_smooth == is_named]))
-    return found
+        joined += proportion_estimates(measure, pd.DataFrame(rows[rows.is_smooth == is_named]))
+    return joined
 
 
 @dataclass(frozen=True)

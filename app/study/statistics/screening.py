@@ -86,10 +86,10 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
 
 def failed_checks(participant: Participant, key: Key) -> int:
     """Count the failed attention checks of the participant's list; no answer is a failure."""
-    given = {answer.trial: answer.value for answer in participant.answers}
+    values = {answer.trial: answer.value for answer in participant.answers}
     checks = {trial: key.trials[trial].expected for trial in key.lists[participant.list_number]}
     return sum(
-        not _is_expected(given.get(trial), expected, key)
+        not _is_expected(values.get(trial), expected, key)
         for trial, expected in checks.items()
         if expected is not None
     )

@@ -83,9 +83,9 @@ def _judged(
 
 def _name(key: Key, video: str) -> str:
     """Return the system's name, in matched studies with `MISMATCHED` for other speech."""
-    found = key.videos[video]
-    is_other = key.protocol == "matched" and not found.is_matched
-    return found.system + MISMATCHED if is_other else found.system
+    condition = key.videos[video]
+    is_other = key.protocol == "matched" and not condition.is_matched
+    return condition.system + MISMATCHED if is_other else condition.system
 
 
 def swap_sides(votes: pd.DataFrame, rows: pd.Series) -> pd.DataFrame:
@@ -198,6 +198,6 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant
     )
     then = datetime(2000, 1, 1, tzinfo=UTC)
     return key, [
-        Participant(name, user, number, then, tuple(given), then, source=user)
-        for number, (user, given) in enumerate(answers.items())
+        Participant(name, user, number, then, tuple(votes), then, source=user)
+        for number, (user, votes) in enumerate(answers.items())
     ]

@@ -121,11 +121,11 @@ class DualBranchNetwork(ConditionedNetwork):
             seed: the clean first frames; ignored where ``has_seed`` is false.
             has_speech: false hides the speech from both branches.
         """
-        found = self.evaluate(
+        outputs = self.evaluate(
             BRANCHES, x_t, t, {},
             speech=self.speech_tokens(speech, has_speech), seed=seed, speaker=speaker,
         has_seed=has_seed, )  # fmt: skip
-        return found[EXPRESSION], found[GESTURE]
+        return outputs[EXPRESSION], outputs[GESTURE]
 
     def evaluate(
         self,
@@ -145,16 +145,16 @@ class DualBranchNetwork(ConditionedNetwork):
             buffer: latest features of the branches, used for inactive ones and updated.
             speech: tokens of the speech (`speech_tokens`), shared by branches and steps.
         """
-        known, entered = {}, {}
+        clean, entered = {}, {}
         for which in active:
-            seen = x_t[which], t[which], seed[which], has_seed
+            inputs = x_t[which], t[which], seed[which], has_seed
             prior = self.branches[which].prior
-            known[which] = (
-                prior.consistency(*seen) if self.consistent else prior.posterior_mean(*seen)
+            clean[which] = (
+                prior.consistency(*inputs) if self.consistent else prior.posterior_mean(*inputs)
             )
             condition = self.condition(t[which], speaker)
             entered[which] = self.branches[which].embed(
-                x_t[which], known[which], speech, seed[which], has_seed, condition
+                x_t[which], clean[which], speech, seed[which], has_seed, condition
             )
         frames = {which: entered[which][0] for which in active}
         for layer in range(self.config.num_blocks):
@@ -165,12 +165,14 @@ class DualBranchNetwork(ConditionedNetwork):
             for which in active:
                 exchange = self.branches[which].exchanges[layer]
                 frames[which] = exchange(frames[which], buffer[1 - which, layer])
-        found = {}
+        outputs = {}
         for which in active:
             branch = self.branches[which]
-            unit = branch.project(frames[which]).to(known[which].dtype)
-            found[which] = known[which] + branch.prior.scale_by_posterior(unit, t[which], has_seed)
-        return found
+            unit = branch.project(frames[which]).to(clean[which].dtype)
+            outputs[which] = clean[which] + branch.prior.scale_by_posterior(
+                unit, t[which], has_seed
+            )
+        return outputs
 
 
 _FACE = ".face."

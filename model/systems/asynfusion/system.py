@@ -47,8 +47,8 @@ FIRST_BETA, LAST_BETA = 1e-4, 0.02
 def flow_times() -> Float[Tensor, "1000"]:
     """Return the flow time of each step; step 0 is next to the data."""
     betas = torch.linspace(FIRST_BETA, LAST_BETA, NUM_STEPS, dtype=torch.float64)
-    kept = torch.cumprod(1 - betas, dim=0)
-    return (kept.sqrt() / (kept.sqrt() + (1 - kept).sqrt())).float()
+    alphas_cumprod = torch.cumprod(1 - betas, dim=0)
+    return (alphas_cumprod.sqrt() / (alphas_cumprod.sqrt() + (1 - alphas_cumprod).sqrt())).float()
 
 
 def noise_from_clean(
@@ -119,18 +119,20 @@ def sample(
     for k in range(max(counts)):
         busy = [which for which in BRANCHES if k in own[which]]
         now = map_branches(twice, (x[0], x[1])), map_branches(twice, (t[0], t[1]))
-        found = network.evaluate(busy, *now, buffer, **conditions)
+        predictions = network.evaluate(busy, *now, buffer, **conditions)
         for which in busy:
-            clean = found[which]
+            clean = predictions[which]
             clean = guide.combine(clean) if which == GESTURE else clean[: len(speaker)]
             done = own[which].index(k) + 1
             if done == counts[which]:
                 x[which], t[which] = clean, torch.ones_like(t[which])
                 continue
             follows = way == "ddim"
-            kept = noise_from_clean(x[which], clean, t[which]) if follows else noise(which, done)
+            renoised = (
+                noise_from_clean(x[which], clean, t[which]) if follows else noise(which, done)
+            )
             t[which] = torch.full_like(t[which], grids[which][done])
-            x[which] = interpolate(kept, clean, t[which])
+            x[which] = interpolate(renoised, clean, t[which])
     return x[0], x[1]
 
 
@@ -163,8 +165,8 @@ class AsynFusionSystem(System):
             seed = [stream[:, -config.seed_frames :] for stream in (before.face, before.body)]
         around = speech.with_context(config.speech_context, config.window_frames)
         guide = draw.guide(self.streams[GESTURE].normaliser, "axis-angle")
-        heard = self.network.speech_tokens(guide.duplicate(around[None]), guide.is_conditional(1))
-        found = sample(
+        tokens = self.network.speech_tokens(guide.duplicate(around[None]), guide.is_conditional(1))
+        sampled = sample(
             self.network,
             guide,
             lambda which, step: draw.noise((config.window_frames, channels[which]), which, step),
@@ -172,11 +174,11 @@ class AsynFusionSystem(System):
             SAMPLER_NAMES[SAMPLER_NAMES.index(draw.sampler)],
             seed=(seed[0], seed[1]),
             has_seed=torch.full((size,), before is not None),
-            speech=heard.repeat_interleave(size, dim=0),
+            speech=tokens.repeat_interleave(size, dim=0),
             speaker=torch.full((size,), draw.speaker),
         )
         units, vectors = (
-            stream.normaliser.restore(x) for stream, x in zip(self.streams, found, strict=True)
+            stream.normaliser.restore(x) for stream, x in zip(self.streams, sampled, strict=True)
         )
         units = units.clamp(0, 1)
         face, body = (

@@ -52,12 +52,12 @@ class BranchesTask(SingleNetworkTask):
 
     def __init__(self, config: AsynFusionConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape, device = config.network, setup.shard.device
-        given = setup.begin(config, data, shape.num_speakers)
+        weights = setup.begin(config, data, shape.num_speakers)
         self.targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
         taught = TrainedWeights.read(setup.helpers, DDIM) if config.aim == "teacher" else None
-        known = taught or given
-        if known:
-            face, body = read_streams(known, shape.seed_frames)
+        teacher = taught or weights
+        if teacher:
+            face, body = read_streams(teacher, shape.seed_frames)
         else:
             face, body = fit_streams(shape, data, self.targets)
         self.teacher = None
@@ -67,7 +67,7 @@ class BranchesTask(SingleNetworkTask):
         if self.teacher is not None:
             network.load_state_dict(self.teacher.state_dict())
         super().__init__(
-            setup, config, given, network, body.normaliser, shape.window_frames,
+            setup, config, weights, network, body.normaliser, shape.window_frames,
             shape.speech_context, face_tensors(face) | {"prior.covariance": body.prior.covariance},
         )  # fmt: skip
         self.normalisers = face.normaliser.to(device), self.normaliser
@@ -100,13 +100,15 @@ class BranchesTask(SingleNetworkTask):
         terms: dict[str, Tensor] = {}
         for which in BRANCHES:
             if self.teacher is not None:
-                found = {"consistency": pseudo_huber(predicted[which], wanted[which].float())}
+                branch_losses = {
+                    "consistency": pseudo_huber(predicted[which], wanted[which].float())
+                }
             else:
-                found = noise_terms(
+                branch_losses = noise_terms(
                     config.loss, self.normalisers[which], x_t[which], predicted[which],
                     x_1[which], noise[which], t[which],
                 )  # fmt: skip
-            terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in found.items()}
+            terms |= {f"{NAMES[which]}_{name}": term.mean() for name, term in branch_losses.items()}
         return StepLoss(terms)
 
 
@@ -146,11 +148,11 @@ def noise_terms(
     t: Float[Tensor, " B"],
 ) -> dict[str, Float[Tensor, " B"]]:
     """Compute weighted eqs. 12 to 14: noise in components, the others in normalised channels."""
-    told, wanted = (normaliser.scaled(normaliser.restore(x)) for x in (predicted, x_1))
-    huber = F.huber_loss(told, wanted, reduction="none", delta=weights.huber_delta)
+    restored, wanted = (normaliser.scaled(normaliser.restore(x)) for x in (predicted, x_1))
+    huber = F.huber_loss(restored, wanted, reduction="none", delta=weights.huber_delta)
     return {
         "noise": weights.noise * losses.simple_loss(noise_from_clean(x_t, predicted, t), noise),
-        "velocity": weights.velocity * losses.difference_loss(told, wanted),
+        "velocity": weights.velocity * losses.difference_loss(restored, wanted),
         "huber": weights.huber * huber.mean((1, 2)),
     }
 

@@ -56,8 +56,8 @@ class FaceNetwork(PriorNetwork):
         """
         if tracks is None:
             return super().forward(x_t, t, **conditions)
-        told = conditions["has_seed"].new_ones(len(x_t)) if has_plan is None else has_plan
-        return super().forward(x_t, t, extra_tokens=self.plan(tracks, told), **conditions)
+        has_plan_mask = conditions["has_seed"].new_ones(len(x_t)) if has_plan is None else has_plan
+        return super().forward(x_t, t, extra_tokens=self.plan(tracks, has_plan_mask), **conditions)
 
 
 FACE_STEPS = 12
@@ -94,10 +94,10 @@ class Face:
             plan: `model.plan.plan_features.FACE_TRACKS` of the same frames as the speech.
         """
         size = len(speech)
-        known = torch.zeros_like(noise[:, : self.config.seed_frames]) if seed is None else seed
+        seed_poses = torch.zeros_like(noise[:, : self.config.seed_frames]) if seed is None else seed
         conditions = {
             "speech": speech,
-            "seed": known,
+            "seed": seed_poses,
             "speaker": torch.full((size,), speaker),
             "has_seed": torch.full((size,), seed is not None),
             "has_speech": torch.ones(size, dtype=torch.bool),
@@ -124,20 +124,22 @@ class Face:
         """
         shared = self.config.seed_frames
         end = None if before is None else before[-shared:]
-        told = (None if each is None else each.numpy().tobytes() for each in (speech, plan, end))
-        key = speaker, noise_seed, index, *told
-        found = self._cache.get(key)
-        if found is None:
+        key_parts = (
+            None if each is None else each.numpy().tobytes() for each in (speech, plan, end)
+        )
+        key = speaker, noise_seed, index, *key_parts
+        cached = self._cache.get(key)
+        if cached is None:
             seed = None if end is None else self.normaliser.normalise(end[None])
             noise = self.noise(noise_seed, index)
             planned = None if plan is None else plan[None]
-            found = self.draw(speech[None], speaker, seed, noise, planned)[0]
+            cached = self.draw(speech[None], speaker, seed, noise, planned)[0]
             if end is not None:
-                found = torch.cat([crossfade(end, found[:shared]), found[shared:]])
-            self._cache[key] = found
+                cached = torch.cat([crossfade(end, cached[:shared]), cached[shared:]])
+            self._cache[key] = cached
             while len(self._cache) > FACE_CACHE_WINDOWS:
                 self._cache.popitem(last=False)
-        return found
+        return cached
 
     def noise(self, seed: int, window: int) -> Float[Tensor, "1 T E"]:
         """Draw the noise of a window, the same for every system and length."""
@@ -202,14 +204,14 @@ class FaceFirstSystem(System):
         """Generate a window (`System.window`): the face, for all samples, then the body."""
         assert before is None or isinstance(before, BodyWindow)
         frames = self.windowing.frames
-        heard = speech.with_context(self.face.config.speech_context, frames)
+        speech_window = speech.with_context(self.face.config.speech_context, frames)
         face = self.face.window(
-            heard[:, : self.encoder.dim],
+            speech_window[:, : self.encoder.dim],
             draw.speaker,
             None if before is None else before.expression[0],
             draw.seed,
             draw.index,
-            self.face_plan(heard),
+            self.face_plan(speech_window),
         )
         seed = None if before is None else before.clean[:, -self.config.seed_frames :]
         return self.body(speech.with_context(self.config.speech_context, frames), face, seed, draw)

@@ -22,11 +22,11 @@ class FaceTask(SingleNetworkTask):
 
     def __init__(self, config: FaceTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.expression
-        given = setup.begin(config, data, shape.num_speakers)
-        normaliser, prior = fit_face_prior(data, shape, given)
+        weights = setup.begin(config, data, shape.num_speakers)
+        normaliser, prior = fit_face_prior(data, shape, weights)
         network = FaceNetwork(shape, prior)
         super().__init__(
-            setup, config, given, network, normaliser, shape.window_frames, shape.speech_context
+            setup, config, weights, network, normaliser, shape.window_frames, shape.speech_context
         )
         self.plans = (
             load_plan_annotations(data, shape.num_speakers) if config.plan_dropout < 1 else None
@@ -39,14 +39,16 @@ class FaceTask(SingleNetworkTask):
             x_1 = self.normaliser.normalise(units)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            told = network_conditions(config, network, batch, draws, hidden=("seed", "speaker"))
-            told["seed"] = x_1[:, : shape.seed_frames]
+            conditions = network_conditions(
+                config, network, batch, draws, hidden=("seed", "speaker")
+            )
+            conditions["seed"] = x_1[:, : shape.seed_frames]
             if self.plans is not None:
                 tracks, _ = self.plans.tracks_and_kinds(batch, shape.speech_context)
-                told["tracks"] = shard.of(tracks[..., FACE_TRACKS])
-                told["has_plan"] = draws.keep(config.plan_dropout)
+                conditions["tracks"] = shard.of(tracks[..., FACE_TRACKS])
+                conditions["has_plan"] = draws.keep(config.plan_dropout)
         with shard.autocast():
-            predicted = network(interpolate(x_0, x_1, t), t, **told)
+            predicted = network(interpolate(x_0, x_1, t), t, **conditions)
         scaled = self.normaliser.scaled(self.normaliser.restore(predicted.float()))
         wanted = self.normaliser.scaled(units)
         terms = {

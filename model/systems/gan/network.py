@@ -191,9 +191,9 @@ class Generator(ConditionedNetwork):
         """Predict as `forward` does, from speech tokens that all steps share."""
         tau, scale = flow_time(now)
         with torch.autocast(x_t.device.type, enabled=False):  # bf16 adds jitter
-            known = self.posterior_mean(x_t / scale[:, None, None], tau, seed, has_seed)
+            prior_mean = self.posterior_mean(x_t / scale[:, None, None], tau, seed, has_seed)
         condition = self.condition(now, speaker) + self.reach(before)
-        body = torch.cat([known, face], dim=-1)
+        body = torch.cat([prior_mean, face], dim=-1)
         in_channels = x_t @ self.unmix
         fingers, rest = (
             branch(in_channels[..., region], body, tokens, seed, has_seed, condition).float()
@@ -202,7 +202,7 @@ class Generator(ConditionedNetwork):
         unit = torch.lerp(rest, fingers, self.balance.sigmoid())
         with torch.autocast(x_t.device.type, enabled=False):
             own = self.prior_deviation(tau, has_seed)
-            mean = known + self.prior.from_eigenbasis(
+            mean = prior_mean + self.prior.from_eigenbasis(
                 own * self.prior.to_eigenbasis(unit, has_seed), has_seed
             )
             open_ = self.spread(torch.cat([condition.float(), has_seed[:, None].float()], dim=-1))
@@ -279,11 +279,13 @@ class Discriminator(nn.Module):
         """Compute scores, positive for steps that are classified as real."""
         context = self.motion.speech_context
         spoken = speech[:, context : speech.shape[1] - context] * has_speech[:, None, None]
-        known = F.pad(seed * has_seed[:, None, None], (0, 0, 0, x_now.shape[1] - seed.shape[1]))
-        frames = self.frame(torch.cat([x_before, x_now, known, spoken], dim=-1).flatten(0, 1))
-        told = [self.now(now), self.before(before), self.speaker(speaker)]
+        padded_seed = F.pad(
+            seed * has_seed[:, None, None], (0, 0, 0, x_now.shape[1] - seed.shape[1])
+        )
+        frames = self.frame(torch.cat([x_before, x_now, padded_seed, spoken], dim=-1).flatten(0, 1))
+        inputs = [self.now(now), self.before(before), self.speaker(speaker)]
         flat = frames.view(len(x_now), -1)
-        return self.score(self.window(torch.cat([flat, *told], dim=-1)))[:, 0]
+        return self.score(self.window(torch.cat([flat, *inputs], dim=-1)))[:, 0]
 
 
 def _layer(inputs: int, outputs: int, config: DiscriminatorConfig) -> nn.Sequential:

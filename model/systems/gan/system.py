@@ -35,7 +35,9 @@ class GanSystem(FaceFirstSystem):
     ) -> BodyWindow:
         """Sample the body (`FaceFirstSystem.body`) from posteriors as trained, or by DDIM."""
         config, size = self.config, draw.samples
-        known = torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
+        seed_poses = (
+            torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
+        )
         guide = draw.guide(self.normaliser, "axis-angle")
         copies, hears = guide.copies(size), guide.is_conditional(size)
         has_seed = torch.full((size,), seed is not None)
@@ -43,7 +45,7 @@ class GanSystem(FaceFirstSystem):
         conditions = {
             "tokens": tokens.repeat_interleave(size, dim=0),
             "face": mask_expression(expression.expand(copies, -1, -1), hears),
-            "seed": guide.duplicate(known),
+            "seed": guide.duplicate(seed_poses),
             "speaker": torch.full((copies,), draw.speaker),
             "has_seed": guide.duplicate(has_seed),
         }

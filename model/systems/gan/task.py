@@ -83,13 +83,13 @@ class GanTask(SingleNetworkTask):
 
     def __init__(self, config: GanConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.generator
-        given = setup.begin(config, data, shape.num_speakers)
+        weights = setup.begin(config, data, shape.num_speakers)
         self.targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
-        normaliser, prior = fit_motion_prior(data, self.targets, shape, given)
+        normaliser, prior = fit_motion_prior(data, self.targets, shape, weights)
         generator = Generator(shape, prior, normaliser)
         self.discriminator = Discriminator(config.discriminator, shape).to(setup.shard.device)
         super().__init__(
-            setup, config, given, generator, normaliser, shape.window_frames, shape.speech_context
+            setup, config, weights, generator, normaliser, shape.window_frames, shape.speech_context
         )
         self.judging = self.adam(self.discriminator, config.discriminator_learning_rate)
         self.training_terms = (
@@ -103,15 +103,15 @@ class GanTask(SingleNetworkTask):
         draws = ShardedRandom(len(batch.clips), generator, self.shard)
         drawn = self.draw(self.network, batch, draws)
         mean, deviation = self.denoised(self.network, drawn)
-        found = self.network.sample_x_0(mean, deviation, drawn.latent, drawn.condition["has_seed"])
+        sample = self.network.sample_x_0(mean, deviation, drawn.latent, drawn.condition["has_seed"])
         real = drawn.x_before.requires_grad_()
         score_real = self.scores(real, drawn)
-        score_fake = self.scores(self.step_back(found.detach(), drawn), drawn)
+        score_fake = self.scores(self.step_back(sample.detach(), drawn), drawn)
         penalty = config.loss.gradient_penalty * gradient_penalty(score_real, real).mean()
         judging = discriminator_loss(score_real, score_fake).mean()
         terms = self.training_terms(mean, deviation, drawn)
         explicit = {name: config.loss.geometric * term for name, term in terms.items()}
-        deceiving = generator_loss(self.scores(self.step_back(found, drawn), drawn)).mean()
+        deceiving = generator_loss(self.scores(self.step_back(sample, drawn), drawn)).mean()
         explicit["adversarial"] = config.loss.adversarial * deceiving
         total = torch.stack(list(explicit.values())).sum()
         norms = [
@@ -127,7 +127,7 @@ class GanTask(SingleNetworkTask):
             "score_fake": score_fake.mean(),
             "accuracy_real": (score_real > 0).float().mean(),
             "accuracy_fake": (score_fake < 0).float().mean(),
-            "liveliness": _batch_deviation(found) / _batch_deviation(drawn.x_0),
+            "liveliness": _batch_deviation(sample) / _batch_deviation(drawn.x_0),
             "gradient_norm": norms[0],
             "discriminator_gradient_norm": norms[1],
         }
@@ -163,13 +163,13 @@ class GanTask(SingleNetworkTask):
         now, before = shard.of(number / counts), shard.of((number - 1) / counts)
         x_before = diffuse(x_0, draws.noise(window), torch.zeros_like(before), before)
         x_now = diffuse(x_before, draws.noise(window), before, now)
-        told = network_conditions(
+        conditions = network_conditions(
             config, network, batch, draws, hidden=("seed", "speech", "speaker")
         )
-        told["seed"] = x_0[:, : shape.seed_frames]
+        conditions["seed"] = x_0[:, : shape.seed_frames]
         return DenoisingBatch(
             vectors, target, x_0, x_before, x_now, before, now, noise=draws.noise(window),
-            latent=draws.noise(window), expression=shard.of(batch.expression), condition=told,
+            latent=draws.noise(window), expression=shard.of(batch.expression), condition=conditions,
         )  # fmt: skip
 
     def denoised(

@@ -71,8 +71,8 @@ class MotionNetwork(ConditionedNetwork):
         body = torch.cat([x_t, mask_expression(expression, has_speech)], dim=-1)
         x_1 = torch.empty_like(x_t)
         for branch, channels in ((self.hands, HAND_CHANNELS), (self.torso, NON_HAND_CHANNELS)):
-            region, known = x_t[..., channels], seed[..., channels]
-            predicted = branch(region, body, speech_tokens, known, has_seed, condition)
+            region, region_seed = x_t[..., channels], seed[..., channels]
+            predicted = branch(region, body, speech_tokens, region_seed, has_seed, condition)
             x_1[..., channels] = predicted.to(x_1.dtype)  # it is bf16 under autocast
         return x_1
 
@@ -127,14 +127,14 @@ class GlobalDiffSystem(FaceFirstSystem):
         """
         config, prior, size = self.config, self.network.prior, draw.samples
         x_0 = self.noise(draw)
-        known = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
+        seed_poses = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
         last_prediction = x_0
         guide = self.guide(draw)
         copies, hears = guide.copies(size), guide.is_conditional(size)
         conditions = {
             **self.conditioning_inputs(speech, hears),
             "expression": expression.expand(copies, -1, -1),
-            "seed": guide.duplicate(known),
+            "seed": guide.duplicate(seed_poses),
             "speaker": self.speaker_inputs(draw, hears),
             "has_seed": torch.full((copies,), seed is not None),
         }

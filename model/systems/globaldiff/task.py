@@ -47,16 +47,16 @@ class MotionTask(SingleNetworkTask):
 
     def __init__(self, config: GlobalDiffConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.network
-        given = setup.begin(config, data, shape.num_speakers)
+        weights = setup.begin(config, data, shape.num_speakers)
         self.encoder = None
         if config.loss.motion > 0:
             self.encoder = load_encoder(setup.helpers, ENCODER, setup.shard.device)
         self.targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
         prior = None
         if shape.prior:
-            normaliser, prior = fit_motion_prior(data, self.targets, shape, given)
-        elif given:
-            normaliser = given.normaliser
+            normaliser, prior = fit_motion_prior(data, self.targets, shape, weights)
+        elif weights:
+            normaliser = weights.normaliser
         else:
             normaliser = fit_normaliser(
                 data, self.targets, shape.window_frames, config.representation
@@ -65,7 +65,7 @@ class MotionTask(SingleNetworkTask):
         if isinstance(network, MotionNetwork):
             network.initialise_output(mean_vector(normaliser, self.targets))
         super().__init__(
-            setup, config, given, network, normaliser, shape.window_frames, shape.speech_context
+            setup, config, weights, network, normaliser, shape.window_frames, shape.speech_context
         )
         self.training_terms = compiled(self.terms) if self.compiles else self.terms
 
@@ -86,14 +86,14 @@ class MotionTask(SingleNetworkTask):
             x_1 = self.normaliser.normalise(vectors)
             x_0 = draws.noise(x_1.shape[1:])
             t = draws.flow_times(config.flow_time_power)
-            told = network_conditions(config, network, batch, draws)
-            told["expression"] = shard.of(batch.expression)
-            told["seed"] = x_1[:, : config.network.seed_frames]
-            told |= self.extra_inputs(batch, draws)
+            conditions = network_conditions(config, network, batch, draws)
+            conditions["expression"] = shard.of(batch.expression)
+            conditions["seed"] = x_1[:, : config.network.seed_frames]
+            conditions |= self.extra_inputs(batch, draws)
         with shard.autocast():
-            predicted = network(interpolate(x_0, x_1, t), t, **told)
+            predicted = network(interpolate(x_0, x_1, t), t, **conditions)
         measured = self.training_terms if network.training else self.terms
-        return StepLoss(measured(predicted.float(), vectors, target, t, told["has_seed"]))
+        return StepLoss(measured(predicted.float(), vectors, target, t, conditions["has_seed"]))
 
     def terms(
         self,

@@ -104,11 +104,15 @@ def load_emage_encoder(path: Path) -> EmageEncoder:
     tensors = read_tensors(path)
     network = EmageEncoder()
     wanted = {f"encoder.{key}": tensor for key, tensor in network.state_dict().items()}
-    found = {key: tensor for key, tensor in tensors.items() if not key.startswith(_UNUSED)}
+    weights = {key: tensor for key, tensor in tensors.items() if not key.startswith(_UNUSED)}
     check_tensors(
-        wanted, found, path.name, "EMAGE's encoder", "AESKConv_240_100.bin of its evaluation tools"
+        wanted,
+        weights,
+        path.name,
+        "EMAGE's encoder",
+        "AESKConv_240_100.bin of its evaluation tools",
     )
-    network.load_state_dict({key.removeprefix("encoder."): each for key, each in found.items()})
+    network.load_state_dict({key.removeprefix("encoder."): each for key, each in weights.items()})
     return network.eval().requires_grad_(False)
 
 

@@ -87,19 +87,19 @@ def load_genea_encoder(path: Path) -> GeneaEncoder:
         CheckpointError: for any other file.
     """
     what, advice = "GENEA's encoder", "model_checkpoint_30, _60 or _90.bin of its evaluation"
-    found = {
+    weights = {
         key.removeprefix(_PREFIX): each
         for key, each in read_tensors(path).items()
         if key.startswith(_PREFIX) and not key.endswith("num_batches_tracked")
     }
-    network = GeneaEncoder(*_sizes(found, f"{path.name} is not {what}; give {advice}."))
+    network = GeneaEncoder(*_sizes(weights, f"{path.name} is not {what}; give {advice}."))
     wanted = {
         key: each
         for key, each in network.state_dict().items()
         if not key.endswith("num_batches_tracked")
     }
-    check_tensors(wanted, found, path.name, what, advice)
-    network.load_state_dict(found, strict=False)
+    check_tensors(wanted, weights, path.name, what, advice)
+    network.load_state_dict(weights, strict=False)
     return network.eval().requires_grad_(False)
 
 

@@ -149,8 +149,13 @@ class MatchingNetwork(nn.Module):
         self, speech: Float[Tensor, "B T dim"], tracks: Float[Tensor, "B T tracks"]
     ) -> tuple[dict[str, Tensor], dict[str, Tensor], Float[Tensor, "B T2 1"], Tensor]:
         """Compute tracks of speech and of motion, predicted arm speed, and `log_scale`."""
-        heard = self.encode_speech(speech)
-        return heard, self.encode_motion(tracks), self.speed(heard["arms"]), self.log_scale
+        speech_codes = self.encode_speech(speech)
+        return (
+            speech_codes,
+            self.encode_motion(tracks),
+            self.speed(speech_codes["arms"]),
+            self.log_scale,
+        )
 
 
 def agreement(
@@ -179,9 +184,11 @@ class SpeechMotionMatcher:
         parts: Sequence[str],
     ) -> Float[Tensor, "B A"]:
         """Compute the agreement of every motion with every speech, summed over ``parts``."""
-        heard = self.network.encode_speech(speech)
-        seen = self.network.encode_motion(self.normaliser.normalise(motion_tracks(poses)))
-        return torch.stack([agreement(heard[part], seen[part]) for part in parts]).sum(0)
+        speech_codes = self.network.encode_speech(speech)
+        motion_codes = self.network.encode_motion(self.normaliser.normalise(motion_tracks(poses)))
+        return torch.stack(
+            [agreement(speech_codes[part], motion_codes[part]) for part in parts]
+        ).sum(0)
 
     @torch.inference_mode()
     def arm_speeds(
@@ -189,8 +196,8 @@ class SpeechMotionMatcher:
     ) -> tuple[Float[Tensor, "B T2 1"], Float[Tensor, "B T2 1"]]:
         """Compute the arms' centred log speed, of the motion and predicted from speech."""
         tracks = self.normaliser.normalise(motion_tracks(poses))
-        told = self.network.speed(self.network.encode_speech(speech)["arms"])
-        return arm_speed(tracks), told
+        speeds = self.network.speed(self.network.encode_speech(speech)["arms"])
+        return arm_speed(tracks), speeds
 
 
 def load_matcher(folder: Path, name: str) -> SpeechMotionMatcher:

@@ -46,13 +46,13 @@ class AutoencoderTask(SingleNetworkTask):
     def __init__(
         self, config: AutoencoderTrainConfig, data: PreparedData, setup: TaskSetup
     ) -> None:
-        given = setup.begin(config, data)
+        weights = setup.begin(config, data)
         frames = config.window_frames
         normaliser = (
-            given.normaliser if given else fit_input(config, statistics_batch(data, frames))
+            weights.normaliser if weights else fit_input(config, statistics_batch(data, frames))
         )
         network = MotionAutoencoder(config.autoencoder)
-        super().__init__(setup, config, given, network, normaliser, frames)
+        super().__init__(setup, config, weights, network, normaliser, frames)
         self.skeleton = open_body_skeleton()
 
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
@@ -64,7 +64,7 @@ class AutoencoderTask(SingleNetworkTask):
         vectors = input_vectors(
             shape, shard.of(batch.poses), shard.of(batch.transl), shard.of(batch.expression)
         )[:, :num_frames]
-        seen = self.normaliser.normalise(vectors)
+        normalised = self.normaliser.normalise(vectors)
         hidden, noise = None, None
         if network.training:
             draw = torch.rand(draws.size, num_frames, generator=draws.generator)
@@ -75,11 +75,11 @@ class AutoencoderTask(SingleNetworkTask):
                     for scale in sorted(shape.scales)
                 ]
         with shard.autocast():
-            restored, codes = network(seen, hidden, noise)
+            restored, codes = network(normalised, hidden, noise)
         restored = restored.float()
         terms = {}
         if shape.motion_channels > 0:
-            simple = losses.simple_loss(restored[..., body], seen[..., body])
+            simple = losses.simple_loss(restored[..., body], normalised[..., body])
             terms["simple"] = config.loss.simple * simple
             terms |= geometric_terms(
                 config.loss,
@@ -87,7 +87,7 @@ class AutoencoderTask(SingleNetworkTask):
                 decode(vectors[..., body], space, self.skeleton),
             )
         if shape.face_channels > 0:
-            pair = restored[..., face], seen[..., face]
+            pair = restored[..., face], normalised[..., face]
             terms["face"] = config.loss.simple * losses.simple_loss(*pair)
             terms["face_difference"] = config.loss.simple * losses.difference_loss(*pair)
         if shape.kl_weight > 0:
@@ -133,15 +133,15 @@ class MatchingTask(SingleNetworkTask):
     config: MatchingTrainConfig
 
     def __init__(self, config: MatchingTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
-        given = setup.begin(config, data)
+        weights = setup.begin(config, data)
         normaliser = (
-            given.normaliser
-            if given
+            weights.normaliser
+            if weights
             else fit_tracks(motion_tracks(statistics_batch(data, config.piece_frames).poses))
         )
         network = MatchingNetwork(config.matching)
         super().__init__(
-            setup, config, given, network, normaliser, config.pieces * config.piece_frames
+            setup, config, weights, network, normaliser, config.pieces * config.piece_frames
         )
 
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
@@ -154,14 +154,16 @@ class MatchingTask(SingleNetworkTask):
             tracks = self.normaliser.normalise(motion_tracks(shard.of(batch.poses)))
             speech = shard.of(augmented_speech(config, network, batch, draws.generator))
         with shard.autocast():
-            heard_tracks, seen_tracks, told, log_scale = network(pieces(speech), pieces(tracks))
+            speech_tracks, motion_tracks_encoded, speed, log_scale = network(
+                pieces(speech), pieces(tracks)
+            )
         terms, shares = {}, {}
         for part, scale in zip(PARTS, log_scale.exp(), strict=True):
-            agreements = agreement(heard_tracks[part].float(), seen_tracks[part].float())
+            agreements = agreement(speech_tracks[part].float(), motion_tracks_encoded[part].float())
             terms[part] = contrastive_loss(scale * agreements)
             shares[f"{part}_share_right"] = matching_accuracy(agreements.detach())
         wanted = arm_speed(pieces(tracks))
-        error = (told.float() - wanted).square().mean() / wanted.square().mean().clamp_min(1e-6)
+        error = (speed.float() - wanted).square().mean() / wanted.square().mean().clamp_min(1e-6)
         terms["arm_speed"] = config.arm_speed_weight * error
         return StepLoss(terms, shares)
 
@@ -195,12 +197,12 @@ class CodesTask(SingleNetworkTask):
     config: SpeechEncoderConfig
 
     def __init__(self, config: SpeechEncoderConfig, data: PreparedData, setup: TaskSetup) -> None:
-        given, shape = setup.begin(config, data), config.codes
+        weights, shape = setup.begin(config, data), config.codes
         self.spoken = load_speech_labels(data, load_plan_annotations(data, 1 + max(data.speakers)))
         network = CodesNetwork(shape)
-        normaliser = given.normaliser if given else fit_features(data)
+        normaliser = weights.normaliser if weights else fit_features(data)
         super().__init__(
-            setup, config, given, network, normaliser, config.window_frames, shape.context
+            setup, config, weights, network, normaliser, config.window_frames, shape.context
         )
 
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
@@ -208,15 +210,15 @@ class CodesTask(SingleNetworkTask):
         with torch.no_grad():
             features = shard.of(augmented_speech(config, network, batch, draws.generator))
             speech = self.normaliser.normalise(features)
-            phone, told = (shard.of(part) for part in self.spoken.phones_and_labels(batch))
+            phone, labels = (shard.of(part) for part in self.spoken.phones_and_labels(batch))
         with shard.autocast():
             reading = network(speech)
         inside = slice(config.codes.context, speech.shape[1] - config.codes.context)
-        found = SpeechPredictions(
+        predictions = SpeechPredictions(
             reading.phone[:, inside].float(), reading.label_logits[:, inside].float()
         )
-        right = (found.phone.argmax(-1) == phone).float().mean()
-        return StepLoss(prediction_losses(found, phone, told), {"phones_right": right})
+        right = (predictions.phone.argmax(-1) == phone).float().mean()
+        return StepLoss(prediction_losses(predictions, phone, labels), {"phones_right": right})
 
 
 def prediction_losses(
@@ -225,16 +227,16 @@ def prediction_losses(
     """Compute cross-entropies, and squared errors of strength (at accents) and speed."""
     losses = {"phone": F.cross_entropy(predictions.phone.flatten(0, 1), phone.flatten())}
     for number, name in enumerate(SPEECH_LABELS):
-        said, wanted = predictions.label_logits[..., number], labels[..., number]
+        predicted, wanted = predictions.label_logits[..., number], labels[..., number]
         if name not in _NUMBERS:
-            losses[name] = F.binary_cross_entropy_with_logits(said, wanted)
+            losses[name] = F.binary_cross_entropy_with_logits(predicted, wanted)
             continue
         counts = (
             labels[..., SPEECH_LABELS.index("accent")]
             if name == "strength"
-            else torch.ones_like(said)
+            else torch.ones_like(predicted)
         )
-        losses[name] = ((said - wanted).square() * counts).sum() / counts.sum().clamp_min(1)
+        losses[name] = ((predicted - wanted).square() * counts).sum() / counts.sum().clamp_min(1)
     return losses
 
 

@@ -103,11 +103,11 @@ def require_speech() -> Path:
     named = os.environ.get(SPEECH_VARIABLE) or os.environ.get(WEIGHTS_VARIABLE)
     path = Path(named) if named else None
     if path is None or not path.exists():
-        found = "none was named" if path is None else f"there is no {path}"
+        problem = "none was named" if path is None else f"there is no {path}"
         raise EncoderError(
             "The systems official/... hear speech by WavLM or HuBERT; name a folder with its "
             f"config.json and weights, or a file of prepared features, with --official-features "
-            f"PATH ({found})."
+            f"PATH ({problem})."
         )
     return path
 

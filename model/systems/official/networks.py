@@ -140,14 +140,17 @@ class SeedBlock(nn.Module):
         by_part = self.mlp(condition)[:, None].unflatten(-1, (3, 3, MOTION_WIDTH)).unbind(2)
         around, through, of_seed = (part.unbind(2) for part in by_part)
         gate, scale, shift = of_seed
-        known = seed + gate * self.ff_seed_poses(_layer_norm(seed) * (1 + scale) + shift)
+        seed_out = seed + gate * self.ff_seed_poses(_layer_norm(seed) * (1 + scale) + shift)
         first = tokens[:, :SEED_FRAMES]
-        first = first + self.cross_attn(first, known, known, need_weights=False)[0]
+        first = first + self.cross_attn(first, seed_out, seed_out, need_weights=False)[0]
         tokens = torch.cat([first, tokens[:, SEED_FRAMES:]], dim=1)
 
         gate, scale, shift = around
-        heard = tokens * (1 + scale) + shift
-        tokens = _layer_norm(tokens + gate * self.attn(heard, heard, heard, need_weights=False)[0])
+        speech_tokens = tokens * (1 + scale) + shift
+        tokens = _layer_norm(
+            tokens
+            + gate * self.attn(speech_tokens, speech_tokens, speech_tokens, need_weights=False)[0]
+        )
         gate, scale, shift = through
         return _layer_norm(tokens + gate * self.ff(tokens * (1 + scale) + shift))
 
@@ -196,7 +199,7 @@ class OfficialMotionNetwork(nn.Module):
     ) -> Float[Tensor, "B T 333"]:
         """Predict clean motion from x_t, noise at t = 0 and data at 1."""
         condition = torch.cat([self.time_embed(t[:, None]), self.style_embed(speaker)], dim=-1)
-        heard = self.hubert_prj(speech)
+        speech_tokens = self.hubert_prj(speech)
         whole = torch.cat([x_t, expression], dim=-1)
         branches = (
             (HAND_CHANNELS, self.in_hand, self.in_x_hand, self.hand_fuse, self.seed_prj_hand,
@@ -205,11 +208,11 @@ class OfficialMotionNetwork(nn.Module):
              self.transformer_body, self.body),
         )  # fmt: skip
         x_1 = torch.empty_like(x_t)
-        for channels, part, all_of_it, fuse, known, blocks, out in branches:
+        for channels, part, all_of_it, fuse, region_seed, blocks, out in branches:
             own = list(channels)
-            fused = fuse(torch.cat([part(x_t[..., own]), all_of_it(whole), heard], dim=-1))
+            fused = fuse(torch.cat([part(x_t[..., own]), all_of_it(whole), speech_tokens], dim=-1))
             tokens = self.pos_enc(fused)
-            seed_tokens = self.pos_enc(known(seed[..., own]))
+            seed_tokens = self.pos_enc(region_seed(seed[..., own]))
             for block in blocks:
                 tokens = block(tokens, seed_tokens, condition)
             x_1[..., own] = out(tokens)

@@ -74,14 +74,14 @@ class OfficialSystem(System):
     ) -> OfficialWindow:
         assert before is None or isinstance(before, OfficialWindow)
         size = draw.samples
-        heard = frames_to_window(speech.with_context(0, WINDOW_FRAMES))[None]
+        speech_window = frames_to_window(speech.with_context(0, WINDOW_FRAMES))[None]
         speaker = torch.tensor([draw.speaker])
-        face = self.expressions(heard, speaker)
+        face = self.expressions(speech_window, speaker)
         seed = self.seed.expand(size, -1, -1)
         if before is not None:
             seed = before.vectors[:, -SEED_FRAMES:]
         conditions = {
-            "speech": heard.expand(size, -1, -1),
+            "speech": speech_window.expand(size, -1, -1),
             "expression": face.expand(size, -1, -1),
             "seed": seed,
             "speaker": speaker.expand(size),

@@ -83,8 +83,10 @@ def presets(system: str) -> dict[str, TrainConfig]:
 
 def _with_plan_conditioning(base: GlobalDiffConfig, system: str) -> PlannedConfig:
     shape = PlannedNetworkConfig(**vars(base.network))
-    told = {name: value for name, value in vars(base).items() if name not in ("system", "network")}
-    return PlannedConfig(system=system, network=shape, **told)
+    fields = {
+        name: value for name, value in vars(base).items() if name not in ("system", "network")
+    }
+    return PlannedConfig(system=system, network=shape, **fields)
 
 
 FAMILY = Family(

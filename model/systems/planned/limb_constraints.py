@@ -62,14 +62,14 @@ class LimbConstraints:
         self, plan: GesturePlan | None, placements: Mapping[str, Float64[Tensor, "n 6"]]
     ) -> None:
         self.margin = SOFT_MARGIN
-        known = {
+        contacts = {
             FootContact(start_s, end_s, SIDES[int(foot)]): FootPlacement(x, z, turn)
             for start_s, end_s, foot, x, z, turn in (
                 placements[_STOOD].tolist() if placements else ()
             )
         }
         self._hands = HandGuide(plan or GesturePlan(1.0))
-        self._feet = FootLock(plan.planted if plan else (), known)
+        self._feet = FootLock(plan.planted if plan else (), contacts)
 
     def apply(self, motion: Motion) -> Motion:
         return self._feet.hold(self._hands.lead(motion))

@@ -85,12 +85,12 @@ class TierHead(nn.Module):
     def __init__(self, tier: EventChain, config: PlannerConfig) -> None:
         super().__init__()
         self.tier, self.mixtures = tier, config.mixtures
-        seen = tier.state_dim + (
+        state_dim = tier.state_dim + (
             CHAINS_BY_NAME[tier.coupled_chain].state_dim if tier.coupled_chain else 0
         )
         hidden = config.head_width
         self.heard = nn.Linear(config.width + SPEAKER_WIDTH, hidden)
-        self.seen = nn.Linear(seen, hidden, bias=False)
+        self.seen = nn.Linear(state_dim, hidden, bias=False)
         self.event = nn.Sequential(nn.Linear(hidden, hidden), nn.SiLU())
         self.event_out = nn.Linear(hidden, 1 + len(tier.states))
         if tier.units:
@@ -111,8 +111,8 @@ class TierHead(nn.Module):
         self, state: Float[Tensor, "*rows hidden"], begun: Int[Tensor, "*rows"]
     ) -> MarkMixture:
         """Predict the mark of a state that begins."""
-        told = self.mark_out(self.mark(state + self.begun(begun))).float()
-        parts = told.unflatten(-1, (self.mixtures, -1))
+        logits = self.mark_out(self.mark(state + self.begun(begun))).float()
+        parts = logits.unflatten(-1, (self.mixtures, -1))
         mean, spread = parts[..., 1:].chunk(2, dim=-1)
         return MarkMixture(parts[..., 0], mean, F.softplus(spread) + _MIN_SPREAD)
 
@@ -165,16 +165,16 @@ class PlannerNetwork(nn.Module):
 
         They are conditioned on the past of the tier and of its neighbour (``chain_state``).
         """
-        heard = self.speech_states(speech, speaker, has_speech)
+        speech_states = self.speech_states(speech, speaker, has_speech)
         losses = {}
         for name, head in self.heads.items():
             assert isinstance(head, TierHead)
-            state = head.state(heard, states[name])
+            state = head.state(speech_states, states[name])
             logs = head.events(state)
             losses[name] = -logs.gather(-1, event[name][..., None]).mean()
             if head.tier.units:
                 begins = event[name] > 0
                 marks = head.marks(state[begins], event[name][begins] - 1)
-                told = marks.log_likelihood(mark[name][begins])
-                losses[f"{name} mark"] = -told.sum() / begins.numel()
+                log_likelihood = marks.log_likelihood(mark[name][begins])
+                losses[f"{name} mark"] = -log_likelihood.sum() / begins.numel()
         return losses

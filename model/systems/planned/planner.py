@@ -85,12 +85,12 @@ class EventChainSampler:
         """Draw whether something begins at this frame, or the state stays."""
         head = self._head
         now = self.chain[-1]
-        told = [chain_state_at(head.tier, now, frame)]
+        states = [chain_state_at(head.tier, now, frame)]
         if head.tier.coupled_chain:
             other = others[head.tier.coupled_chain].chain[-1]
-            told.append(chain_state_at(CHAINS_BY_NAME[head.tier.coupled_chain], other, frame))
-        heard = self._heard[:, frame - self._first]
-        state, logs = self._events(heard, np.concatenate(told))
+            states.append(chain_state_at(CHAINS_BY_NAME[head.tier.coupled_chain], other, frame))
+        speech_states = self._heard[:, frame - self._first]
+        state, logs = self._events(speech_states, np.concatenate(states))
         log = logs[-1] + self._strength * (logs[0] - logs[-1])
         log[1:] -= RATE_CORRECTION * self._excess
         shares = _shares(log)
@@ -126,9 +126,9 @@ class EventChainSampler:
 
     def rewind(self, frame: int, keeps_state: bool) -> None:
         """Go back to `mark_position`; with ``keeps_state`` the present state lasts as drawn."""
-        kept = [begun for begun in self.chain if begun.frame < frame]
-        later = self.chain[len(kept) :]
-        self.chain, self._excess = kept, self._excess_then
+        chain = [begun for begun in self.chain if begun.frame < frame]
+        later = self.chain[len(chain) :]
+        self.chain, self._excess = chain, self._excess_then
         self._forced = later[0] if later and keeps_state else None
 
     def forget_before(self, frame: int, keep: int) -> None:
@@ -215,8 +215,8 @@ class Planner:
     @property
     def sha256s(self) -> dict[str, str]:
         """Digests of its weights and of its speech encoder's."""
-        heard_with = {} if self.codes is None else {SPEECH_ENCODER: self.codes.sha256}
-        return {PLANNER: self.sha256, **heard_with}
+        encoders = {} if self.codes is None else {SPEECH_ENCODER: self.codes.sha256}
+        return {PLANNER: self.sha256, **encoders}
 
     @torch.inference_mode()
     def plan(self, features: Float[Tensor, "T speech_dim"], draw: WindowSpec) -> GesturePlan:
@@ -240,7 +240,7 @@ class Planner:
         """Make the samplers of all tiers for some speech, each in its initial state."""
         context = self.config.context
         rows = torch.arange(-context, len(features) + context).clamp(0, len(features) - 1)
-        heard = self.speech_states(features[rows], draw)
+        speech_states = self.speech_states(features[rows], draw)
         goals = self.first_goals[draw.speaker].tolist()
         begins = {
             "left": EventOnset(0, 0, tuple(goals[0])),
@@ -254,7 +254,7 @@ class Planner:
             rng = np.random.default_rng([*draw.key, number])
             begun = begins.get(tier.name, EventOnset(0, 0, (0.0,) * len(tier.units)))
             drawers[tier.name] = EventChainSampler(
-                head, heard[tier.name], draw.guidance, begun, rng
+                head, speech_states[tier.name], draw.guidance, begun, rng
             )
         return drawers
 
@@ -263,17 +263,17 @@ class Planner:
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
         """Compute each tier's input from features with context; a second copy has no speech."""
         copies = 1 if draw.guidance == 1 else 2
-        heard = self.network.speech_states(
+        states = self.network.speech_states(
             planner_inputs(features, self.normaliser, self.codes).expand(copies, -1, -1),
             torch.tensor([draw.speaker, 0])[:copies],
             torch.tensor([True, False])[:copies],
         )
-        found = {}
+        streams = {}
         for tier in TIERS:
             head = self.network.heads[tier.name]
             assert isinstance(head, TierHead)
-            found[tier.name] = head.heard(heard).numpy()
-        return found
+            streams[tier.name] = head.heard(states).numpy()
+        return streams
 
     def conditioning(
         self, features: Float[Tensor, "n speech_dim"], plan: GesturePlan, first: int
@@ -289,8 +289,8 @@ def planner_inputs(
     features: Float[Tensor, "*B T speech_dim"], normaliser: Normaliser, codes: SpeechCodes | None
 ) -> Float[Tensor, "*B T input_dim"]:
     """Concatenate normalised features and the codes of an encoder."""
-    heard = normaliser.normalise(features)
-    return heard if codes is None else torch.cat([heard, codes.encode(features)], dim=-1)
+    normalised = normaliser.normalise(features)
+    return normalised if codes is None else torch.cat([normalised, codes.encode(features)], dim=-1)
 
 
 def load_planner(folder: Path) -> Planner:

@@ -100,12 +100,12 @@ class StreamingPlanner:
     ) -> None:
         """Draw all frames that are not final."""
         begin, context = self._final, self._planner.config.context
-        heard = self._planner.speech_states(
+        speech_states = self._planner.speech_states(
             speech(begin - 2 * context, stop + context), self._asked
         )
         leans = partial(_style_log_odds, self.style)
         for name, drawer in self._drawers.items():
-            drawer.set_speech_states(heard[name][:, context:], begin)
+            drawer.set_speech_states(speech_states[name][:, context:], begin)
         for frame in range(begin, stop):
             if frame == final:
                 self._mark_position()
@@ -123,9 +123,9 @@ class StreamingPlanner:
             state = drawer.chain_at(final).state
             drawer.rewind(final, keeps_state=_is_uninterruptible(name, state))
         self._final = final
-        for known in (self._kinds, self._goals):
-            for key in [key for key in known if key[1] < origin - 10 * BEFORE_FRAMES]:
-                del known[key]
+        for cache in (self._kinds, self._goals):
+            for key in [key for key in cache if key[1] < origin - 10 * BEFORE_FRAMES]:
+                del cache[key]
 
     def _annotated_plan(self, plan: GesturePlan, origin: int, final: int) -> GesturePlan:
         """Return the plan with gesture types and style, with holds and rests at their place."""
@@ -151,9 +151,9 @@ class StreamingPlanner:
     def _kind(
         self, table: KindTable, stroke: Stroke, begins: int, landed: Mapping[float, str]
     ) -> str:
-        known = self._kinds.get((stroke.side, begins))
-        if known is not None:
-            return known
+        kind = self._kinds.get((stroke.side, begins))
+        if kind is not None:
+            return kind
         if stroke.is_bimanual:
             partner = table.partner(landed, stroke.last_stroke.end_s)
             if partner:

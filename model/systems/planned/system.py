@@ -132,8 +132,8 @@ def load(name: str, folder: Path) -> PlannedSystem:
     trained, planner = TrainedWeights.read(folder, name), load_planner(folder)
     config = trained.card.config(PlannedNetworkConfig, "network")
     with trained.card.reading():
-        known = trained.tensors["kinds.names"]
-    if not torch.equal(known, planner.kinds.tensors()["kinds.names"].float()):
+        kind_names = trained.tensors["kinds.names"]
+    if not torch.equal(kind_names, planner.kinds.tensors()["kinds.names"].float()):
         raise CheckpointError(f"{name} and {PLANNER} were trained on other gestures.")
     fields = face_first_fields(FAMILY, name, trained, config, folder)
     fields["sha256s"] |= planner.sha256s

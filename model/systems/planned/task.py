@@ -32,13 +32,13 @@ class PlannerTask(SingleNetworkTask):
 
     def __init__(self, config: PlannerTrainConfig, data: PreparedData, setup: TaskSetup) -> None:
         shape = config.planner
-        given = setup.begin(config, data, shape.num_speakers)
+        weights = setup.begin(config, data, shape.num_speakers)
         self.plans = load_plan_annotations(data, shape.num_speakers)
         network = PlannerNetwork(shape)
         device = setup.shard.device
         self.codes = load_codes(setup.helpers, device) if shape.codes else None
         super().__init__(
-            setup, config, given, network, given.normaliser if given else fit_features(data),
+            setup, config, weights, network, weights.normaliser if weights else fit_features(data),
             shape.window_frames, shape.context,
             {**self.plans.table.tensors(), "begins.goals": first_goals(data, self.plans, shape)},
         )  # fmt: skip
@@ -54,8 +54,8 @@ class PlannerTask(SingleNetworkTask):
             speech = planner_inputs(features, self.normaliser, self.codes)
             speaker = shard.of(batch.speaker) * knows
         with shard.autocast():
-            told = events.chain_states, events.event, events.mark
-            return StepLoss(network(speech, speaker, has_speech, *told))
+            inputs = events.chain_states, events.event, events.mark
+            return StepLoss(network(speech, speaker, has_speech, *inputs))
 
 
 def first_goals(

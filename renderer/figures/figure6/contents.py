@@ -216,7 +216,7 @@ class Figure6:
     @property
     def caption(self) -> str:
         clip = f" of {self.clip}" if self.clip else ""
-        told = {
+        details = {
             f"{self.point}, frames {self.start_frame} to {self._window.stop - 1}{clip}"
             f" at {self.fps:g} fps. Positions are in metres, with y up; x, y and z have the same"
             " scale.": True,
@@ -231,7 +231,7 @@ class Figure6:
             _FILTERED[self.post_filter]: True,
             self.caveat: self.caveat,
         }  # fmt: skip
-        return " ".join(sentence for sentence, is_true in told.items() if sentence and is_true)
+        return " ".join(sentence for sentence, is_true in details.items() if sentence and is_true)
 
     @property
     def _tremor_caption(self) -> str:

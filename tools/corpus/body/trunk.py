@@ -152,9 +152,9 @@ def _accents(
             nod -= 0.20 * depth * gaussian_bump(since, 0.32, 0.14)
             nods.append(Nod(word.beat_s + 0.05, float(depth)))
         tilt += rng.normal(0, 1.6) * strength * lively * gaussian_bump(since, 0.1, 0.25)
-    for heard in _listeners_nods(utterance, lively, rng):
-        nod += heard.depth_deg * gaussian_bump(time_s, heard.time_s, 0.12)
-        nods.append(heard)
+    for nod_event in _listeners_nods(utterance, lively, rng):
+        nod += nod_event.depth_deg * gaussian_bump(time_s, nod_event.time_s, 0.12)
+        nods.append(nod_event)
     return _Accents(level, nod, yaw, roll, tilt, tuple(nods))
 
 

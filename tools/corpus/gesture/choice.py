@@ -127,8 +127,8 @@ class GestureSelector:
         word = self._words[index]
         if index in self._items and index not in self._contrast:
             return ASIDE_M * self._items[index]
-        known = self._known.get(word.text, 0.0)
-        side = self._contrast.get(index, 0.0) or known
+        aside_m = self._known.get(word.text, 0.0)
+        side = self._contrast.get(index, 0.0) or aside_m
         fresh = not side and word.is_content and self._rng.random() < NEW_PLACE_SHARE
         if fresh:
             side = float(self._rng.choice([-1.0, 1.0]))
@@ -158,11 +158,11 @@ def contrast_halves(words: Sequence[SpokenWord]) -> dict[int, float]:
 
 def directions(words: Sequence[SpokenWord], first: float) -> dict[int, float]:
     """Return the words "left", and "right" after "the" or "turn", as +1 or -1 times ``first``."""
-    found = {k: first for k, word in enumerate(words) if word.text == "left"}
+    firsts = {k: first for k, word in enumerate(words) if word.text == "left"}
     for k in range(1, len(words)):
         if words[k].text == "right" and words[k - 1].text in ("the", "turn"):
-            found[k] = -first
-    return found
+            firsts[k] = -first
+    return firsts
 
 
 def list_items(words: Sequence[SpokenWord], phrases: Sequence[Phrase]) -> dict[int, float]:

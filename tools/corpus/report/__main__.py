@@ -141,12 +141,12 @@ def _realism(question: str, names: list[str], real: list[Figures], corpus: list[
         return f"{title}Too few clips to say.\n"
     realism = measure_realism(real, corpus)
     rows = []
-    for told in (
+    for row in (
         realism.features.head(NUM_TABLE_FEATURES).reset_index(names="name").to_dict("records")
     ):
-        medians = [_short(told[which]) for which in ("first", "second", "corpus")]
-        areas = [f"{told[which]:.2f}" for which in ("auc", "real_auc")]
-        rows.append([told["name"], *medians, *areas, f"{told['share']:.0%}"])
+        medians = [_short(row[which]) for which in ("first", "second", "corpus")]
+        areas = [f"{row[which]:.2f}" for which in ("auc", "real_auc")]
+        rows.append([row["name"], *medians, *areas, f"{row['share']:.0%}"])
     is_reached = realism.joint <= max(AIM, realism.floor + AIM_OVER_FLOOR)
     return (
         f"{title}A classifier separates it from real motion with an area under the curve of"
@@ -217,10 +217,10 @@ def write_report(
     """
     rig = open_body_rig()
     by_speaker: dict[str, list[str]] = {}
-    found = list_clips(data)
-    for clip_id in found:
+    all_clips = list_clips(data)
+    for clip_id in all_clips:
         by_speaker.setdefault(clip_id.split("_")[1], []).append(clip_id)
-    chosen = {each: found[each] for ids in by_speaker.values() for each in ids[:clips]}
+    chosen = {each: all_clips[each] for ids in by_speaker.values() for each in ids[:clips]}
     real_clips: list[MeasuredClip] = []
     if real is not None:
         first = dict(list(list_clips(real).items())[:clips])

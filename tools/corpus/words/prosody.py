@@ -131,11 +131,11 @@ def _trim(
     last = max(k for k, p in enumerate(phones) if p.name != PAUSE)
     start = max(phones[first].start_s - 0.03, 0.0)
     end = min(phones[last].end_s + 0.08, len(waveform) / SAMPLE_RATE)
-    kept = [
+    phones_left = [
         replace(p, start_s=p.start_s - start, end_s=p.end_s - start)
         for p in phones[first : last + 1]
     ]
-    return waveform[int(start * SAMPLE_RATE) : int(end * SAMPLE_RATE)], kept
+    return waveform[int(start * SAMPLE_RATE) : int(end * SAMPLE_RATE)], phones_left
 
 
 def _join(parts: list[_Spoken], lead_s: float) -> Utterance:
