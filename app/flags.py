@@ -128,7 +128,7 @@ Names = Annotated[tuple[str, ...], text_type(parse_names, "A,B,...", "all", ",".
 Count = Annotated[int | None, text_type(parse_count, "N", "none")]
 MinutesFlag = Annotated[
     float,
-    text_type(lambda told: 60 * float(told), "N", show=lambda seconds: f"{seconds / 60:g}"),
+    text_type(lambda value: 60 * float(value), "N", show=lambda seconds: f"{seconds / 60:g}"),
     arg(name="max-minutes"),
 ]
 """Duration in seconds that is entered in minutes."""
@@ -189,8 +189,8 @@ def parse_command(does: Callable[..., Any], program: str, argv: Sequence[str]) -
     """
 
     @functools.wraps(does)
-    def held(*given: object, **named: object) -> Callable[[], Any]:
-        return functools.partial(does, *given, **named)
+    def held(*positional: object, **named: object) -> Callable[[], Any]:
+        return functools.partial(does, *positional, **named)
 
     output = io.StringIO()
     shown = io.TextIOWrapper(io.BytesIO(), encoding=sys.stdout.encoding or "utf-8")

@@ -245,7 +245,7 @@ def run_on_cluster(
             except Exception as error:
                 failed[job.name] = _worker_error(error, job)
             else:
-                if _is_seen(job):
+                if _wait_until_done(job):
                     on_done(job.name)
                 else:
                     failed[job.name] = JobsError(
@@ -276,7 +276,7 @@ def _do(job: Job) -> None:
         job.do()
 
 
-def _is_seen(job: Job) -> bool:
+def _wait_until_done(job: Job) -> bool:
     until = time.monotonic() + RESULT_TIMEOUT_S
     while not job.is_done():
         if time.monotonic() > until:

@@ -159,7 +159,9 @@ def main() -> None:
     """Handle messages of the page, and generate windows in between."""
     torch.set_num_threads(1)  # windows are small, and other processes need cores
     channel, (weights,) = parent_channel()
-    performers = SessionScheduler(Path(weights), lambda number, told: channel.send((number, told)))
+    performers = SessionScheduler(
+        Path(weights), lambda number, message: channel.send((number, message))
+    )
     with suppress(Exception):  # the error is reported to the visitor who opens one
         for name in representatives("streaming"):
             performers.load_warm(name)

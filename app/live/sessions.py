@@ -70,7 +70,7 @@ class AudioGuard:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._samples = 0
-        self._begun = self._watched_since = self._heard_at = clock()
+        self._begun = self._watched_since = self._last_message_at = clock()
         self._watched_samples = 0
 
     def check(self, content: bytes) -> None:
@@ -89,8 +89,8 @@ class AudioGuard:
         if spoken_s > now - self._begun + MAX_AHEAD_S:
             raise RunError(TOO_FAST)
         if np.abs(samples).max() > SILENCE_LEVEL:
-            self._heard_at = now
-        elif now - self._heard_at > QUIET_S:
+            self._last_message_at = now
+        elif now - self._last_message_at > QUIET_S:
             raise RunError(TOO_QUIET.format(minutes=QUIET_S / 60))
         self._watched_samples += len(samples)
         watched_s = now - self._watched_since

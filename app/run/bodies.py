@@ -112,7 +112,7 @@ class TrackedPoint:
     """Name of a fingertip or of a joint of SMPL-X."""
     body: Body | None = None
     """Licensed body with the tracked vertices and joints; None is the open skeleton."""
-    _known: WeakKeyDictionary[Motion, np.ndarray] = field(
+    _tracks: WeakKeyDictionary[Motion, np.ndarray] = field(
         default_factory=WeakKeyDictionary, repr=False, compare=False
     )
 
@@ -149,7 +149,7 @@ class TrackedPoint:
             on_piece: called after each chunk of a long motion; an exception from it stops the work.
             tracks: joint positions of the motion, if they have been computed.
         """
-        if motion not in self._known:
+        if motion not in self._tracks:
             part = motion if num_frames is None else motion.part(slice(num_frames))
             pieces = self._pieces(part)
             if tracks is not None and self.body is None:
@@ -161,10 +161,10 @@ class TrackedPoint:
             track = np.concatenate(positions)
             if len(track) < motion.num_frames:
                 return track
-            self._known[motion] = track
+            self._tracks[motion] = track
         else:
             on_piece()
-        return self._known[motion][:num_frames]
+        return self._tracks[motion][:num_frames]
 
     def _pieces(self, motion: Motion) -> Iterator[np.ndarray]:
         if self.body is not None and self.point in TIP_VERTICES:

@@ -257,38 +257,40 @@ class WordSearch:
 
     def __init__(self, transcript: Path | Transcript | None, source: WordSource) -> None:
         """Read the transcript, if there is one; raises TranscriptError if it cannot be used."""
-        self._given: WordsFile | None = None
+        self._words_file: WordsFile | None = None
         if transcript is not None:
             is_file = isinstance(transcript, Path)
-            self._given = read_words(transcript) if is_file else WordsFile(transcript)
-        self._asked: WordSource = source
-        self._hearing: WordRecognition | None = None
+            self._words_file = read_words(transcript) if is_file else WordsFile(transcript)
+        self._source: WordSource = source
+        self._recognition: WordRecognition | None = None
 
     def __enter__(self) -> WordSearch:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        if self._hearing is not None:
-            self._hearing.__exit__()
+        if self._recognition is not None:
+            self._recognition.__exit__()
 
     @property
     def provided(self) -> Transcript:
         """Words that are known at once; empty for a plain text, which has yet to be aligned."""
-        return EMPTY_TRANSCRIPT if self._given is None else self._given.transcript
+        return EMPTY_TRANSCRIPT if self._words_file is None else self._words_file.transcript
 
     @property
     def needs_speech(self) -> bool:
         """True if words are to be recognised in, or aligned with, the speech."""
-        if self._given is None:
-            return self._asked == "recognise"
-        return self._given.text is not None
+        if self._words_file is None:
+            return self._source == "recognise"
+        return self._words_file.text is not None
 
     def begin(self, waveform: Float32[np.ndarray, " N"]) -> None:
         """Start to recognise or align words in the background, if needed and not yet started."""
-        if self._given is not None:
-            self._given = self._given.within(len(waveform) / SAMPLE_RATE)
-        if self.needs_speech and self._hearing is None:
-            self._hearing = WordRecognition(waveform, self._given and self._given.text)
+        if self._words_file is not None:
+            self._words_file = self._words_file.within(len(waveform) / SAMPLE_RATE)
+        if self.needs_speech and self._recognition is None:
+            self._recognition = WordRecognition(
+                waveform, self._words_file and self._words_file.text
+            )
 
     def wait(self, on_wait: Callable[[], None]) -> tuple[Transcript, tuple[str, ...]]:
         """Wait for the words, and return them with notes for the user.
@@ -296,12 +298,12 @@ class WordSearch:
         Args:
             on_wait: called repeatedly while waiting; an exception from it stops the wait.
         """
-        notes = () if self._given is None else self._given.notes
-        if self._hearing is None:
+        notes = () if self._words_file is None else self._words_file.notes
+        if self._recognition is None:
             return self.provided, notes
-        while not self._hearing.is_over(_LOOK_EVERY_S):
+        while not self._recognition.is_over(_LOOK_EVERY_S):
             on_wait()
-        transcript = self._hearing.result()
+        transcript = self._recognition.result()
         return transcript.transcript, (*notes, *transcript.notes)
 
 

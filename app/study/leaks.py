@@ -35,7 +35,7 @@ from app.study.make.bundle import (
 from app.study.make.workspace import Workspace
 from model.storage.files import file_sha256
 
-_KNOWN_KEYS = {
+_ALLOWED_KEYS = {
     *("study", "sound", "minutes", "trials", "lists", "instruction", "questions", "words"),
     *("reasons", *FREE_TEXTS),
 }
@@ -272,7 +272,7 @@ def _texts(study: Study) -> Iterator[str]:
             yield f"page: {name} is not the file of this program."
     if (bundle / INDEX).read_text("utf-8") != index_html(data.get("title", ""), data.get("postTo")):
         yield f"page: {INDEX} is not the file of this program."
-    for key in sorted(set(data) - _KNOWN_KEYS):
+    for key in sorted(set(data) - _ALLOWED_KEYS):
         yield f"JSON: the field `{key}` is unknown."
     standard = {**shared_wording(study.key.protocol), "reasons": load_wording()["reasons"]}
     parts = [data.get(key) for key in ("study", "trials", "lists")]

@@ -69,7 +69,7 @@ file."""
 MOTIONS, REFERENCE = "motions", "reference"
 """Names with which `ImportOverrides` addresses all motions but the reference, or the reference."""
 _NUMBER = re.compile(r"-?(\d+\.?\d*|\.\d+)$")
-_SAID = re.compile("[^=]+=[^,]*|[^=]+$")
+_OVERRIDE_PART = re.compile("[^=]+=[^,]*|[^=]+$")
 _FLAG = re.compile(r"^(?:(?P<name>.+):)?(?P<kind>[a-z]+)=(?P<value>.+)$")
 
 
@@ -280,7 +280,7 @@ def parse_import_overrides(written: str) -> ImportOverrides:
         MotionError: for unknown kinds and values; it lists the known ones.
     """
     says = []
-    for part in filter(None, (part.strip(" ,") for part in _SAID.findall(written))):
+    for part in filter(None, (part.strip(" ,") for part in _OVERRIDE_PART.findall(written))):
         match = _FLAG.match(part)
         if match is None or match["kind"] not in OVERRIDE_VALUES:
             raise MotionError(

@@ -162,7 +162,7 @@ def _merge_ranges(frames: Sequence[range]) -> list[range]:
 
 
 STATE_SUFFIX = ".windows"
-_HEARD, _FOLLOWED = "heard", "followed."
+_CONDITIONING, _FOLLOWED = "heard", "followed."
 
 
 def save_state(performance: GenerationState, path: Path) -> None:
@@ -172,7 +172,7 @@ def save_state(performance: GenerationState, path: Path) -> None:
     with written_atomically(path) as part:
         followed = {_FOLLOWED + name: condition for name, condition in performance.followed.items()}
         conditioning = performance.conditioning.contiguous()
-        part.write_bytes(save({_HEARD: conditioning, **followed, **tensors}))
+        part.write_bytes(save({_CONDITIONING: conditioning, **followed, **tensors}))
 
 
 def load_state(path: Path, system: System, condition: Any, motion: Motion) -> GenerationState:
@@ -185,7 +185,7 @@ def load_state(path: Path, system: System, condition: Any, motion: Motion) -> Ge
         tensors = load(path.read_bytes())
         names = [name for name in tensors if name.startswith(_FOLLOWED)]
         followed = {name.removeprefix(_FOLLOWED): tensors.pop(name) for name in names}
-        conditioning = tensors.pop(_HEARD)
+        conditioning = tensors.pop(_CONDITIONING)
         return GenerationState(
             motion, condition, (), _windows(system, tensors), conditioning, followed
         )

@@ -213,9 +213,9 @@ class MotionBranch(nn.Module):
         nn.init.zeros_(self.out.weight)  # start at the mean pose, which normalisation puts at zero
         nn.init.zeros_(self.out.bias)
 
-    def forward(self, *told: Shaped[Tensor, "B ..."]) -> Float[Tensor, "B T channels"]:
+    def forward(self, *inputs: Shaped[Tensor, "B ..."]) -> Float[Tensor, "B T channels"]:
         """Predict the region's channels; the arguments are those of `embed`."""
-        x, seed_tokens, condition = self.embed(*told)
+        x, seed_tokens, condition = self.embed(*inputs)
         for block in self.blocks:
             x = block(x, seed_tokens, condition)
         return self.project(x)

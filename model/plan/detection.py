@@ -239,8 +239,8 @@ def _face(
         return (), (), ()
     names = face_unit_names()
 
-    def unit(*told: str) -> Float[np.ndarray, " T"]:
-        columns = motion.expressions[:, [names.index(name) for name in told]]
+    def unit(*units: str) -> Float[np.ndarray, " T"]:
+        columns = motion.expressions[:, [names.index(name) for name in units]]
         return columns.mean(axis=1).astype(np.float64)
 
     frown = gaussian_filter1d(unit("browDownLeft", "browDownRight"), 1.0)

@@ -226,7 +226,7 @@ BLOCK_FRAMES = 3
 BLOCK_SAMPLES = BLOCK_FRAMES * SAMPLE_RATE // FPS
 LOOK_AHEAD = PITCH_WINDOW // 2 - HOP // 2
 """Number of samples after a block that its features need."""
-_KEPT_BEFORE = PITCH_WINDOW // HOP
+_NUM_PAST_HOPS = PITCH_WINDOW // HOP
 """Number of earlier hops under the first hop's window, and one more for its onset strength."""
 
 
@@ -296,7 +296,7 @@ class CausalMel:
         new = SpectralFrames(*(values[before:] for values in vars(block).values()))
         columns = hop_features(block, self._voice.voice(new))[before:]
         self._next_hop += hops
-        self._drop_before(self._next_hop - _KEPT_BEFORE)
+        self._drop_before(self._next_hop - _NUM_PAST_HOPS)
         silence = np.zeros(MelEncoder.dim)  # none is needed: a block's hops are its frames'
         return average_over_frames(columns, BLOCK_FRAMES, silence).astype(np.float32)
 

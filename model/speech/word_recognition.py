@@ -67,20 +67,20 @@ class WordRecognition:
             text: the text to align; None to recognise the words.
         """
         self._is_aligned = text is not None
-        self._heard: RecognitionResult | None = None
+        self._result: RecognitionResult | None = None
         self._child: Child | None = None
         duration_s = len(waveform) / SAMPLE_RATE
         self._ends = time.monotonic() + TIMEOUT_S[0] + TIMEOUT_S[1] * duration_s
         count = len((text or "").split())
         if count > MAX_WORDS_A_SECOND * (duration_s + 1.0):
             problem = f"it has {count} words, more than are said in {duration_s:.1f} s"
-            self._heard = RecognitionResult(notes=(MISMATCH_NOTE.format(found=problem),))
+            self._result = RecognitionResult(notes=(MISMATCH_NOTE.format(found=problem),))
             return
         try:
             self._child = Child("model.speech.word_alignment")
         except OSError as error:
             why = (error.strerror or str(error)).lower()
-            self._heard = _failed(f"no process could be started ({why})")
+            self._result = _failed(f"no process could be started ({why})")
             return
         self._child.send((text, (np.clip(waveform, -1.0, 1.0) * 32767).astype("<i2")))
 
@@ -93,22 +93,22 @@ class WordRecognition:
 
     def is_over(self, wait_s: float = 0.0) -> bool:
         """Check whether the result is ready, waiting at most ``wait_s`` seconds."""
-        if self._heard is None and self._child is not None:
+        if self._result is None and self._child is not None:
             try:
                 if self._child.has_message(wait_s):
-                    self._heard = _judged(self._child.receive(), self._is_aligned)
+                    self._result = _judged(self._child.receive(), self._is_aligned)
                 elif time.monotonic() > self._ends:
-                    self._heard = _failed("it took too long")
+                    self._result = _failed("it took too long")
             except ChildExited:
-                self._heard = _failed(_reason(self._child.exit_report()))
-        return self._heard is not None
+                self._result = _failed(_reason(self._child.exit_report()))
+        return self._result is not None
 
     def result(self) -> RecognitionResult:
         """Wait for the result and return it. It never raises."""
         while not self.is_over(0.5):
             pass
-        assert self._heard is not None
-        return self._heard
+        assert self._result is not None
+        return self._result
 
 
 def _failed(why: str) -> RecognitionResult:

@@ -35,7 +35,7 @@ _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 """Environment of the processes: the driver's threads draw, and numpy's would only get in the way.
 """
 _POLL_S = 0.05
-_KNOWN_ERRORS = (BodyError, GLError, ValueError, VideoError)
+_USER_ERRORS = (BodyError, GLError, ValueError, VideoError)
 """Errors with one sentence as their message."""
 Key = TypeVar("Key", bound=Hashable)
 
@@ -201,7 +201,7 @@ def main() -> int:
             return 0
         try:
             tell("done", _done(job, lambda share: tell("share", share)))
-        except _KNOWN_ERRORS as error:
+        except _USER_ERRORS as error:
             tell("failed", error)
 
 

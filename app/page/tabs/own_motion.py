@@ -106,7 +106,7 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
         None,
         assume,
         assume,
-        js="(said) => document.querySelector('#own-player .lockstep').said(said)",
+        js="(message) => document.querySelector('#own-player .lockstep').said(message)",
         api_visibility="private",
     )
     runner.wire(page, form.fields, (filled.then, overrides_box.then), api_name="own_motion")

@@ -116,7 +116,7 @@ def measure_speech_effect(
             for part, shares in numbers["parts"].items()
         ]
         run.write_table("hearing", effects, [("system", "part", *_COLUMNS, "protocol"), *table])
-        _draw_hearing(effects, of_system, run, request)
+        _draw_speech_effect(effects, of_system, run, request)
         run.finish(f"Compared {pluralise(len(effects), 'system')}.")
 
 
@@ -130,12 +130,12 @@ def _generate_grids(
     folder.mkdir()
     seconds_of_motion = 0.0
 
-    def motion_file(system: System, speech: str, **asked: Any) -> Path:
+    def motion_file(system: System, speech: str, **conditions: Any) -> Path:
         nonlocal seconds_of_motion
         seconds_of_motion += speeches[speech].duration_s
         path, options = (
             folder / f"{len(jobs)}.npz",
-            generation_options(request.sampling, system, **asked),
+            generation_options(request.sampling, system, **conditions),
         )
         weights = request.weights.absolute()
         work = partial(_generate_to, path, system.name, weights, speeches[speech], options)
@@ -260,7 +260,7 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
     )
 
 
-def _draw_hearing(
+def _draw_speech_effect(
     numbers: Mapping[str, Mapping[str, Any]],
     of_system: Mapping[str, _GeneratedGrid],
     run: RunWriter,

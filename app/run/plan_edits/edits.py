@@ -326,7 +326,7 @@ KINDS: Mapping[str, EditKind] = {
     "delete": _kind(_of_both(editing.delete_gesture), **_one),
     "add": _kind(_add, kind=_text(40), hands=NotRequired[Hands], **_where),
     "hands": _kind(
-        lambda plan, told, *_: editing.change_hands(plan, _gesture(told), told["hands"]),
+        lambda plan, values, *_: editing.change_hands(plan, _gesture(values), values["hands"]),
         **_one, hands=Hands,
     ),
     "hold": _kind(_of_both(editing.set_hold, "hold"), **_one, hold=_within(0, 60)),
@@ -335,12 +335,12 @@ KINDS: Mapping[str, EditKind] = {
     "height": _kind(_of_both(editing.raise_gesture, "by"), **_one, by=_within(-1, 1)),
     "speed": _kind(_of_both(editing.speed_up_gesture, "speed"), **_one, speed=_within(0.2, 5)),
     "nod": _kind(
-        lambda plan, told, *_: editing.with_event(
-            plan, Nod(told["at"], told.get("depth", NOD_DEG))),
+        lambda plan, values, *_: editing.with_event(
+            plan, Nod(values["at"], values.get("depth", NOD_DEG))),
         at=_Second, depth=NotRequired[_within(1, 30)],
     ),
     "blink": _kind(
-        lambda plan, told, *_: editing.with_event(plan, Blink(told["at"])), at=_Second
+        lambda plan, values, *_: editing.with_event(plan, Blink(values["at"])), at=_Second
     ),
     "look": _kind(
         _look, at=_Second, lasts=NotRequired[_within(0.2, 60)], yaw=_within(-60, 60),

@@ -210,7 +210,9 @@ def _compose(
         edge = round(request.viewer.wipe * body.width)
         inks = [request.viewer.bodies[number].color for number in request.viewer.visible]
         pair = Pair(mode, room.width, room.height, body, tuple(beside), edge, inks)
-        labels = [f"{label}{caption}" for label, caption in zip(labels, _SAID[mode], strict=True)]
+        labels = [
+            f"{label}{caption}" for label, caption in zip(labels, _MODE_CAPTIONS[mode], strict=True)
+        ]
     compose_videos(
         videos,
         labels,
@@ -222,7 +224,7 @@ def _compose(
     )
 
 
-_SAID = {
+_MODE_CAPTIONS = {
     "ghost": ("", ""),
     "wipe": (" (left)", " (right)"),
     "flicker": (" (first)", " (second)"),

@@ -60,7 +60,7 @@ class EventChainSampler:
     ) -> None:
         self.chain = [begun]
         self._head, self._strength = head, strength
-        self._heard, self._first = speech_states, 0
+        self._speech_states, self._first = speech_states, 0
         self._events = _Events(head)
         self._excess = 0.0
         """Number of events expected so far, less that expected as trained."""
@@ -73,7 +73,7 @@ class EventChainSampler:
         self, speech_states: Float[np.ndarray, "copies T hidden"], first: int
     ) -> None:
         """Set the features of frames from ``first`` on."""
-        self._heard, self._first = speech_states, first
+        self._speech_states, self._first = speech_states, first
         self._chances.forget_before(first)
 
     def draw(
@@ -89,7 +89,7 @@ class EventChainSampler:
         if head.tier.coupled_chain:
             other = others[head.tier.coupled_chain].chain[-1]
             states.append(chain_state_at(CHAINS_BY_NAME[head.tier.coupled_chain], other, frame))
-        speech_states = self._heard[:, frame - self._first]
+        speech_states = self._speech_states[:, frame - self._first]
         state, logs = self._events(speech_states, np.concatenate(states))
         log = logs[-1] + self._strength * (logs[0] - logs[-1])
         log[1:] -= RATE_CORRECTION * self._excess
@@ -169,7 +169,7 @@ class _Events:
     def __init__(self, head: TierHead) -> None:
         first, last = head.event[0], head.event_out
         assert isinstance(first, torch.nn.Linear)
-        self._seen = head.seen.weight.numpy().T
+        self._seen_weight = head.seen.weight.numpy().T
         self._layers = [(layer.weight.numpy().T, layer.bias.numpy()) for layer in (first, last)]
 
     def __call__(
@@ -177,7 +177,7 @@ class _Events:
         speech_states: Float32[np.ndarray, "copies hidden"],
         states: Float32[np.ndarray, " seen"],
     ) -> tuple[Float32[np.ndarray, "copies hidden"], Float32[np.ndarray, "copies events"]]:
-        state = _silu(speech_states + states @ self._seen)
+        state = _silu(speech_states + states @ self._seen_weight)
         (weight, bias), (out, out_bias) = self._layers
         logits = _silu(state @ weight + bias) @ out + out_bias
         above = logits - logits.max(-1, keepdims=True)

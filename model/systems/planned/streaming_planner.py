@@ -52,7 +52,7 @@ class StreamingPlanner:
     def __init__(self, planner: Planner, draw: WindowSpec) -> None:
         self.style = LiveStyle()
         """Style; may be changed at any time, without effect on final events."""
-        self._planner, self._asked = planner, draw
+        self._planner, self._spec = planner, draw
         nothing = torch.zeros(1, planner.config.speech_dim)
         with torch.inference_mode():
             self._drawers = planner.make_samplers(nothing, draw)
@@ -101,7 +101,7 @@ class StreamingPlanner:
         """Draw all frames that are not final."""
         begin, context = self._final, self._planner.config.context
         speech_states = self._planner.speech_states(
-            speech(begin - 2 * context, stop + context), self._asked
+            speech(begin - 2 * context, stop + context), self._spec
         )
         leans = partial(_style_log_odds, self.style)
         for name, drawer in self._drawers.items():
@@ -159,8 +159,8 @@ class StreamingPlanner:
             if partner:
                 return partner
         side = SIDES.index(stroke.side)
-        rng = np.random.default_rng([*self._asked.key, KINDS, side, max(0, begins)])
-        return table.sample_kind(stroke, self._asked.speaker, rng)
+        rng = np.random.default_rng([*self._spec.key, KINDS, side, max(0, begins)])
+        return table.sample_kind(stroke, self._spec.speaker, rng)
 
     def _shaped(
         self, side: Side, phases: Sequence[HandPhase], origin: int, final: int

@@ -52,7 +52,7 @@ def test_who_stops_a_run_ends_the_looking_for_words() -> None:
 
     with pytest.raises(Cancelled), WordSearch(None, "recognise") as words:
         words.begin(np.tile(load_speech(SAID).waveform, 20))
-        child = words._hearing._child  # type: ignore[union-attr]
+        child = words._recognition._child  # type: ignore[union-attr]
         assert child is not None and child.is_alive()
         words.wait(stop)
     assert not child.is_alive()

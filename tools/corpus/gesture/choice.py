@@ -51,7 +51,7 @@ class GestureSelector:
         self._rng = rng
         self._recent: deque[str] = deque(maxlen=REPEAT_MEMORY)
         self._free_hands: list[str] | None = None
-        self._known: dict[str, float] = {}
+        self._side_by_word: dict[str, float] = {}
         first = SIDE_SIGN[speaker.other_hand]
         halves = contrast_halves(words) | directions(words, first)
         self._contrast = {k: half * first for k, half in halves.items()}
@@ -127,13 +127,13 @@ class GestureSelector:
         word = self._words[index]
         if index in self._items and index not in self._contrast:
             return ASIDE_M * self._items[index]
-        aside_m = self._known.get(word.text, 0.0)
+        aside_m = self._side_by_word.get(word.text, 0.0)
         side = self._contrast.get(index, 0.0) or aside_m
         fresh = not side and word.is_content and self._rng.random() < NEW_PLACE_SHARE
         if fresh:
             side = float(self._rng.choice([-1.0, 1.0]))
         if side and word.is_content:
-            self._known[word.text] = side
+            self._side_by_word[word.text] = side
         distance_m = CONTRAST_ASIDE_M if index in self._contrast else ASIDE_M
         return distance_m * side * float(self._rng.uniform(0.7, 1.2))
 

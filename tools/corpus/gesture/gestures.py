@@ -181,17 +181,17 @@ def _gesture(content: dict[str, Any]) -> GestureShape:
     )
 
 
-_TOLD = tomllib.loads(Path(__file__).with_name("gestures.toml").read_text("utf-8"))
+_TABLES = tomllib.loads(Path(__file__).with_name("gestures.toml").read_text("utf-8"))
 NEUTRAL = np.array([0.20, -0.14, 0.29])  # the middle of the gesture space
-REST: dict[str, HandPose] = {name: _pose(told) for name, told in _TOLD["rest"].items()}
+REST: dict[str, HandPose] = {name: _pose(entry) for name, entry in _TABLES["rest"].items()}
 GESTURES: dict[str, GestureShape] = {
-    name: _gesture(told) for name, told in _TOLD["gestures"].items()
+    name: _gesture(entry) for name, entry in _TABLES["gestures"].items()
 }
 
 
 def _calls() -> dict[str, tuple[str, ...]]:
     calls: dict[str, tuple[str, ...]] = {}
-    for gesture, words in _TOLD["words"].items():
+    for gesture, words in _TABLES["words"].items():
         for word in words.split():
             calls[word] = (*calls.get(word, ()), gesture)
     return calls
@@ -209,5 +209,5 @@ ONLY_WHEN_STRESSED = frozenset(
 LISTED = ("item", "item", "item", "set_down", "frame", "chop")
 """Gestures that set down one item of a list next to the other."""
 
-GENERIC: dict[str, float] = _TOLD["generic"]
+GENERIC: dict[str, float] = _TABLES["generic"]
 """Weights of the gestures for accents without a literal gesture."""

@@ -245,5 +245,5 @@ class Speaker:
 _FILE = Path(__file__).with_name("speakers.toml")
 
 SPEAKERS: tuple[Speaker, ...] = tuple(
-    from_dict(Speaker, told) for told in tomllib.loads(_FILE.read_text("utf-8"))["speakers"]
+    from_dict(Speaker, entry) for entry in tomllib.loads(_FILE.read_text("utf-8"))["speakers"]
 )
