@@ -127,6 +127,6 @@ INJECTED_FAULTS = (
 FIRST_LOOK = EXAMPLES / "first_look"
 """Run folder of the motion that a fresh page shows, made with the bundled weights by `python -m
 tests.app.run.made_first_look`."""
-FIRST_MOTION = FIRST_LOOK / "shown" / "A.npz"
+FIRST_MOTION = FIRST_LOOK / "viewer" / "A.npz"
 FIRST_LOOK_METADATA = "first_look.json"
 """File in `FIRST_LOOK`: the source of the motion."""

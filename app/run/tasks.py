@@ -76,7 +76,7 @@ class SetResults:
     files: tuple[Path, ...]
     notes: tuple[str, ...]
     summary: dict[str, Any]
-    """Content of ``many.json`` as written by `app.run.batch.table.write_tables`."""
+    """Content of ``batch.json`` as written by `app.run.batch.table.write_tables`."""
     clips: dict[str, dict[str, Path]]
     """Motion file of each clip in the tables, by system, including the reference."""
     audio_files: dict[str, Path]

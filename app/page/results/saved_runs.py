@@ -31,7 +31,7 @@ from app.page.routes.media import GONE, Media, OnDemandFiles
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore, equal_in_constant_time
 from app.run.batch.saved_run import copy_run
-from app.run.output.run_folder import TABLES, RunRecord, file_of
+from app.run.output.run_folder import READABLE_TABLES, RunRecord, file_of
 
 RUN_QUERY_PARAMETER = "run"
 """Query parameter of the page's URL."""
@@ -101,7 +101,7 @@ class SavedRun:
     def downloads(self, run_view: RunView) -> str:
         """Format the links to the zip, the HTML page and single files."""
         files = [run_view.folder / name for name in self.record.files if "/" not in name]
-        files += [self.folder / name for name in TABLES if self.clips]
+        files += [self.folder / name for name in READABLE_TABLES if self.clips]
         listed = files_listed(filter(Path.is_file, files), run_view.address)
         address = f"{RUN_ROUTE.lstrip('/')}/{self.token}"
         zipped = f'href="{address}" download title="{text.SAVE_RUN_HELP}"'

@@ -30,6 +30,7 @@ from app.findings.measure_rows import (
     format_value,
     with_partners,
 )
+from app.run.output.run_folder import BATCH, FORMER_BATCH
 from conventions.names import REFERENCE_NAME, printable
 from model.storage.files import read_capped, write_atomically
 from model.storage.json_validation import FieldError, read_json
@@ -115,7 +116,8 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
     Raises:
         RunError: with one sentence.
     """
-    path = folder / "many.json"
+    files = (folder / BATCH, folder / FORMER_BATCH)
+    path = next(filter(Path.is_file, files), files[0])
     content = read_capped(path, MAX_BYTES, RunError)
     try:
         results = json.loads(content)

@@ -494,7 +494,7 @@ class _ClipJob:
 def _origin_of(
     systems: list[str], numbers: Mapping[str, dict[str, Any]], metrics: MetricOptions
 ) -> dict[str, Any]:
-    """Return the ``provenance`` of ``many.json``.
+    """Return the ``provenance`` of ``batch.json``.
 
     Args:
         numbers: records by clip, with the ``sha256`` of each file.

@@ -14,8 +14,8 @@ from app.run.callbacks import RunCallbacks
 from app.run.output.run_folder import (
     MAX_RUN_BYTES,
     NO_RUN,
+    READABLE_TABLES,
     RUN,
-    TABLES,
     file_of,
     files_of,
     is_run_zip,
@@ -143,7 +143,7 @@ def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackL
         of_rows = [name for row in record.rows for name in row.files.values()]
         own = filter(None, (*record.named, *of_rows, record.audio, record.timeline))
         names.update((below / name).as_posix() for name in own if name != RUN)
-        names.update((below.parent / name).as_posix() for name in TABLES if below.parts)
+        names.update((below.parent / name).as_posix() for name in READABLE_TABLES if below.parts)
     unpack_archive(path, into, endings, replace(limits), names.__contains__)
 
 

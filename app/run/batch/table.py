@@ -87,7 +87,7 @@ def write_tables(
     speeds: BeatSpeeds = "own",
     below: Sequence[str] = (),
 ) -> tuple[tuple[Path, ...], dict[str, Any]]:
-    """Write ``many.csv``, ``many.json``, ``clips.csv``, ``sheet.md`` and ``table.tex``.
+    """Write ``batch.csv``, ``batch.json``, ``clips.csv``, ``summary.md`` and ``table.tex``.
 
     Args:
         numbers: records by clip, with the raw ``numbers`` (keys of `METRICS`) and the ``findings``
@@ -97,10 +97,10 @@ def write_tables(
         origin: provenance of the numbers.
         more: rows of metrics of whole sets.
         speeds: source of the mean speeds of BeatAlign.
-        below: Markdown lines below the tables of ``sheet.md``.
+        below: Markdown lines below the tables of ``summary.md``.
 
     Returns:
-        The files, and the content of ``many.json``.
+        The files, and the content of ``batch.json``.
     """
     left_out = left_out or {}
     of_systems = {
@@ -127,10 +127,10 @@ def write_tables(
         *below,
     ]
     contents = {
-        "many.csv": csv_text([HEADER, *rows]),
-        "many.json": json.dumps(results, indent=1, allow_nan=False) + "\n",
+        "batch.csv": csv_text([HEADER, *rows]),
+        "batch.json": json.dumps(results, indent=1, allow_nan=False) + "\n",
         "clips.csv": csv_text(_clip_rows(of_systems, left_out, speeds)),
-        "sheet.md": "\n".join(sheet) + "\n",
+        "summary.md": "\n".join(sheet) + "\n",
         "table.tex": _latex(systems, len(numbers), means),
     }
     for name, content in contents.items():
@@ -314,7 +314,7 @@ def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list
         *([""] if noted else []),
         "Mean over clips [95 % bootstrap interval over clips] of unfiltered motion."
         f" {escape_markdown(star_legend(systems, len(results['clips'])))} {OTHER_PROTOCOLS}"
-        " Differences of all pairs are in `many.csv`.",
+        " Differences of all pairs are in `batch.csv`.",
         "",
         *_grid(("measure", *systems), ((title, *cells) for title, cells in means.items())),
     ]

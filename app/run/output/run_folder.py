@@ -36,10 +36,14 @@ from model.storage.files import opened_zip, write_atomically
 from model.storage.json_validation import FieldError, read_json, rename_keys
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
-TABLES = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
+BATCH = "batch.json"
+TABLES = "batch.csv", BATCH, "clips.csv", "summary.md", "table.tex"
 """Tables over several clips, next to the folders of their runs."""
-SHOWN = "shown"
-"""Folder of files that only a player uses."""
+FORMER_BATCH = "many.json"
+READABLE_TABLES = (*TABLES, "many.csv", FORMER_BATCH, "sheet.md")
+"""`TABLES`, and the former names of three of them."""
+VIEWER_FOLDERS = "viewer", "shown"
+"""Folder of files that only the viewer uses, and its former name."""
 NO_RUN = (
     "{name} is not a run folder that can be opened ({why}). Give a folder written by `generate` "
     "or `diagnose` of this version, or its zip."
@@ -60,8 +64,10 @@ _MAX_NAME_BYTES = 255
 
 
 def _stays_inside(name: str) -> str:
-    own = name.removeprefix(f"{SHOWN}/")
-    if own in ("", ".", "..") or "/" in own or "\0" in own:
+    folder, slash, own = name.rpartition("/")
+    if slash and folder not in VIEWER_FOLDERS:
+        raise ValueError("it leads elsewhere")
+    if own in ("", ".", "..") or "\0" in own:
         raise ValueError("it is outside of the folder")
     if len(own.encode()) > _MAX_NAME_BYTES:
         raise ValueError(f"its name is longer than {_MAX_NAME_BYTES} bytes")
@@ -303,7 +309,7 @@ class RunRecord(_Strict):
     @property
     def result_files(self) -> list[str]:
         """All files except those that only a player uses, and the record itself."""
-        return [RUN, *(name for name in self.files if not name.startswith(f"{SHOWN}/"))]
+        return [RUN, *(name for name in self.files if "/" not in name)]
 
     @property
     def has_motion(self) -> bool:
@@ -470,7 +476,7 @@ def files_of(folder: Path) -> list[Path]:
     """Return all files of a run, or of the runs of several clips; raises RunError without any."""
     runs = runs_in(folder) or {"": folder}
     named = [(run, name) for run in runs.values() for name in (RUN, *read_run(run).named)]
-    named += [(folder, name) for name in TABLES if "" not in runs]
+    named += [(folder, name) for name in READABLE_TABLES if "" not in runs]
     paths = (file_of(*each) for each in named)
     return [path for path in paths if path is not None]
 
@@ -504,4 +510,4 @@ def video_file(name: str, view: str, views: Sequence[str]) -> str:
 
 def viewer_file_name(name: str, ending: str) -> str:
     """Return the name of a row's file that only a player uses."""
-    return f"{SHOWN}/{file_stem(name)}{ending}"
+    return f"{VIEWER_FOLDERS[0]}/{file_stem(name)}{ending}"

@@ -123,8 +123,8 @@ def test_folders_with_hostile_names_are_held_beside_each_other(tmp_path, capsys)
             save_motion(smooth_motion_example(30, seed), folder / f"{clip}.npz")
     out = tmp_path / "out"
     run(["diagnose", *map(str, folders), "--out", str(out), "--processes", "1"], capsys)
-    assert {"many.csv", "sheet.md"} <= {*check_folder(out)}
-    sheet = (out / "sheet.md").read_text("utf-8").splitlines()
+    assert {"batch.csv", "summary.md"} <= {*check_folder(out)}
+    sheet = (out / "summary.md").read_text("utf-8").splitlines()
     (head,) = [line for line in sheet if line.startswith("| measure")]
     assert head.replace("\\|", "").count("|") == 5  # three systems, whatever they are called
 

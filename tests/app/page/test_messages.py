@@ -26,7 +26,7 @@ def player_value() -> dict[str, Any]:
 
 
 def editor_data() -> dict[str, Any]:
-    plan = read_plan_file(FIRST_LOOK / "shown" / "A.plan.json").plan
+    plan = read_plan_file(FIRST_LOOK / "viewer" / "A.plan.json").plan
     return request_as_json(plan, [Word(0.0, 1.0, "one")])
 
 

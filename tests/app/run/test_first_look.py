@@ -16,7 +16,7 @@ def test_what_is_stored_is_what_the_bundled_weights_make(tmp_path: Path) -> None
     ours, stored = (json.loads((folder / FIRST_LOOK_METADATA).read_text()) for folder in folders)
     for part in ("weights", "speech"):
         assert ours["provenance"][part] == stored["provenance"][part], "make it anew"
-    own, kept = (load_motion(folder / "shown" / FIRST_MOTION.name) for folder in folders)
+    own, kept = (load_motion(folder / "viewer" / FIRST_MOTION.name) for folder in folders)
     assert own.num_frames == kept.num_frames == 201
     # Processors differ in the last digits, which ten steps of a flow make larger.
     apart = np.abs(own.local_rotations().numpy() - kept.local_rotations().numpy())

@@ -77,7 +77,7 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     found = run(request, callbacks)
     assert {path.name for path in request.output.out.iterdir()} == {
         *("diagnostics.json", "diagnostics.csv"),
-        *("run.json", "speech.wav", "timeline.json", "shown"),
+        *("run.json", "speech.wav", "timeline.json", "viewer"),
         *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf", "txt")),
     }
     # There is a point to stop at between all files, measures and figures.

@@ -248,7 +248,7 @@ def test_a_run_that_ends_early_keeps_what_is_whole_only_where_that_was_asked_for
     told = read_run(tmp_path / "True")
     assert (told.state, told.message) == (state, sentence)
     left = {path.name for path in (tmp_path / "True").iterdir()}
-    assert left == {RUN, "a.npz", "shown"} and load_motion(tmp_path / "True/a.npz").num_frames == 8
+    assert left == {RUN, "a.npz", "viewer"} and load_motion(tmp_path / "True/a.npz").num_frames == 8
 
 
 def test_a_plan_is_shown_as_it_was_performed_and_of_other_motion_as_it_is_found(tmp_path):
@@ -357,7 +357,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     words = json.loads((tmp_path / "again/timeline.json").read_text())["words"]
     assert words == [[0.2, 0.5, "<b>hello"]] and result.diagnostics.reference is not None
     kept, again = (
-        np.load(each / "shown/gan-5.npz")["poses"] for each in (results, tmp_path / "again")
+        np.load(each / "viewer/gan-5.npz")["poses"] for each in (results, tmp_path / "again")
     )
     np.testing.assert_allclose(again, kept, atol=1e-5)
 
@@ -391,7 +391,7 @@ def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_i
     for number, own in enumerate((results, zip_run(results, tmp_path / "own.zip"))):
         copy = copy_run(own, tmp_path / str(number))
         assert read_run(copy) == read_run(results)
-        assert (copy / "shown/gan-5.frames").is_file() and (copy / "jitter.png").is_file()
+        assert (copy / "viewer/gan-5.frames").is_file() and (copy / "jitter.png").is_file()
 
 
 def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -> None:

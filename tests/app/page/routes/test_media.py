@@ -377,9 +377,9 @@ def test_the_cookie_is_kept_from_scripts_and_other_sites(browser):
 
 
 def test_figure_6_is_drawn_again_as_a_url_says_within_the_limits_of_the_form(media, browser, job):
-    (job / "shown").mkdir()
-    (job / "shown" / "figure6.figure.npz").touch()
-    address = media.share(job, "mine")(job / "shown" / "figure6.figure.npz")
+    (job / "viewer").mkdir()
+    (job / "viewer" / "figure6.figure.npz").touch()
+    address = media.share(job, "mine")(job / "viewer" / "figure6.figure.npz")
     base = f"/{address.partition('?')[0]}?as=pdf"
     refused = {
         "&width=9000mm": "no width '9000mm'",

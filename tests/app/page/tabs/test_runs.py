@@ -185,7 +185,7 @@ class Measured:
         self.asked.append(request)
         callbacks.on_event(Progress("numbers", 0.5))
         request.output.out.mkdir()
-        table = request.output.out / "many.csv"
+        table = request.output.out / "batch.csv"
         table.write_text("0")
         row = {"measure": JERK, "protocol": "workbench/1", "unit": "m/s³", "clips": 2}
         row |= {"difference_to": ""}
@@ -501,7 +501,7 @@ def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp
     job = tmp_path / "job"
     for number, clip in enumerate("ab"):
         made_run(job, f"{clip}: local", jerk={"local": 10.0 + 2 * number}, out=f"results/{clip}")
-    (job / "results/sheet.md").touch()
+    (job / "results/summary.md").touch()
     page = Page(tmp_path / "page")
     token = add_owner_run(page.runs, job / "results", tmp_path / "opened", Media())
     first = page.runs.find(token)
@@ -514,12 +514,12 @@ def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp
     assert chosen["value"] == second.token and dict(chosen["choices"])["a"] == token
     address = updates[parts.player]["audio"]
     assert address.split("?")[0].endswith("b/speech.wav")
-    assert "sheet.md" in updates[parts.downloads]["value"]
+    assert "summary.md" in updates[parts.downloads]["value"]
     assert not updates[parts.verdict]["visible"], "one verdict, over all clips"
     assert ">12<" in updates[parts.numbers]["value"] and "2 of 2" in updates[parts.status]
     packed = zip_run(second.folder, tmp_path / "all.zip")
     with zipfile.ZipFile(packed) as archive:
-        assert {"a/run.json", "b/run.json", "b/speech.wav", "sheet.md"} <= set(archive.namelist())
+        assert {"a/run.json", "b/run.json", "b/speech.wav", "summary.md"} <= set(archive.namelist())
     mine = [keep(page.runs, tmp_path / "alone", "mine")]
     assert page.runs.of("mine") == mine
     single = page.opened("mine", mine[0].token)
@@ -597,7 +597,7 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
     assert all("video" in row for row in players[-1]["rows"]) and not players[-1]["begins"]
     opened = tab.kept.find(tab.run.token)
     assert opened is not None
-    shown = "shown/globaldiff-local.frames"
+    shown = "viewer/globaldiff-local.frames"
     assert {shown, *names} <= {*opened.record.named}, "of which the zip is made"
     assert list(tab.updates()) == [{tab.parts.status: gr.skip()}], "once, and all stays"
     assert not tab.jobs.in_use()

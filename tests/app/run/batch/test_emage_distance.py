@@ -121,7 +121,7 @@ def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
     means = {row["system"]: row["mean"] for row in rows if row["mean"]}
     assert list(means) == ["lively", "calm"] and float(means["lively"]) > float(means["calm"]) > 0
     assert any(row["difference_to"] == "calm" for row in rows)
-    assert "EMAGE's encoder" in (request.output.out / "sheet.md").read_text()
+    assert "EMAGE's encoder" in (request.output.out / "summary.md").read_text()
     assert "EMAGE's encoder" in (request.output.out / "table.tex").read_text()
     kept = request.output.out / "clips" / "b.json"
     before = kept.stat().st_mtime_ns
@@ -138,7 +138,7 @@ def test_too_few_codes_are_told(weights: Path, tmp_path: Path):
     _save_sets(tmp_path)
     result = diagnose_folders(_asked(tmp_path, weights))
     assert any("have 8 codes" in note and "at least 241" in note for note in result.notes)
-    assert "EMAGE" not in (tmp_path / "out" / "sheet.md").read_text()
+    assert "EMAGE" not in (tmp_path / "out" / "summary.md").read_text()
 
 
 def test_wrong_weights_are_told_before_anything_is_measured(tmp_path: Path):
@@ -153,7 +153,7 @@ def test_wrong_weights_are_told_before_anything_is_measured(tmp_path: Path):
 
 
 def _rows(out: Path) -> list[dict[str, str]]:
-    return [row for row in csv_rows(out / "many.csv") if row["measure"] == FGD_EMAGE]
+    return [row for row in csv_rows(out / "batch.csv") if row["measure"] == FGD_EMAGE]
 
 
 def _plain_distance(recorded: list[np.ndarray], made: list[np.ndarray], index: np.ndarray) -> float:

@@ -66,7 +66,7 @@ def test_a_labs_day(tmp_path: Path) -> None:
                 assert np.array_equal(one[key], other[key]), (clip, system, key)
         one, other = (read_run(out / clip) for out in (apart, here))
         assert one.whole and (one.whole, one.numbers) == (other.whole, other.numbers)
-    for table in ("many.csv", "many.json", "sheet.md"):
+    for table in ("batch.csv", "batch.json", "summary.md"):
         assert (apart / table).read_bytes() == (here / table).read_bytes()
 
 

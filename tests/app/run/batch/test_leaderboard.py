@@ -1,6 +1,7 @@
 """Entries of a leaderboard: taken in, put together, refused."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -119,8 +120,15 @@ def test_results_without_a_recorded_set_are_refused(measured: Path, tmp_path: Pa
         entries_of(tmp_path)
 
 
+def test_results_with_their_former_name_are_read(measured: Path, tmp_path: Path) -> None:
+    shutil.copy(measured / "one" / "batch.json", tmp_path / "many.json")
+    assert [each.key for each in entries_of(tmp_path)] == [
+        each.key for each in entries_of(measured / "one")
+    ]
+
+
 def test_results_of_another_version_are_refused_with_a_sentence(measured, tmp_path):
-    whole = json.loads((measured / "one" / "many.json").read_text())
+    whole = json.loads((measured / "one" / "batch.json").read_text())
     where = whole["provenance"]
     row = {**whole["measures"][0], "mean": "1"}
     for told in (
@@ -132,7 +140,7 @@ def test_results_of_another_version_are_refused_with_a_sentence(measured, tmp_pa
         *({**whole, "provenance": wrong} for wrong in (None, [], "x")),
         *([], {**whole, "measures": [row]}, {**whole, "measures": [{}]}),
     ):
-        (tmp_path / "many.json").write_text(json.dumps(told))
+        (tmp_path / "batch.json").write_text(json.dumps(told))
         try:
             entries_of(tmp_path)
         except RunError as error:

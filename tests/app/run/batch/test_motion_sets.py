@@ -62,7 +62,7 @@ def measured(folders: Path) -> Path:
 
 def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path: Path):
     shutil.copytree(measured, tmp_path, dirs_exist_ok=True)
-    rows = csv_rows(tmp_path / "many.csv")
+    rows = csv_rows(tmp_path / "batch.csv")
     speed = [row for row in rows if row["measure"] == SPEED]
     means = {row["system"]: float(row["mean"]) for row in speed if row["mean"]}
     assert means["lively"] > 1.5 * means["reference"]
@@ -70,7 +70,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     (apart,) = (r for r in speed if (r["system"], r["difference_to"]) == ("lively", "reference"))
     assert float(apart["difference_low"]) > 0
     assert float(apart["difference"]) == pytest.approx(means["lively"] - means["reference"])
-    sheet = (tmp_path / "sheet.md").read_text()
+    sheet = (tmp_path / "summary.md").read_text()
     assert "# 3 clips" in sheet and "| copy of the reference | 0 | 3 | 0 |" in sheet
     by_clip = csv_rows(tmp_path / "clips.csv")
     assert [row["clip"] for row in by_clip] == [*CLIPS] * 3
@@ -78,7 +78,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     assert protocols.startswith("workbench/1; ") and "l1_diversity_m l1div/emage" in protocols
     assert "beat_align beats/workbench;" in protocols
     assert all("name no protocol use workbench/1" in (tmp_path / name).read_text()
-               for name in ("sheet.md", "table.tex"))  # fmt: skip
+               for name in ("summary.md", "table.tex"))  # fmt: skip
     of_lively = [row for row in by_clip if row["system"] == "lively"]
     mean = np.mean([float(row[SPEED]) for row in of_lively])
     assert mean == pytest.approx(means["lively"])
@@ -92,7 +92,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     paper = (tmp_path / "table.tex").read_text()
     assert paper.count("\\\\\n") == 1 + len({row["measure"] for row in rows})
     assert "starred only with 10 clips or more" in paper and "{*}" not in paper
-    measures = json.loads((tmp_path / "many.json").read_text())["measures"]
+    measures = json.loads((tmp_path / "batch.json").read_text())["measures"]
     of_ten = cells_of(["lively", "same", "reference"], [{**row, "clips": 10} for row in measures])
     assert of_ten["Tracked point: Speed (m/s)"][0].endswith("*")
     kept = tmp_path / "clips" / "b.json"
@@ -105,7 +105,7 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
 
 
 def test_the_distance_of_sets_is_that_of_all_their_codes(folders: Path, measured: Path):
-    rows = [row for row in csv_rows(measured / "many.csv") if row["measure"] == FGD]
+    rows = [row for row in csv_rows(measured / "batch.csv") if row["measure"] == FGD]
     encoder = load_encoder(BUNDLED_WEIGHTS, "fgd-encoder")
 
     def codes(name: str) -> list[Features]:
@@ -122,7 +122,7 @@ def test_the_distance_of_sets_is_that_of_all_their_codes(folders: Path, measured
     assert lively["system"] == "lively" and float(same["mean"]) == pytest.approx(0, abs=1e-6)
     assert (apart["system"], apart["difference_to"]) == ("lively", "same")
     assert float(apart["difference"]) == pytest.approx(wanted.mean, rel=1e-6)
-    assert "FGD to the recorded set" in (measured / "sheet.md").read_text()
+    assert "FGD to the recorded set" in (measured / "summary.md").read_text()
 
 
 def test_beats_are_those_of_a_single_clip_beside_its_sound(folders: Path, tmp_path: Path):
@@ -181,7 +181,7 @@ def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refuse
         (tmp_path / name / "a.npz").write_bytes((folders / name / "a.npz").read_bytes())
     result = diagnose_folders(asked(tmp_path, tmp_path / "out"))
     assert any("have 11 codes" in note and "at least 33" in note for note in result.notes)
-    assert "FGD" not in (tmp_path / "out" / "sheet.md").read_text()
+    assert "FGD" not in (tmp_path / "out" / "summary.md").read_text()
     (tmp_path / "other").mkdir()
     with pytest.raises(RunError, match="paired by name"):
         diagnose_folders(
@@ -205,7 +205,7 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
     top, out = tmp_path / "emage", tmp_path / "out"
     result = diagnose_folders(diagnose_request(motions=(top,), out=out, reference=top))
     assert tuple(result.summary["clips"]) == CLIPS[:2]
-    told = json.loads((out / "many.json").read_text())["measures"]
+    told = json.loads((out / "batch.json").read_text())["measures"]
     assert {row["system"] for row in told} == {"emage", "reference"}
     for clip in CLIPS[:2]:
         deep, flat = (

@@ -123,7 +123,7 @@ def test_samples_are_averaged_first_and_their_spread_is_told(made: Path, tmp_pat
             for clip in "abc"
         ]
     )
-    sheet = (tmp_path / "both" / "sheet.md").read_text().split("Standard deviation between")[1]
+    sheet = (tmp_path / "both" / "summary.md").read_text().split("Standard deviation between")[1]
     (line,) = (line for line in sheet.splitlines() if title in line)
     assert float(line.split("|")[2]) == pytest.approx(spread, rel=0.01)
 
@@ -142,7 +142,7 @@ def test_a_bad_clip_costs_itself_only(made: Path, tmp_path: Path):
     rows = rows_of(tmp_path / "out")
     assert rows["b", ""]["left out because"] == left_out
     assert rows["a", "mine"]["left out because"] == ""
-    assert left_out in (tmp_path / "out" / "sheet.md").read_text()
+    assert left_out in (tmp_path / "out" / "summary.md").read_text()
     for path in mine.iterdir():
         path.write_bytes(b"no motion")
     with pytest.raises(ValueError, match="sample"):
@@ -160,7 +160,7 @@ def test_a_set_that_was_filled_in_is_told_above_the_numbers(made: Path, tmp_path
         np.savez(slow / f"{clip}.npz", **content | {"mocap_frame_rate": np.array(15)})
     found = diagnose_folders(asked(made, tmp_path / "out", slow))
     assert found.notes[0].startswith("slow was upsampled from a lower frame rate")
-    sheet = (tmp_path / "out" / "sheet.md").read_text()
+    sheet = (tmp_path / "out" / "summary.md").read_text()
     table = sheet.index("| measure |")
     assert "slow was upsampled" in sheet[:table] and "15" in sheet[:table]
     (jerk,) = (line for line in sheet.splitlines() if line.startswith("| Tracked point: Jerk"))
@@ -181,7 +181,7 @@ def test_the_command_line_tells_by_its_exit_status(
     (mine / "b.npz").write_bytes(b"no motion")
     assert main([*argv, str(tmp_path / "out")]) == 1
     said = capsys.readouterr()
-    assert "1 of 2 clips could not be measured" in said.err and "sheet.md" in said.out
+    assert "1 of 2 clips could not be measured" in said.err and "summary.md" in said.out
     assert main([*argv, str(tmp_path / "check"), "--check", "genea"]) == 1
     said = capsys.readouterr()
     assert "mine: missing clips (1): c." in said.err and "check.md" in said.out

@@ -109,7 +109,7 @@ def results(tmp_path_factory: pytest.TempPathFactory, genea: dict[int, Path]) ->
 
 
 def test_sets_have_rows_of_every_protocol_that_applies(results: AnyRun):
-    rows = csv_rows(results.output.out / "many.csv")
+    rows = csv_rows(results.output.out / "batch.csv")
     published = {row["protocol"] for row in rows if row["measure"].startswith(row["protocol"])}
     assert published == {
         *("beats/emage", "beats/evaltools", "beats/raggesture", "physical/mbench", "gac/unicamp"),
@@ -141,7 +141,7 @@ def test_sets_have_rows_of_every_protocol_that_applies(results: AnyRun):
 
 
 def test_values_of_different_protocols_are_in_different_rows_of_tables(results: AnyRun):
-    sheet = (results.output.out / "sheet.md").read_text()
+    sheet = (results.output.out / "summary.md").read_text()
     assert "BeatAlign (0 to 1) · beats/workbench-emage |" in sheet
     for name in ("beats/emage", "beats/evaltools", "beats/raggesture"):
         assert f"| {name}/beat_align (0 to 1) |" in sheet
@@ -157,14 +157,14 @@ def test_values_of_different_protocols_are_in_different_rows_of_tables(results: 
 def _rule_rows(out: Path) -> dict[tuple[str, str, str], list[str]]:
     """Read cells of the table of rules, by metric, system and rule."""
     _, told = (
-        (out / "sheet.md").read_text().split("The same motion measured by different protocols")
+        (out / "summary.md").read_text().split("The same motion measured by different protocols")
     )
     cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in told.splitlines()[2:]]
     return {(row[0], row[1], row[2]): row[3:] for row in cells if len(row) == 6}
 
 
 def test_the_effect_of_the_rule_alone_is_told_next_to_expected_values(results: AnyRun):
-    sheet = (results.output.out / "sheet.md").read_text()
+    sheet = (results.output.out / "summary.md").read_text()
     assert "Expected: beats/emage 0.5, slide_m 0.01, fgd 4.2." in sheet
     by_rule = _rule_rows(results.output.out)
     plain = by_rule["slide_m", "lively", "physical/mbench"]
@@ -199,7 +199,7 @@ def test_the_authors_zip_of_person_2_is_measured_next_to_ours(tmp_path: Path):
     save_motion(smooth_motion_example(50), recorded / "2_scott_0_3_3.npz")
     asked = [str(tmp_path / "best_pid_2.zip"), str(ours), "--reference", str(recorded)]
     assert main(["diagnose", *asked, "--processes", "1", "--out", str(tmp_path / "out")]) == 0
-    told = json.loads((tmp_path / "out" / "many.json").read_text())
+    told = json.loads((tmp_path / "out" / "batch.json").read_text())
     assert told["clips"] == ["2_scott_0_1_1", "2_scott_0_2_2"]
     dice = [row for row in told["measures"] if row["measure"] == "gac/unicamp/dice"]
     systems = [row["system"] for row in dice if not row["difference_to"]]
@@ -267,13 +267,13 @@ def test_distances_by_encoders_of_genea_are_protocols_of_their_own(
     out = results.output.out
     rows = {
         row["measure"]: row["protocol"]
-        for row in csv_rows(out / "many.csv")
+        for row in csv_rows(out / "batch.csv")
         if row["measure"].startswith("fgd_genea") and not row["difference_to"]
     }
     assert rows == {"fgd_genea_30": "fgd/genea-30"}
     notes = " ".join(diagnose_folders(results).notes)
     assert all(f"GENEA's encoder of {length} frames is left out" in notes for length in (60, 90))
-    encoders = json.loads((out / "many.json").read_text())["provenance"]["encoders"]
+    encoders = json.loads((out / "batch.json").read_text())["provenance"]["encoders"]
     assert len(set(encoders.values())) == len(encoders) == 4
     told = _rule_rows(out)
     for rule in ("fgd/workbench", "fgd/genea-30"):

@@ -83,7 +83,7 @@ def test_a_zip_is_measured_as_its_folder(folders: Path, tmp_path: Path) -> None:
         speech=folders / "sound",
     )
     diagnose_folders(asked)
-    plain = json.loads((tmp_path / "plain" / "many.json").read_text())
+    plain = json.loads((tmp_path / "plain" / "batch.json").read_text())
     named = json.loads(json.dumps(found.summary).replace("My system", "mine"))
     assert list(named.pop("left_out")) == ["broken"] and not plain.pop("left_out")
     for told in (named, plain):

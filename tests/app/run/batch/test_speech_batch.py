@@ -60,13 +60,13 @@ def test_every_clip_gets_a_run_that_is_kept_and_all_a_table(speeches, weights, t
         names = {path.name for path in (out / clip).iterdir()}
         assert {"globaldiff-local.npz", "provenance.json", RUN} <= names
         assert not any(name.endswith(".png") for name in names)
-    told_of_all = json.loads((out / "many.json").read_text())
+    told_of_all = json.loads((out / "batch.json").read_text())
     assert told_of_all["clips"] == ["a", "b", "c"]
     (verdict,) = runs.notes
     assert (
         "Over 3 clips, " in verdict and "the paper" in verdict and told_of_all["notes"] == [verdict]
     )
-    assert "Over 3 clips" in (out / "sheet.md").read_text()
+    assert "Over 3 clips" in (out / "summary.md").read_text()
     systems = {row["system"] for row in told_of_all["measures"]}
     assert systems == {"globaldiff/local", "globaldiff/global"}
     assert all(row["clips"] <= 3 for row in told_of_all["measures"])
@@ -140,10 +140,10 @@ def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path,
     asked = ["generate", str(speeches), *flags]
     assert main(asked) == 1
     said = capsys.readouterr()
-    tables = "many.csv", "many.json", "clips.csv", "sheet.md", "table.tex"
+    tables = "batch.csv", "batch.json", "clips.csv", "summary.md", "table.tex"
     assert said.out.split() == [*(str(out / name) for name in ("a", "c", *tables))]
     assert "b: b.wav" in said.err and "1 of 3 clips could not be made" in said.err
-    assert "b.wav" in json.loads((out / "many.json").read_text())["left_out"]["b"]
+    assert "b.wav" in json.loads((out / "batch.json").read_text())["left_out"]["b"]
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     assert main(asked) == 0
     said = capsys.readouterr()
@@ -204,7 +204,18 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     for name, clips in measured[0].items():
         assert measured[1][name] == pytest.approx(clips, rel=1e-3)
     copy = copy_run(packed, tmp_path / "copy")
-    assert list(runs_in(copy)) == list("ab") and (copy / "sheet.md").is_file()
+    assert list(runs_in(copy)) == list("ab") and (copy / "summary.md").is_file()
+    former = {"batch.csv": "many.csv", "batch.json": "many.json", "summary.md": "sheet.md"}
+    for name, old in former.items():
+        (copy / name).rename(copy / old)
+    for run in runs_in(copy).values():
+        (run / "viewer").rename(run / "shown")
+        record = (run / RUN).read_text("utf-8").replace('"viewer/', '"shown/')
+        (run / RUN).write_text(record, "utf-8")
+    old = copy_run(zip_run(copy, tmp_path / "old.zip"), tmp_path / "old")
+    assert {path.relative_to(copy) for path in copy.rglob("*") if path.is_file()} == {
+        path.relative_to(old) for path in old.rglob("*") if path.is_file()
+    }
 
 
 def test_a_person_who_stops_it_is_told_that_it_goes_on(
