@@ -61,29 +61,29 @@ _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
 @functools.cache
 def body_glb() -> bytes:
     """Return the GLB file of the open body, made at the first call."""
-    from renderer.body.levels import NUM_DRAWN, open_body_faces
+    from renderer.body.levels import NUM_DRAWN, open_body_lod_faces
     from renderer.files.glb import glb_bytes
 
     body = get_body(None)
-    return glb_bytes(body, reaches(body), coarser=open_body_faces()[NUM_DRAWN - 1 :])
+    return glb_bytes(body, reaches(body), coarser_faces=open_body_lod_faces()[NUM_DRAWN - 1 :])
 
 
 def write_stage_body(paths: tuple[Path, Path], *_: object) -> None:
     """Write a visitor's character, the first file, as the viewer's mesh, the second."""
     from renderer.body.body import load_body
-    from renderer.body.levels import clustered_faces
+    from renderer.body.levels import clustered_lod_faces
     from renderer.files.glb import glb_bytes
 
     body = load_body(paths[0])
-    paths[1].write_bytes(glb_bytes(body, reaches(body), clustered_faces(body)))
+    paths[1].write_bytes(glb_bytes(body, reaches(body), clustered_lod_faces(body)))
 
 
 @functools.cache
 def body_shapes_bytes() -> bytes:
     """Return the other body shapes of the open body for app/page/web/stage/builds.js."""
-    from renderer.files.glb import builds_bytes
+    from renderer.files.glb import body_build_offsets_bytes
 
-    return builds_bytes()
+    return body_build_offsets_bytes()
 
 
 def encode_camera_bound_poses() -> bytes:

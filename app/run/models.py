@@ -78,9 +78,9 @@ def warm_up_steps(weights: Path, body: Path | None) -> Iterator[None]:
     from model.generation.family import FamilyError
     from model.generation.windows import GenerateOptions, generate_motion
     from model.speech.audio import Speech
-    from renderer.body.levels import body_at
+    from renderer.body.levels import select_lod
 
-    body_at(get_body(body), height_px=1.0)  # makes the coarser meshes of a licensed body
+    select_lod(get_body(body), height_px=1.0)  # makes the coarser meshes of a licensed body
     yield
     noise = np.random.default_rng(0).normal(0.0, 0.1, SAMPLE_RATE).astype(np.float32)
     for name in list_systems(weights):

@@ -114,7 +114,9 @@ class Body(BodyArrays):
             return np.tile(np.array(CLAY, np.float32), (self.num_vertices, 1))
         return vertex_colors(self.look_name, self.regions)
 
-    def part(self, vertices: Integer[np.ndarray, " N"], faces: Integer[np.ndarray, "F 3"]) -> Body:
+    def submesh(
+        self, vertices: Integer[np.ndarray, " N"], faces: Integer[np.ndarray, "F 3"]
+    ) -> Body:
         """Return a body of some vertices, with ``faces`` among them, that moves as the whole.
 
         Its joints are those of the whole body.
@@ -134,7 +136,7 @@ class Body(BodyArrays):
             pose_vertices=corrected[corrected >= 0],
             pose_dirs=self.pose_dirs[rows],
             regions=None if self.regions is None else self.regions[vertices],
-            texture=self.texture and self.texture.part(vertices),
+            texture=self.texture and self.texture.for_vertices(vertices),
         )
 
     def unsupported_notes(self, motion: BodyMotion) -> tuple[str, ...]:
@@ -154,12 +156,12 @@ class Body(BodyArrays):
         return tuple(notes)
 
     def vertices(
-        self, motion: BodyMotion, chunk: int = CHUNK_FRAMES
+        self, motion: BodyMotion, chunk_frames: int = CHUNK_FRAMES
     ) -> Iterator[Float32[np.ndarray, "T V 3"]]:
-        """Yield posed vertices in metres, ``chunk`` frames at a time, the last chunk shorter."""
-        shaped = self.shaped(motion)
-        for start in range(0, motion.num_frames, chunk):
-            frames = slice(start, min(start + chunk, motion.num_frames))
+        """Yield posed vertices in metres, ``chunk_frames`` frames at a time, then the rest."""
+        shaped = self.shaped_vertices_and_joints(motion)
+        for start in range(0, motion.num_frames, chunk_frames):
+            frames = slice(start, min(start + chunk_frames, motion.num_frames))
             yield self._pose(motion, frames, *shaped)
 
     def joint_positions(self, motion: BodyMotion) -> Float32[np.ndarray, "T J 3"]:
@@ -171,18 +173,18 @@ class Body(BodyArrays):
         self, motion: BodyMotion
     ) -> tuple[Float64[np.ndarray, "T J 3 3"], Float64[np.ndarray, "T J 3"]]:
         """Return global rotations and positions of the joints, without the translation."""
-        _, shaped_joints = self.shaped(motion)
+        _, shaped_joints = self.shaped_vertices_and_joints(motion)
         R_parent_joint, joints = self._joints(motion, slice(0, motion.num_frames), shaped_joints)
         return skinning.global_transforms(R_parent_joint, joints)
 
-    def shaped(
+    def shaped_vertices_and_joints(
         self, motion: BodyMotion
     ) -> tuple[Float32[np.ndarray, "V 3"], Float64[np.ndarray, "J 3"]]:
         """Return vertices and joints of the zero pose with the betas of ``motion``, metres."""
         count = min(self.shape_dirs.shape[2], len(motion.betas))
         betas = motion.betas[:count]
         vertices = self.template + self.shape_dirs[:, :, :count] @ betas
-        joints = self.rest_joints + self.shape_joints[:, :, :count] @ betas
+        joints = self.rest_joints + self.shape_joint_dirs[:, :, :count] @ betas
         return vertices, joints.astype(np.float64)
 
     def expression_weights(self, motion: BodyMotion, frames: slice) -> Float32[np.ndarray, "T E"]:
@@ -203,7 +205,7 @@ class Body(BodyArrays):
         turns = motion.poses[frames].astype(np.float64).reshape(-1, 3)
         R_parent_joint = Rotation.from_rotvec(turns).as_matrix().reshape(-1, NUM_JOINTS, 3, 3)
         expressions = self.expression_weights(motion, frames)
-        shift = np.tensordot(expressions, self.expression_joints, 1)
+        shift = np.tensordot(expressions, self.expression_joint_dirs, 1)
         return R_parent_joint, shaped_joints + shift
 
     def _pose(

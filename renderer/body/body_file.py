@@ -43,17 +43,18 @@ MAX_EXPRESSIONS = 100
 class Rig:
     """Bones and blendshapes of a character in its file, by which an animation is written into it.
 
-    A position of the file becomes one of ours by ``scale * axes @ position``, and a translation.
+    A position of the file becomes one of the body by
+    ``file_to_body_scale * R_file_to_body @ position``, and a translation.
     """
 
     path: Path
     nodes: tuple[int, ...]
     """Node of each SMPL-X joint, -1 where the character has none."""
-    turns: Float64[np.ndarray, "J 3 3"]
+    R_rest_to_zero_pose: Float64[np.ndarray, "J 3 3"]
     """World rotation of each joint, in our axes, from the file's rest pose to the zero pose."""
-    axes: Float64[np.ndarray, "3 3"]
-    scale: float
-    shapes: dict[int, dict[int, dict[int, float]]]
+    R_file_to_body: Float64[np.ndarray, "3 3"]
+    file_to_body_scale: float
+    target_weights: dict[int, dict[int, dict[int, float]]]
     """Weight of each expression component, by mesh and by target of the mesh."""
 
 
@@ -75,11 +76,11 @@ class BodyArrays:
     rest_joints: Float32[np.ndarray, "J 3"]
     shape_dirs: Float32[np.ndarray, "V 3 B"]
     """Vertex offset per unit of each beta; B = 0 on the open body."""
-    shape_joints: Float32[np.ndarray, "J 3 B"]
+    shape_joint_dirs: Float32[np.ndarray, "J 3 B"]
     expression_vertices: Int32[np.ndarray, " M"]
     """Indices of vertices that any expression moves."""
     expression_dirs: Float32[np.ndarray, "E M 3"]
-    expression_joints: Float32[np.ndarray, "E J 3"]
+    expression_joint_dirs: Float32[np.ndarray, "E J 3"]
     pose_vertices: Int32[np.ndarray, " P"]
     """Indices of vertices with pose correctives."""
     pose_dirs: sp.csr_array | Float32[np.ndarray, "P3 N"]
@@ -96,7 +97,7 @@ class BodyArrays:
     """Sentences on how a character was read."""
 
     @cached_property
-    def main_joints(self) -> Int64[np.ndarray, " V"]:
+    def dominant_joints(self) -> Int64[np.ndarray, " V"]:
         """Joint with the largest weight, for each vertex."""
         return self.weights.toarray().argmax(axis=1)  # 50 times as fast as with a sparse matrix
 
@@ -173,10 +174,10 @@ def _open_body(
         weights=weights,
         rest_joints=file["rest_joints"].astype(np.float32),
         shape_dirs=np.zeros((num_vertices, 3, 0), np.float32),
-        shape_joints=np.zeros((NUM_JOINTS, 3, 0), np.float32),
+        shape_joint_dirs=np.zeros((NUM_JOINTS, 3, 0), np.float32),
         expression_vertices=file["expression_vertices"].astype(np.int32),
         expression_dirs=file["expression_levels"].astype(np.float32) * steps[:, None, None],
-        expression_joints=np.zeros((len(names), NUM_JOINTS, 3), np.float32),
+        expression_joint_dirs=np.zeros((len(names), NUM_JOINTS, 3), np.float32),
         pose_vertices=np.unique(corrected),
         pose_dirs=_sparse_pose_dirs(
             corrected,
@@ -278,10 +279,10 @@ def _licensed_body(
         weights=sp.csr_array(floats("weights", num_vertices, NUM_JOINTS)),
         rest_joints=regressor @ template,
         shape_dirs=betas,
-        shape_joints=np.einsum("jv,vcb->jcb", regressor, betas, optimize=True),
+        shape_joint_dirs=np.einsum("jv,vcb->jcb", regressor, betas, optimize=True),
         expression_vertices=moved.astype(np.int32),
         expression_dirs=np.ascontiguousarray(expressions[moved].transpose(2, 0, 1)),
-        expression_joints=np.einsum("jv,vce->ejc", regressor, expressions, optimize=True),
+        expression_joint_dirs=np.einsum("jv,vce->ejc", regressor, expressions, optimize=True),
         pose_vertices=corrected.astype(np.int32),
         pose_dirs=np.ascontiguousarray(posedirs[corrected].reshape(-1, NUM_POSE_FEATURES)),
         regions=None,

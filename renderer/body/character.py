@@ -36,9 +36,9 @@ from renderer.body.body_file import (
     BodyError,
     Rig,
 )
-from renderer.body.face_shapes import FaceShapes
-from renderer.body.gltf import Gltf, read_glb
-from renderer.body.texture import TextureMaker
+from renderer.body.face_shapes import FaceBlendshapes
+from renderer.body.gltf import Gltf, read_glb_bytes
+from renderer.body.texture import TextureAtlasBuilder
 
 SUFFIXES = (".glb", ".vrm")
 MAX_TARGET_VALUES = 40_000_000
@@ -53,7 +53,7 @@ _ARM = ("shoulder", "elbow", "wrist")
 _TRUNK = ("spine1", "spine2", "spine3")
 _EYE = re.compile(r"eye(ball)?(left|right|[lr])?[0-9]*$")
 _VRM_FINGERS = {"Index": "index", "Middle": "middle", "Ring": "ring", "Little": "pinky"}
-VRM_BONES: dict[str, str] = {
+VRM_BONE_TO_JOINT: dict[str, str] = {
     "hips": "pelvis", "spine": "spine1", "chest": "spine2", "upperChest": "spine3",
     "neck": "neck", "head": "head", "jaw": "jaw", "leftEye": "left_eye", "rightEye": "right_eye",
     **{
@@ -87,10 +87,10 @@ def read_character(path: Path) -> BodyArrays:
     Raises:
         BodyError: if the file is damaged, too large, or no humanoid with a skin.
     """
-    content = read_glb(path)
+    content = read_glb_bytes(path)
     try:
         with np.errstate(all="ignore"):  # the result is checked as a whole
-            return _Character(Gltf(content, path.name)).arrays(path, content)
+            return _Character(Gltf(content, path.name)).body_arrays(path, content)
     except BodyError:
         raise
     except NoHumanoidError as error:
@@ -124,7 +124,7 @@ class _Character:
             if (node := self.bones.get(f"{name}3")) is not None
             for child in gltf.nodes[node].get("children", ())[:1]
         }
-        self.turns = zero_pose_turns(self._at, tips, self._rest, self._tips)
+        self.turns = rest_to_zero_pose_rotations(self._at, tips, self._rest, self._tips)
         self.joints = self._zero_pose_joints()
 
     def _bones(self) -> dict[str, int]:
@@ -151,11 +151,11 @@ class _Character:
 
     def _vrm_bones(self) -> dict[str, int]:
         extensions = self._gltf.document.get("extensions", {})
-        joints = VRM_BONES
+        joints = VRM_BONE_TO_JOINT
         if "VRMC_vrm" in extensions:
             bones = extensions["VRMC_vrm"]["humanoid"]["humanBones"].items()
         else:
-            joints = VRM_BONES | _VRM0_THUMBS
+            joints = VRM_BONE_TO_JOINT | _VRM0_THUMBS
             bones = extensions.get("VRM", {}).get("humanoid", {}).get("humanBones", ())
             bones = [(bone["bone"], bone) for bone in bones]
         return {
@@ -278,10 +278,10 @@ class _Character:
                 joints[joint] = joints[above] + self._rest[joint] - self._rest[above]
         return joints
 
-    def arrays(self, path: Path, content: bytes) -> BodyArrays:
+    def body_arrays(self, path: Path, content: bytes) -> BodyArrays:
         """Return the mesh in the zero pose, with its weights, expressions and texture."""
         gltf = self._gltf
-        maker, shapes = TextureMaker(gltf), FaceShapes(gltf, self._names)
+        maker, shapes = TextureAtlasBuilder(gltf), FaceBlendshapes(gltf, self._names)
         to_ours = np.eye(4)
         to_ours[:3, :3] = self._scale * self._axes
         zero = np.tile(np.eye(4), (NUM_JOINTS, 1, 1))
@@ -295,11 +295,11 @@ class _Character:
             if "mesh" not in gltf.nodes[node]:
                 continue
             mesh = gltf.nodes[node]["mesh"]
-            for number, primitive in enumerate(gltf.item("meshes", mesh)["primitives"]):
+            for number, primitive in enumerate(gltf.element("meshes", mesh)["primitives"]):
                 if primitive.get("mode", 4) != 4:
                     continue  # points, lines, strips and fans
-                count = int(gltf.item("accessors", primitive["attributes"]["POSITION"])["count"])
-                targets = shapes.targets(mesh, number)
+                count = int(gltf.element("accessors", primitive["attributes"]["POSITION"])["count"])
+                targets = shapes.driven_targets(mesh, number)
                 num_values += 3 * count * len(targets)
                 num_vertices += count
                 if num_vertices > MAX_VERTICES or num_values > MAX_TARGET_VALUES:
@@ -308,7 +308,9 @@ class _Character:
                         f"{MAX_TARGET_VALUES // 10**6} million blendshape values; "
                         "export a coarser mesh."
                     )
-                positions = gltf.array(primitive["attributes"]["POSITION"]).astype(np.float64)
+                positions = gltf.accessor_array(primitive["attributes"]["POSITION"]).astype(
+                    np.float64
+                )
                 faces = self._faces(primitive, count)
                 num_faces += len(faces)
                 if num_faces > MAX_FACES:
@@ -316,12 +318,14 @@ class _Character:
                         f"{path.name} has more than {MAX_FACES} triangles; export a coarser mesh."
                     )
                 weights, blended = self._skinning(primitive, node, posed, count)
-                shapes.add(mesh, number, blended[:, :, :3], targets)
-                maker.add(primitive, count)
+                shapes.add_primitive(mesh, number, blended[:, :, :3], targets)
+                maker.add_primitive(primitive, count)
                 placed = np.einsum("vab,vb->va", blended[:, :, :3], positions) + blended[:, :, 3]
                 normals = np.zeros((count, 3))
                 if "NORMAL" in primitive["attributes"]:
-                    stored = gltf.array(primitive["attributes"]["NORMAL"]).astype(np.float64)
+                    stored = gltf.accessor_array(primitive["attributes"]["NORMAL"]).astype(
+                        np.float64
+                    )
                     normals = np.einsum("vab,vb->va", blended[:, :, :3], stored)
                 parts.append((placed, faces + num_vertices - count, weights, normals))
         if not parts:
@@ -333,7 +337,7 @@ class _Character:
         lift = self._sole_m - template[is_sole if is_sole.any() else slice(None), 1].min()
         template[:, 1] += lift
         self.joints[:, 1] += lift
-        vertices, directions = shapes.directions()
+        vertices, directions = shapes.expression_offsets()
         numbers = (template, self.joints, directions)
         if not all(np.isfinite(each).all() for each in numbers) or np.abs(template).max() > (
             MAX_REACH_M
@@ -342,7 +346,7 @@ class _Character:
                 f"{path.name}, scaled until its legs are as long as a person's, has vertices more "
                 f"than {MAX_REACH_M:.0f} m away or not finite."
             )
-        jaw = None if "jaw" in self.bones or not shapes.drives("jawOpen") else "jawOpen"
+        jaw = None if "jaw" in self.bones or not shapes.is_driven("jawOpen") else "jawOpen"
         return BodyArrays(
             name=path.name,
             sha256=hashlib.sha256(content).hexdigest(),
@@ -353,22 +357,22 @@ class _Character:
             weights=weights,
             rest_joints=self.joints.astype(np.float32),
             shape_dirs=np.zeros((len(template), 3, 0), np.float32),
-            shape_joints=np.zeros((NUM_JOINTS, 3, 0), np.float32),
+            shape_joint_dirs=np.zeros((NUM_JOINTS, 3, 0), np.float32),
             expression_vertices=vertices.astype(np.int32),
             expression_dirs=directions.astype(np.float32),
-            expression_joints=np.zeros((len(directions), NUM_JOINTS, 3), np.float32),
+            expression_joint_dirs=np.zeros((len(directions), NUM_JOINTS, 3), np.float32),
             pose_vertices=np.zeros(0, np.int32),
             pose_dirs=sp.csr_array((0, NUM_POSE_FEATURES), dtype=np.float32),
             regions=None,
-            texture=maker.texture(template, np.concatenate([each for *_, each in parts])),
+            texture=maker.build(template, np.concatenate([each for *_, each in parts])),
             jaw_component=None if jaw is None else self._names.index(jaw),
             rig=Rig(
                 path=path,
                 nodes=tuple(self.bones.get(name, -1) for name in JOINT_NAMES),
-                turns=np.array([turn.as_matrix() for turn in self.turns]),
-                axes=self._axes,
-                scale=self._scale,
-                shapes=shapes.drivers(),
+                R_rest_to_zero_pose=np.array([turn.as_matrix() for turn in self.turns]),
+                R_file_to_body=self._axes,
+                file_to_body_scale=self._scale,
+                target_weights=shapes.target_weights_by_mesh(),
             ),
             remarks=self._remarks(shapes, maker.missing),
         )
@@ -397,18 +401,20 @@ class _Character:
                 shape=(count, NUM_JOINTS),
             )
             return weights, np.broadcast_to(matrix, (count, 3, 4))
-        skin = gltf.item("skins", gltf.nodes[node]["skin"])
+        skin = gltf.element("skins", gltf.nodes[node]["skin"])
         joints = np.array(skin["joints"], np.int64)
         if len(joints) == 0 or not 0 <= joints.min() <= joints.max() < len(gltf.nodes):
             raise BodyError(f"{gltf.name}: a skin refers to a joint that does not exist.")
         binds = np.tile(np.eye(4), (len(joints), 1, 1))
         if "inverseBindMatrices" in skin:
-            stored = gltf.array(skin["inverseBindMatrices"])[: len(joints)]
+            stored = gltf.accessor_array(skin["inverseBindMatrices"])[: len(joints)]
             binds = stored.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
         matrices = (posed[joints] @ gltf.world[joints] @ binds)[:, :3]
         sets = [n for n in range(2) if f"JOINTS_{n}" in attributes and f"WEIGHTS_{n}" in attributes]
-        which = np.hstack([gltf.array(attributes[f"JOINTS_{n}"]) for n in sets]).astype(np.int64)
-        shares = np.hstack([gltf.array(attributes[f"WEIGHTS_{n}"]) for n in sets]).clip(0)
+        which = np.hstack([gltf.accessor_array(attributes[f"JOINTS_{n}"]) for n in sets]).astype(
+            np.int64
+        )
+        shares = np.hstack([gltf.accessor_array(attributes[f"WEIGHTS_{n}"]) for n in sets]).clip(0)
         shares = shares.astype(np.float64)
         if which.shape[0] != count or shares.shape != which.shape or which.max() >= len(joints):
             raise BodyError(f"{gltf.name}: the skinning weights do not match vertices and joints.")
@@ -422,7 +428,7 @@ class _Character:
         by_joint = sp.csr_array((shares.ravel(), (rows, which.ravel())), shape=(count, len(joints)))
         return weights, (by_joint @ matrices.reshape(-1, 12)).reshape(-1, 3, 4)
 
-    def _remarks(self, shapes: FaceShapes, num_missing: int) -> tuple[str, ...]:
+    def _remarks(self, shapes: FaceBlendshapes, num_missing: int) -> tuple[str, ...]:
         """Return sentences on what of the character moves and what does not."""
         name = self._gltf.name
         without = [each.replace("_", " ") for each in JOINT_NAMES if each not in self.bones]
@@ -442,7 +448,7 @@ class _Character:
         return tuple(f"{each}." for each in remarks)
 
 
-Places = dict[str, np.ndarray]
+Positions = dict[str, np.ndarray]
 """Position of each joint or fingertip."""
 Turns = dict[str, Rotation]
 """World rotation of each joint."""
@@ -480,8 +486,11 @@ def _about(axis: Float64[np.ndarray, " 3"], angle: float) -> Rotation:
     return Rotation.from_rotvec(angle * axis / max(float(np.linalg.norm(axis)), 1e-12))
 
 
-def zero_pose_turns(
-    theirs: Places, their_tips: Places, rest: Float64[np.ndarray, "J 3"], tips: Places
+def rest_to_zero_pose_rotations(
+    joints: Positions,
+    tips: Positions,
+    body_joints: Float64[np.ndarray, "J 3"],
+    body_tips: Positions,
 ) -> list[Rotation]:
     """Return the world rotation of each bone from the character's rest pose to the zero pose.
 
@@ -489,28 +498,28 @@ def zero_pose_turns(
     a character stands on its soles. Trunk, head and collarbones stay as they are: their bones begin
     at other places than ours in every rig.
     """
-    ours = {name: rest[index] for name, index in JOINT_INDEX.items()}
+    ours = {name: body_joints[index] for name, index in JOINT_INDEX.items()}
     turns: Turns = {}
     for joint, name in enumerate(JOINT_NAMES):
         turns[name] = turns[JOINT_NAMES[PARENTS[joint]]] if joint else Rotation.identity()
         side, _, part = name.partition("_")
         end = BONES.get(name, "")
-        if name not in theirs or part == "collar":
+        if name not in joints or part == "collar":
             continue
         if part == "wrist":
-            turns |= _hand_turns(side, turns, theirs, ours)
+            turns |= _hand_turns(side, turns, joints, ours)
         elif part == "ankle":
-            turns |= _foot_turns(side, turns, theirs, ours)
-        elif end in theirs:
-            along = turns[name].apply(theirs[end] - theirs[name])
+            turns |= _foot_turns(side, turns, joints, ours)
+        elif end in joints:
+            along = turns[name].apply(joints[end] - joints[name])
             turns[name] = _aligned(along, ours[end] - ours[name]) * turns[name]
-        elif name[:-1] in their_tips and name.endswith("3"):
-            along = turns[name].apply(their_tips[name[:-1]] - theirs[name])
-            turns[name] = _aligned(along, tips[name[:-1]] - ours[name]) * turns[name]
+        elif name[:-1] in tips and name.endswith("3"):
+            along = turns[name].apply(tips[name[:-1]] - joints[name])
+            turns[name] = _aligned(along, body_tips[name[:-1]] - ours[name]) * turns[name]
     return [turns[name] for name in JOINT_NAMES]
 
 
-def _hand_turns(side: str, turns: Turns, theirs: Places, ours: Places) -> Turns:
+def _hand_turns(side: str, turns: Turns, theirs: Positions, ours: Positions) -> Turns:
     """Return rotations of wrist, elbow and shoulder: the palm as ours, its twist along the arm."""
     shoulder, elbow, wrist = (f"{side}_{part}" for part in _ARM)
     fingers = [f"{side}_{finger}1" for finger in ("index", "middle", "ring", "pinky")]
@@ -530,7 +539,7 @@ def _hand_turns(side: str, turns: Turns, theirs: Places, ours: Places) -> Turns:
     return {wrist: hand} | _twisted(limb, turns, theirs, ours, palms[0], palm, most)
 
 
-def _foot_turns(side: str, turns: Turns, theirs: Places, ours: Places) -> Turns:
+def _foot_turns(side: str, turns: Turns, theirs: Positions, ours: Positions) -> Turns:
     """Return rotations of ankle, knee and hip: the foot's heading as ours, its twist in the leg."""
     hip, knee, ankle, foot = (f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot"))
     if foot not in theirs:
@@ -547,8 +556,8 @@ def _foot_turns(side: str, turns: Turns, theirs: Places, ours: Places) -> Turns:
 def _twisted(
     limb: tuple[str, str, str],
     turns: Turns,
-    theirs: Places,
-    ours: Places,
+    theirs: Positions,
+    ours: Positions,
     normal: Float64[np.ndarray, " 3"],
     wanted: Float64[np.ndarray, " 3"],
     most: float,

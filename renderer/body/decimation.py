@@ -45,7 +45,7 @@ class Surface:
     importance: Float[np.ndarray, " V"]
 
 
-def surface_of(body: Body) -> Surface:
+def body_surface(body: Body) -> Surface:
     """Return the surface of a body, in which hands, head, face and eyes are most important."""
     weights = body.weights.toarray().astype(np.float64)
     of_joint = np.ones(len(JOINT_NAMES))
@@ -64,17 +64,19 @@ def surface_of(body: Body) -> Surface:
     return Surface(body.template.astype(np.float64), body.faces, colors, weights, importance)
 
 
-def decimate(surface: Surface, counts: Sequence[int] = NUM_FACES) -> list[Int[np.ndarray, "_ 3"]]:
+def decimate(
+    surface: Surface, face_counts: Sequence[int] = NUM_FACES
+) -> list[Int[np.ndarray, "_ 3"]]:
     """Return the faces of coarser meshes with at most these decreasing numbers of faces."""
-    collapse = _Collapse(surface)
+    collapse = _EdgeCollapse(surface)
     meshes = []
-    for count in counts:
-        collapse.down_to(count)
+    for count in face_counts:
+        collapse.reduce_to(count)
         meshes.append(np.array([face for face in collapse.faces if face], dtype=np.int64))
     return meshes
 
 
-class _Collapse:
+class _EdgeCollapse:
     """Mesh decimation by edge collapses, each moving a vertex onto a neighbour."""
 
     def __init__(self, surface: Surface) -> None:
@@ -93,7 +95,7 @@ class _Collapse:
         for vertex in range(len(surface.vertices)):
             self._ask(vertex)
 
-    def down_to(self, count: int) -> None:
+    def reduce_to(self, count: int) -> None:
         """Remove vertices until at most ``count`` faces are left, or none can be removed."""
         while self._left > count and self._queue:
             _, vertex, onto, age = heapq.heappop(self._queue)

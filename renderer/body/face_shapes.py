@@ -13,12 +13,12 @@ from jaxtyping import Float32, Float64, Int64
 
 from renderer.body.gltf import Gltf
 
-Targets = dict[int, dict[int, float]]
+TargetWeights = dict[int, dict[int, float]]
 """Weights of expression components, by index of a primitive's target."""
 _MIN_OFFSET_M = 2e-5
 _SIDES = re.compile(r"[_ .](l|r)$", re.IGNORECASE)
 
-VRM_PRESETS: dict[str, tuple[tuple[str, float], ...]] = {
+ARKIT_TO_VRM_PRESETS: dict[str, tuple[tuple[str, float], ...]] = {
     "jawOpen": (("aa", 1.0), ("a", 1.0)),
     "mouthFunnel": (("oh", 0.8), ("o", 0.8)),
     "mouthPucker": (("ou", 0.8), ("u", 0.8)),
@@ -36,7 +36,7 @@ VRM_PRESETS: dict[str, tuple[tuple[str, float], ...]] = {
 }
 """Presets of VRM for ARKit shapes, each with its weight: of 1.0, then 0.x."""
 _FALLBACKS: dict[str, dict[str, tuple[tuple[str, float], ...]]] = {
-    "VRM's presets": VRM_PRESETS,
+    "VRM's presets": ARKIT_TO_VRM_PRESETS,
     "Oculus visemes": {
         "jawOpen": (("viseme_aa", 1.0),),
         "mouthFunnel": (("viseme_O", 0.8),),
@@ -60,14 +60,14 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", re.split(r"[.:]", name)[-1].lower())
 
 
-class FaceShapes:
+class FaceBlendshapes:
     """Offsets of the expression components on the zero pose, collected primitive by primitive."""
 
     def __init__(self, gltf: Gltf, names: tuple[str, ...]) -> None:
         self._gltf = gltf
         self._names = names
         self._binds = self._read_binds()
-        self._weights: dict[int, Targets] = {}  # by mesh
+        self._weights: dict[int, TargetWeights] = {}  # by mesh
         self.remark = self._assign()
         self._rows: list[tuple[np.ndarray, np.ndarray]] = []
         self._count = 0
@@ -126,15 +126,15 @@ class FaceShapes:
         self._driven = frozenset(matches)
         return f"Its face is animated with {kind}"
 
-    def drives(self, name: str) -> bool:
+    def is_driven(self, expression_name: str) -> bool:
         """Check whether an expression component moves the face."""
-        return name in self._driven
+        return expression_name in self._driven
 
-    def drivers(self) -> dict[int, Targets]:
+    def target_weights_by_mesh(self) -> dict[int, TargetWeights]:
         """Return the component weights of each target, by mesh of the file."""
         return self._weights
 
-    def targets(self, mesh: int, primitive: int) -> list[int]:
+    def driven_targets(self, mesh: int, primitive: int) -> list[int]:
         """Return the targets of a primitive that any expression component moves."""
         described = self._gltf.item("meshes", mesh)["primitives"][primitive]
         count = len(described.get("targets", ()))
@@ -144,7 +144,7 @@ class FaceShapes:
             if 0 <= each < count and "POSITION" in described["targets"][each]
         ]
 
-    def add(
+    def add_primitive(
         self, mesh: int, primitive: int, matrices: Float64[np.ndarray, "V 3 3"], used: list[int]
     ) -> None:
         """Add a primitive's vertices, whose offsets go to the zero pose by ``matrices``."""
@@ -160,7 +160,7 @@ class FaceShapes:
             self._rows.append((moving + self._count, offsets[:, moving]))
         self._count += len(matrices)
 
-    def directions(self) -> tuple[Int64[np.ndarray, " M"], Float32[np.ndarray, "E M 3"]]:
+    def expression_offsets(self) -> tuple[Int64[np.ndarray, " M"], Float32[np.ndarray, "E M 3"]]:
         """Return the vertices that any component moves, and their offsets by component (m)."""
         if not self._rows:
             return np.zeros(0, np.int64), np.zeros((len(self._names), 0, 3), np.float32)

@@ -35,7 +35,7 @@ _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
-def read_glb(path: Path) -> bytes:
+def read_glb_bytes(path: Path) -> bytes:
     """Read the content of a character's file.
 
     Raises:
@@ -110,15 +110,15 @@ class Gltf:
             raise BodyError(f"{self.name}: the nodes form a cycle.")
         return parents, order
 
-    def item(self, kind: str, index: int) -> dict:
+    def element(self, list_name: str, index: int) -> dict:
         """Return an object of a list of the document; raises IndexError for negative indices."""
         if index < 0:
             raise IndexError(index)
-        return self.document[kind][index]
+        return self.document[list_name][index]
 
-    def array(self, index: int) -> np.ndarray:
+    def accessor_array(self, index: int) -> np.ndarray:
         """Return an accessor's values (N, width); normalised integers as floats."""
-        accessor = self.item("accessors", index)
+        accessor = self.element("accessors", index)
         kind, width = np.dtype(_KINDS[accessor["componentType"]]), _WIDTHS[accessor["type"]]
         count = accessor["count"]
         if not 0 <= count <= MAX_ELEMENTS:
@@ -142,7 +142,7 @@ class Gltf:
 
     def _view(self, index: int, offset: int, kind: np.dtype, count: int, width: int) -> np.ndarray:
         """Return values within the binary chunk; numpy raises ValueError beyond its end."""
-        view = self.item("bufferViews", index)
+        view = self.element("bufferViews", index)
         if view.get("buffer", 0) != 0 or "uri" in self.document["buffers"][0]:
             raise BodyError(
                 f"{self.name} keeps data in other files, which are never opened; "
@@ -156,12 +156,12 @@ class Gltf:
             (count, width), kind, self.binary, start if count else 0, (stride, kind.itemsize)
         )
 
-    def picture(self, index: int, most_px: int) -> Image.Image | None:
-        """Return a picture as RGBA of at most ``most_px`` per side; None if it cannot be read."""
-        image = self.item("images", index)
+    def image(self, index: int, max_px: int) -> Image.Image | None:
+        """Return a picture as RGBA of at most ``max_px`` per side; None if it cannot be read."""
+        image = self.element("images", index)
         if "bufferView" not in image:
             return None
-        view = self.item("bufferViews", image["bufferView"])
+        view = self.element("bufferViews", image["bufferView"])
         content = self._view(image["bufferView"], 0, np.dtype("u1"), view["byteLength"], 1)
         try:
             picture = Image.open(io.BytesIO(content.tobytes()), formats=("PNG", "JPEG", "WEBP"))
@@ -170,11 +170,11 @@ class Gltf:
                     f"A texture of {self.name} has {picture.width} x {picture.height} pixels; "
                     "at most 4096 x 4096 are read."
                 )
-            picture.draft("RGB", (most_px, most_px))  # decodes a large JPEG at a smaller size
+            picture.draft("RGB", (max_px, max_px))  # decodes a large JPEG at a smaller size
             picture = picture.convert("RGBA")
         except (OSError, SyntaxError, struct.error, Image.DecompressionBombError):
             return None
-        picture.thumbnail((most_px, most_px))
+        picture.thumbnail((max_px, max_px))
         return picture
 
 

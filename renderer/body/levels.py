@@ -18,7 +18,7 @@ from jaxtyping import Int64, Integer, UInt16, UInt32
 from conventions.joints import JOINT_NAMES, NUM_JOINTS
 from renderer.body.body import Body
 from renderer.body.body_file import OPEN_BODY_PATH
-from renderer.body.decimation import decimate, surface_of
+from renderer.body.decimation import body_surface, decimate
 
 LOD_PATH = OPEN_BODY_PATH.with_name("coarser.npz")
 """Path of the coarser meshes of the open body, made by `tools.bake`."""
@@ -32,13 +32,13 @@ _CACHE_FORMAT = 2
 
 
 @functools.cache
-def open_body_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
+def open_body_lod_faces() -> tuple[UInt16[np.ndarray, "_ 3"], ...]:
     """Return the faces of each coarser mesh of the open body, from fine to coarse."""
     with np.load(LOD_PATH, allow_pickle=False) as archive:
         return tuple(archive[f"faces_{k}"] for k in range(len(archive.files)))
 
 
-def body_at(body: Body, height_px: float) -> Body:
+def select_lod(body: Body, height_px: float) -> Body:
     """Return the coarsest mesh that looks like the whole body at a height in pixels."""
     needed = FACES_PER_SQUARE_PX * height_px**2
     if needed > len(body.faces) or body.texture is not None:  # textures have seams
@@ -49,10 +49,10 @@ def body_at(body: Body, height_px: float) -> Body:
     if not fine_enough:
         return body
     vertices, corners = np.unique(fine_enough[-1], return_inverse=True)
-    return body.part(vertices, corners.reshape(-1, 3))
+    return body.submesh(vertices, corners.reshape(-1, 3))
 
 
-def clustered_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
+def clustered_lod_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
     """Return the faces of coarser meshes of a character, within a second.
 
     Vertices of one joint that are near in space, colour and texture become one of them: rougher
@@ -62,7 +62,7 @@ def clustered_faces(body: Body) -> list[UInt32[np.ndarray, "_ 3"]]:
     size[[j for j, name in enumerate(JOINT_NAMES) if "head" in name or "eye" in name]] = 0.3
     size[[j for j, name in enumerate(JOINT_NAMES) if name[-1] in "123" or "wrist" in name]] = 0.4
     assert body.texture is not None
-    joints = body.main_joints[body.texture.welds]  # the same on both sides of a seam
+    joints = body.dominant_joints[body.texture.welds]  # the same on both sides of a seam
     places = (body.template - body.template.min(axis=0)) / size[joints, None]
     looks = np.c_[16 * body.texture.uv, 5 * np.sqrt(body.texture.colors)].astype(np.int64)
 
@@ -104,7 +104,7 @@ def _numbered(rows: Int64[np.ndarray, "N D"]) -> Int64[np.ndarray, " N"]:
 def _coarser_faces(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
     """Return the faces of the coarser meshes that are used, from fine to coarse."""
     if body.regions is not None:
-        return list(open_body_faces()[:NUM_DRAWN])
+        return list(open_body_lod_faces()[:NUM_DRAWN])
     folder = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
     path = folder / "co-speech-motion" / "meshes" / f"{body.sha256}-{_CACHE_FORMAT}.npz"
     try:
@@ -124,5 +124,7 @@ def _coarser_faces(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
 
 def _decimated(body: Body) -> list[Integer[np.ndarray, "_ 3"]]:
     """Make the coarser meshes, which takes some ten seconds."""
-    counts = [len(faces) for faces in open_body_faces()[:NUM_DRAWN] if len(faces) < len(body.faces)]
-    return decimate(surface_of(body), counts)
+    counts = [
+        len(faces) for faces in open_body_lod_faces()[:NUM_DRAWN] if len(faces) < len(body.faces)
+    ]
+    return decimate(body_surface(body), counts)

@@ -61,7 +61,7 @@ def _clay() -> dict[str, Color]:
     return {name: (red * s, green * s, blue * s) for name, s in shares.items()}
 
 
-COLORS: dict[str, dict[str, Color]] = {
+SKIN_TONE_COLORS: dict[str, dict[str, Color]] = {
     "light": _LIGHT,
     "medium": _MEDIUM,
     "dark": _DARK,
@@ -76,5 +76,5 @@ def vertex_colors(look: str, regions: Int[np.ndarray, " V"]) -> Float32[np.ndarr
     Args:
         look: one of `conventions.views.BODY_LOOKS`, named ``BUILD-TONE``.
     """
-    colors = COLORS[look.partition("-")[2]]
+    colors = SKIN_TONE_COLORS[look.partition("-")[2]]
     return np.array([colors[name] for name in REGION_NAMES], np.float32)[regions]

@@ -35,7 +35,7 @@ class Texture:
     welds: Int64[np.ndarray, " V"]
     """Vertex whose normal each vertex shares: the first at the same place that faces its way."""
 
-    def part(self, vertices: Integer[np.ndarray, " N"]) -> Texture:
+    def for_vertices(self, vertices: Integer[np.ndarray, " N"]) -> Texture:
         """Return the texture of some vertices."""
         place = np.full(len(self.uv), -1)
         place[vertices] = np.arange(len(vertices))
@@ -48,12 +48,12 @@ class Texture:
             welds=np.where(welds < 0, np.arange(len(vertices)), welds),
         )
 
-    def blank(self) -> Texture:
+    def without_image(self) -> Texture:
         """Return the surface without its pixels."""
         return replace(self, pixels=np.full((8, 8, 4), 255, np.uint8))
 
 
-class TextureMaker:
+class TextureAtlasBuilder:
     """Collector of the materials of a file's primitives, from which one texture is made."""
 
     def __init__(self, gltf: Gltf) -> None:
@@ -66,12 +66,12 @@ class TextureMaker:
         self._keys: list[tuple] = []
         self._double: list[np.ndarray] = []
 
-    def add(self, primitive: dict, num_vertices: int) -> None:
+    def add_primitive(self, primitive: dict, num_vertices: int) -> None:
         """Add the texture of a primitive's vertices."""
         gltf, attributes = self._gltf, primitive["attributes"]
         material: dict = {}
         if "material" in primitive:
-            material = gltf.item("materials", primitive["material"])
+            material = gltf.element("materials", primitive["material"])
         extensions = material.get("extensions", {})
         gloss = extensions.get("KHR_materials_pbrSpecularGlossiness", {})
         pbr = material.get("pbrMetallicRoughness", {})
@@ -80,7 +80,7 @@ class TextureMaker:
         factor = np.clip(np.array(factor, np.float32).reshape(4), 0, 1)
         colors = np.tile(factor[:3], (num_vertices, 1))
         if "COLOR_0" in attributes:
-            painted = gltf.array(attributes["COLOR_0"])[:, :3]
+            painted = gltf.accessor_array(attributes["COLOR_0"])[:, :3]
             most = 1 if painted.dtype.kind == "f" else np.iinfo(painted.dtype).max
             colors = colors * np.clip(painted / np.float32(most), 0, 1)
         uv, key = np.zeros((num_vertices, 2), np.float32) + 0.5, ()
@@ -98,20 +98,20 @@ class TextureMaker:
     ) -> tuple[np.ndarray, tuple] | None:
         """Return texture coordinates and the key of their picture, or None if it is unreadable."""
         gltf = self._gltf
-        texture = gltf.item("textures", reference["index"])
+        texture = gltf.element("textures", reference["index"])
         webp = texture.get("extensions", {}).get("EXT_texture_webp", {})
         source = webp.get("source", texture.get("source"))
         moved = reference.get("extensions", {}).get("KHR_texture_transform", {})
         channel = moved.get("texCoord", reference.get("texCoord", 0))
         if source is None or f"TEXCOORD_{channel}" not in attributes:
             return None
-        uv = gltf.array(attributes[f"TEXCOORD_{channel}"]).astype(np.float64)
+        uv = gltf.accessor_array(attributes[f"TEXCOORD_{channel}"]).astype(np.float64)
         angle, scale = moved.get("rotation", 0.0), np.array(moved.get("scale", (1, 1)))
         cos, sin = np.cos(angle), np.sin(angle)
         uv = (uv * scale) @ np.array([[cos, sin], [-sin, cos]]) + moved.get("offset", (0, 0))
         if not np.isfinite(uv).all():
             return None
-        sampler = gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
+        sampler = gltf.element("samplers", texture["sampler"]) if "sampler" in texture else {}
         if sampler.get("wrapS") == _CLAMP:
             uv = uv.clip(0, 1)
         first = np.floor(uv.min(axis=0) + 1e-3)
@@ -125,19 +125,19 @@ class TextureMaker:
         key = (source, across, down, cutoff)
         if key not in self._pictures:
             # The first few keep their detail; the memory of many small files is bounded.
-            most_px = ATLAS_PX if len(self._pictures) <= 8 else ATLAS_PX // 2
-            picture = gltf.picture(source, most_px)
+            max_px = ATLAS_PX if len(self._pictures) <= 8 else ATLAS_PX // 2
+            picture = gltf.image(source, max_px)
             if picture is None or len(self._pictures) > _MAX_PICTURES:
                 return None
             self._pictures[key] = _laid_out(picture, across, down, cutoff)
         return ((uv - first) / tiles).clip(0, 1).astype(np.float32), key
 
-    def texture(
-        self, places: Float64[np.ndarray, "V 3"], normals: Float64[np.ndarray, "V 3"]
+    def build(
+        self, positions: Float64[np.ndarray, "V 3"], normals: Float64[np.ndarray, "V 3"]
     ) -> Texture:
         """Return the texture of all primitives in the order in which they were added."""
         keys = list(self._pictures)
-        pixels, boxes = pack([self._pictures[key] for key in keys])
+        pixels, boxes = pack_texture_atlas([self._pictures[key] for key in keys])
         size = np.array([pixels.shape[1], pixels.shape[0]])
         uv = []
         for key, of_part in zip(self._keys, self._uv, strict=True):
@@ -149,16 +149,16 @@ class TextureMaker:
             colors=np.concatenate(self._colors),
             pixels=pixels,
             is_double_sided=np.concatenate(self._double),
-            welds=_welds(places, normals),
+            welds=_welds(positions, normals),
         )
 
 
 def _welds(
-    places: Float64[np.ndarray, "V 3"], normals: Float64[np.ndarray, "V 3"]
+    positions: Float64[np.ndarray, "V 3"], normals: Float64[np.ndarray, "V 3"]
 ) -> Int64[np.ndarray, " V"]:
     """Return the first vertex at the same place (0.01 mm) whose normal is within 60 degrees."""
     _, first, group = np.unique(
-        np.rint(places * 1e5), axis=0, return_index=True, return_inverse=True
+        np.rint(positions * 1e5), axis=0, return_index=True, return_inverse=True
     )
     welds = first[group.ravel()]
     cosine = (normals[welds] * normals).sum(axis=1)
@@ -174,7 +174,7 @@ def _laid_out(picture: Image.Image, across: int, down: int, cutoff: float) -> Im
     return Image.fromarray(np.tile(pixels, (down, across, 1)))
 
 
-def pack(
+def pack_texture_atlas(
     pictures: list[Image.Image],
 ) -> tuple[UInt8[np.ndarray, "H W 4"], list[tuple[int, int, int, int]]]:
     """Lay pictures out in rows of one atlas, all smaller by one factor if they do not fit.

@@ -472,7 +472,7 @@ class BodyScene:
         else:
             is_open = texture.is_double_sided[subject.faces[:, 0]]
         if texture is not None and first.colors is not None:
-            texture = texture.blank()  # only the colours of the overlay are seen
+            texture = texture.without_image()  # only the colours of the overlay are seen
         self._body = [
             DynamicMesh(first, colors, subject.faces[each], texture)
             for each in (~is_open, is_open)

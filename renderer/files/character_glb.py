@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import BodyError
-from renderer.body.gltf import Gltf, read_glb
-from renderer.files.glb import Buffer, animation_of, glb_bytes
+from renderer.body.gltf import Gltf, read_glb_bytes
+from renderer.files.glb import GlbBuilder, glb_bytes, make_animation
 
 
 def animated_glb(
@@ -33,20 +33,20 @@ def animated_glb(
     if rig is None:
         return glb_bytes(body, motion, markers=markers)
     try:
-        gltf = Gltf(read_glb(rig.path), body.name)
+        gltf = Gltf(read_glb_bytes(rig.path), body.name)
     except OSError as error:
         raise BodyError(f"{body.name} is not there any more.") from error
-    buffer = Buffer(gltf.document, gltf.binary)
+    buffer = GlbBuilder(gltf.document, gltf.binary)
     channels: list[tuple[int, str, int]] = []
     for node, (rotations, translations) in _local_transforms(gltf, body, motion).items():
         if "matrix" in gltf.nodes[node]:
             _split_matrix(gltf.nodes[node], gltf.local[node])
-        channels.append((node, "rotation", buffer.rotations(rotations)))
+        channels.append((node, "rotation", buffer.add_rotations(rotations)))
         if translations is not None:
-            channels.append((node, "translation", buffer.accessor(translations)))
+            channels.append((node, "translation", buffer.add_accessor(translations)))
     for node, weights in _target_weights(gltf, body, motion).items():
-        channels.append((node, "weights", buffer.accessor(weights.ravel())))
-    return buffer.glb(animations=[animation_of(buffer, motion.num_frames, channels, markers)])
+        channels.append((node, "weights", buffer.add_accessor(weights.ravel())))
+    return buffer.to_glb(animations=[make_animation(buffer, motion.num_frames, channels, markers)])
 
 
 def _local_transforms(
@@ -55,7 +55,7 @@ def _local_transforms(
     """Return rotations (T) of each node with a joint, and the translations (T, 3) of the root's."""
     rig = body.rig
     assert rig is not None
-    to_file = Rotation.from_matrix(rig.axes.T)
+    to_file = Rotation.from_matrix(rig.R_file_to_body.T)
     joint_of = {node: joint for joint, node in enumerate(rig.nodes) if node >= 0}
     world, positions = body.global_transforms(motion)
     rest = Rotation.from_matrix(_rotations(gltf.world))
@@ -70,13 +70,13 @@ def _local_transforms(
                 moved[node] = above * local[node]
             continue
         joint = joint_of[node]
-        turned = Rotation.from_matrix(world[:, joint] @ rig.turns[joint])
+        turned = Rotation.from_matrix(world[:, joint] @ rig.R_rest_to_zero_pose[joint])
         moved[node] = to_file * turned * to_file.inv() * rest[node]
         if above is None:
             above = rest[parent] if parent >= 0 else Rotation.identity()
         translations = None
         if joint == 0:
-            place = (positions[:, 0] + motion.trans) @ rig.axes / rig.scale
+            place = (positions[:, 0] + motion.trans) @ rig.R_file_to_body / rig.file_to_body_scale
             frame = np.linalg.inv(gltf.world[parent]) if parent >= 0 else np.eye(4)
             translations = (place @ frame[:3, :3].T + frame[:3, 3]).astype(np.float32)
         result[node] = above.inv() * moved[node], translations
@@ -105,10 +105,10 @@ def _target_weights(gltf: Gltf, body: Body, motion: BodyMotion) -> dict[int, np.
     expressions = body.expression_weights(motion, slice(0, motion.num_frames))
     result: dict[int, np.ndarray] = {}
     for node, described in enumerate(gltf.nodes):
-        of_targets = body.rig.shapes.get(described.get("mesh", -1))
+        of_targets = body.rig.target_weights.get(described.get("mesh", -1))
         if not of_targets:
             continue
-        primitives = gltf.item("meshes", described["mesh"])["primitives"]
+        primitives = gltf.element("meshes", described["mesh"])["primitives"]
         num_targets = len(primitives[0].get("targets", ()))
         weights = np.zeros((motion.num_frames, num_targets), np.float32)
         for target, shares in of_targets.items():

@@ -19,7 +19,7 @@ from renderer.body.body import Body, BodyMotion
 from renderer.scene.camera_setup import select_frames
 
 
-def write_still(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
+def write_posed_mesh(body: Body, motion: BodyMotion, frame: int, out: Path) -> None:
     """Write the posed body in metres, y up; the suffix of ``out`` selects the format."""
     import trimesh  # takes long to import, and only this function needs it
 
@@ -50,7 +50,7 @@ def write_bvh(body: Body, motion: BodyMotion, out: Path) -> None:
     The root has three positions, every joint three rotations in degrees in the order Z, X, Y (the
     matrix is ``Rz @ Rx @ Ry``).
     """
-    vertices, joints = body.shaped(motion)
+    vertices, joints = body.shaped_vertices_and_joints(motion)
     order = _depth_first()
     with out.open("wb") as file:
         ends = {name: np.array(offset) for name, offset in _ENDS.items()}
@@ -124,7 +124,7 @@ _FEWEST_BETAS = 10
 """Fewest betas written: the smallest model of the add-on has as many and warns about more."""
 
 
-def blender_notes(motion: BodyMotion) -> tuple[str, ...]:
+def blender_unsupported_notes(motion: BodyMotion) -> tuple[str, ...]:
     """Return one sentence for each part of a motion that a file for the add-on leaves out."""
     if motion.expression_basis == "flame100" or not motion.expressions.any():
         return ()
@@ -134,7 +134,9 @@ def blender_notes(motion: BodyMotion) -> tuple[str, ...]:
     )
 
 
-def write_blender(motion: BodyMotion, out: Path, markers: Sequence[tuple[float, str]] = ()) -> None:
+def write_blender_npz(
+    motion: BodyMotion, out: Path, markers: Sequence[tuple[float, str]] = ()
+) -> None:
     """Write ``motion`` for the SMPL-X add-on's "Add Animation" (Load animation); radians.
 
     The add-on reads (``SMPLXAddAnimation`` of its ``__init__.py``, version 2022-06-23 and later)

@@ -47,17 +47,17 @@ _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 def glb_bytes(
     body: Body,
     motion: BodyMotion,
-    coarser: Sequence[UInt[np.ndarray, "_ 3"]] = (),
+    coarser_faces: Sequence[UInt[np.ndarray, "_ 3"]] = (),
     markers: Sequence[tuple[float, str]] = (),
 ) -> bytes:
     """Return the file as bytes: about 0.25 MB per 10 s of motion, and 1.5 MB for the body.
 
     Args:
-        coarser: faces of meshes with fewer faces for slow viewers, which no node shows.
+        coarser_faces: faces of meshes with fewer faces for slow viewers, which no node shows.
         markers: times in seconds with names, which are written into the animation.
     """
-    vertices, joints = body.shaped(motion)
-    buffer = Buffer()
+    vertices, joints = body.shaped_vertices_and_joints(motion)
+    buffer = GlbBuilder()
     offsets = joints - np.where(np.array(PARENTS)[:, None] >= 0, joints[list(PARENTS)], 0)
     nodes: list[dict] = [
         {"name": name, "translation": offsets[joint].tolist()}
@@ -70,7 +70,7 @@ def glb_bytes(
     skin = {
         "joints": list(range(NUM_JOINTS)),
         "skeleton": 0,
-        "inverseBindMatrices": buffer.accessor(inverse_binds.reshape(-1, 16)),
+        "inverseBindMatrices": buffer.add_accessor(inverse_binds.reshape(-1, 16)),
     }
     used = _used_expressions(body, motion)
     mesh = _mesh(buffer, body, vertices, used)
@@ -95,7 +95,7 @@ def glb_bytes(
     if body.texture is not None:
         picture = io.BytesIO()
         Image.fromarray(body.texture.pixels).save(picture, "WEBP", quality=88, method=1)
-        view = buffer.view(np.frombuffer(picture.getvalue(), np.uint8))
+        view = buffer.add_buffer_view(np.frombuffer(picture.getvalue(), np.uint8))
         material["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
         material |= {"alphaMode": "MASK", "alphaCutoff": 0.5}
         pictured = {
@@ -103,7 +103,7 @@ def glb_bytes(
             "textures": [{"extensions": {"EXT_texture_webp": {"source": 0}}}],
             "extensionsUsed": ["EXT_texture_webp"],
         }
-    return buffer.glb(
+    return buffer.to_glb(
         **pictured,
         asset=ASSET,
         scene=0,
@@ -111,13 +111,13 @@ def glb_bytes(
         nodes=nodes,
         cameras=[{"type": "perspective", "perspective": lens}],
         skins=[skin],
-        meshes=[mesh, *(_coarser_mesh(buffer, mesh, faces) for faces in coarser)],
+        meshes=[mesh, *(_coarser_mesh(buffer, mesh, faces) for faces in coarser_faces)],
         materials=[material],
-        animations=[animation_of(buffer, motion.num_frames, channels, markers)],
+        animations=[make_animation(buffer, motion.num_frames, channels, markers)],
     )
 
 
-def joined(document: dict, binary: bytes) -> bytes:
+def join_glb_chunks(document: dict, binary: bytes) -> bytes:
     """Join the two chunks of a binary glTF file."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
@@ -133,7 +133,7 @@ def joined(document: dict, binary: bytes) -> bytes:
     )
 
 
-class Buffer:
+class GlbBuilder:
     """Binary part of a GLB, with its buffer views and accessors."""
 
     def __init__(self, document: dict[str, Any] | None = None, binary: bytes = b"") -> None:
@@ -143,7 +143,7 @@ class Buffer:
         self.views: list[dict] = self._document.setdefault("bufferViews", [])
         self.accessors: list[dict] = self._document.setdefault("accessors", [])
 
-    def accessor(
+    def add_accessor(
         self,
         array: Shaped[np.ndarray, " N *C"],
         *,
@@ -152,7 +152,7 @@ class Buffer:
         bounds: bool = False,
     ) -> int:
         """Add an array of scalars (N,) or vectors (N, C); return the index of its accessor."""
-        entry = {"bufferView": self.view(array, target), **_description(array)}
+        entry = {"bufferView": self.add_buffer_view(array, target), **_description(array)}
         if normalized:
             entry["normalized"] = True
         if bounds:
@@ -161,7 +161,7 @@ class Buffer:
         self.accessors.append(entry)
         return len(self.accessors) - 1
 
-    def sparse_accessor(
+    def add_sparse_accessor(
         self, indices: Integer[np.ndarray, " M"], values: Float32[np.ndarray, "M 3"], count: int
     ) -> int:
         """Add ``count`` vectors, zero except ``values`` at ``indices``; return its index."""
@@ -175,29 +175,29 @@ class Buffer:
                 "sparse": {
                     "count": len(indices),
                     "indices": {
-                        "bufferView": self.view(indices, None),
+                        "bufferView": self.add_buffer_view(indices, None),
                         "componentType": _COMPONENTS[indices.dtype.name],
                     },
-                    "values": {"bufferView": self.view(values, None)},
+                    "values": {"bufferView": self.add_buffer_view(values, None)},
                 },
             }
         )
         return len(self.accessors) - 1
 
-    def rotations(self, rotations: Rotation) -> int:
+    def add_rotations(self, rotations: Rotation) -> int:
         """Add the rotations of a node (T) as 16-bit quaternions; return their accessor's index."""
         quaternions = rotations.as_quat()
         # Players interpolate the short way between neighbours of the same sign.
         signs = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1, 1)
         quaternions[1:] *= np.cumprod(signs)[:, None]
-        return self.accessor(np.round(quaternions * 32767).astype(np.int16), normalized=True)
+        return self.add_accessor(np.round(quaternions * 32767).astype(np.int16), normalized=True)
 
-    def glb(self, **parts: Any) -> bytes:
+    def to_glb(self, **parts: Any) -> bytes:
         """Return the file with these parts of its document."""
         buffers = [{"byteLength": len(self.content)}, *self._document.get("buffers", ())[1:]]
-        return joined(self._document | parts | {"buffers": buffers}, bytes(self.content))
+        return join_glb_chunks(self._document | parts | {"buffers": buffers}, bytes(self.content))
 
-    def view(self, array: Shaped[np.ndarray, " ..."], target: int | None = None) -> int:
+    def add_buffer_view(self, array: Shaped[np.ndarray, " ..."], target: int | None = None) -> int:
         """Add the bytes of an array; return the index of their buffer view."""
         view = {"buffer": 0, "byteOffset": len(self.content), "byteLength": array.nbytes}
         if target is not None:
@@ -228,7 +228,7 @@ def _used_expressions(body: Body, motion: BodyMotion) -> list[int]:
 
 
 def _mesh(
-    buffer: Buffer, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
+    buffer: GlbBuilder, body: Body, vertices: Float32[np.ndarray, "V 3"], used: list[int]
 ) -> dict:
     num_vertices = body.num_vertices
     texture = body.texture
@@ -241,21 +241,25 @@ def _mesh(
     moved = body.expression_vertices.astype(index_type)
     primitive: dict = {
         "attributes": {
-            "POSITION": buffer.accessor(vertices, target=_ARRAY_BUFFER, bounds=True),
-            "NORMAL": buffer.accessor(normals, target=_ARRAY_BUFFER),
-            "COLOR_0": buffer.accessor(colors, target=_ARRAY_BUFFER, normalized=True),
-            "JOINTS_0": buffer.accessor(joints, target=_ARRAY_BUFFER),
-            "WEIGHTS_0": buffer.accessor(shares, target=_ARRAY_BUFFER, normalized=True),
+            "POSITION": buffer.add_accessor(vertices, target=_ARRAY_BUFFER, bounds=True),
+            "NORMAL": buffer.add_accessor(normals, target=_ARRAY_BUFFER),
+            "COLOR_0": buffer.add_accessor(colors, target=_ARRAY_BUFFER, normalized=True),
+            "JOINTS_0": buffer.add_accessor(joints, target=_ARRAY_BUFFER),
+            "WEIGHTS_0": buffer.add_accessor(shares, target=_ARRAY_BUFFER, normalized=True),
         },
-        "indices": buffer.accessor(body.faces.astype(index_type).ravel(), target=_ELEMENT_BUFFER),
+        "indices": buffer.add_accessor(
+            body.faces.astype(index_type).ravel(), target=_ELEMENT_BUFFER
+        ),
         "material": 0,
     }
     mesh: dict = {"name": "body", "primitives": [primitive]}
     if texture is not None:
-        primitive["attributes"]["TEXCOORD_0"] = buffer.accessor(texture.uv, target=_ARRAY_BUFFER)
+        primitive["attributes"]["TEXCOORD_0"] = buffer.add_accessor(
+            texture.uv, target=_ARRAY_BUFFER
+        )
     if used:
         primitive["targets"] = [
-            {"POSITION": buffer.sparse_accessor(moved, body.expression_dirs[k], num_vertices)}
+            {"POSITION": buffer.add_sparse_accessor(moved, body.expression_dirs[k], num_vertices)}
             for k in used
         ]
         mesh["weights"] = [0.0] * len(used)
@@ -267,9 +271,9 @@ def _mesh(
     return mesh
 
 
-def _coarser_mesh(buffer: Buffer, mesh: dict, faces: UInt[np.ndarray, "F 3"]) -> dict:
+def _coarser_mesh(buffer: GlbBuilder, mesh: dict, faces: UInt[np.ndarray, "F 3"]) -> dict:
     """Return a mesh of other faces with the vertices of ``mesh``."""
-    indices = buffer.accessor(faces.ravel(), target=_ELEMENT_BUFFER)
+    indices = buffer.add_accessor(faces.ravel(), target=_ELEMENT_BUFFER)
     attributes = mesh["primitives"][0]["attributes"]
     return {
         "name": f"body of {len(faces)} faces",
@@ -289,7 +293,7 @@ def _four_strongest(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _channels(
-    buffer: Buffer,
+    buffer: GlbBuilder,
     body: Body,
     motion: BodyMotion,
     stage: CameraSetup,
@@ -305,20 +309,20 @@ def _channels(
         if np.ptp(rotvec[:, joint], axis=0).max() < 1e-7:
             nodes[joint]["rotation"] = rotations[0].as_quat().tolist()
         else:
-            moved.append((joint, "rotation", buffer.rotations(rotations)))
+            moved.append((joint, "rotation", buffer.add_rotations(rotations)))
     positions = (pelvis + motion.trans).astype(np.float32)
-    moved.append((0, "translation", buffer.accessor(positions)))
+    moved.append((0, "translation", buffer.add_accessor(positions)))
     if used:
         weights = np.ascontiguousarray(motion.expressions[:, used], np.float32)
-        moved.append((_BODY_NODE, "weights", buffer.accessor(weights.ravel())))
+        moved.append((_BODY_NODE, "weights", buffer.add_accessor(weights.ravel())))
     if stage.shots[0].is_following:
         track = stage.tracks(body, motion)[0] + stage.camera.eye
-        moved.append((_CAMERA_NODE, "translation", buffer.accessor(track.astype(np.float32))))
+        moved.append((_CAMERA_NODE, "translation", buffer.add_accessor(track.astype(np.float32))))
     return moved
 
 
-def animation_of(
-    buffer: Buffer,
+def make_animation(
+    buffer: GlbBuilder,
     num_frames: int,
     channels: Sequence[tuple[int, str, int]],
     markers: Sequence[tuple[float, str]] = (),
@@ -330,7 +334,7 @@ def animation_of(
         markers: times in seconds with names; glTF has no markers, so they are in the ``extras``,
             with their frame.
     """
-    times = buffer.accessor(np.arange(num_frames, dtype=np.float32) / FPS, bounds=True)
+    times = buffer.add_accessor(np.arange(num_frames, dtype=np.float32) / FPS, bounds=True)
     animation: dict[str, Any] = {
         "name": "motion",
         "samplers": [
@@ -355,7 +359,7 @@ STEP_M = 4e-6
 """Step of the integer offsets (m): offsets of up to 13 cm fit, and those of builds are below 5."""
 
 
-def builds_bytes() -> bytes:
+def body_build_offsets_bytes() -> bytes:
     """Return vertex offsets and normals of all builds after the first; 180 kB per build."""
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 from conventions.humanoid import BONES
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from renderer.body.body import JAW_OPEN_RAD, Body, BodyMotion
-from renderer.body.character import VRM_BONES, zero_pose_turns
-from renderer.body.face_shapes import VRM_PRESETS
-from renderer.files.glb import ASSET, Buffer, animation_of
+from renderer.body.character import VRM_BONE_TO_JOINT, rest_to_zero_pose_rotations
+from renderer.body.face_shapes import ARKIT_TO_VRM_PRESETS
+from renderer.files.glb import ASSET, GlbBuilder, make_animation
 
 _EYES = ("left_eye", "right_eye")
 
@@ -28,26 +28,26 @@ def vrma_bytes(body: Body, motion: BodyMotion, markers: Sequence[tuple[float, st
     Args:
         markers: times in seconds with names, which are written into the animation.
     """
-    template, rest = body.shaped(motion)
+    template, rest = body.shaped_vertices_and_joints(motion)
     pose = _t_pose(rest, float(template[:, 1].min()))
-    turns = zero_pose_turns(dict(zip(JOINT_NAMES, pose, strict=True)), {}, rest, {})
+    turns = rest_to_zero_pose_rotations(dict(zip(JOINT_NAMES, pose, strict=True)), {}, rest, {})
     world, positions = body.global_transforms(motion)
     world = world @ np.array([turn.as_matrix() for turn in turns])
-    bones = {JOINT_INDEX[joint]: bone for bone, joint in VRM_BONES.items()}
+    bones = {JOINT_INDEX[joint]: bone for bone, joint in VRM_BONE_TO_JOINT.items()}
     joints = [each for each in range(NUM_JOINTS) if JOINT_NAMES[each] not in ("jaw", *_EYES)]
-    buffer, nodes, channels = Buffer(), [], []
+    buffer, nodes, channels = GlbBuilder(), [], []
     for node, joint in enumerate(joints):
         parent, place, rotations = PARENTS[joint], pose[joint], world[:, joint]
         if parent >= 0:
             place, rotations = place - pose[parent], world[:, parent].mT @ rotations
             nodes[joints.index(parent)].setdefault("children", []).append(node)
         nodes.append({"name": bones[joint], "translation": place.tolist()})
-        channels.append((node, "rotation", buffer.rotations(Rotation.from_matrix(rotations))))
+        channels.append((node, "rotation", buffer.add_rotations(Rotation.from_matrix(rotations))))
     hips = (positions[:, 0] + motion.trans).astype(np.float32)
-    channels.append((0, "translation", buffer.accessor(hips)))
+    channels.append((0, "translation", buffer.add_accessor(hips)))
     eyes = motion.poses.reshape(-1, NUM_JOINTS, 3)[:, [JOINT_INDEX[eye] for eye in _EYES]]
     gaze = Rotation.from_rotvec(eyes.mean(axis=1))
-    channels.append((len(nodes), "rotation", buffer.rotations(gaze)))
+    channels.append((len(nodes), "rotation", buffer.add_rotations(gaze)))
     roots = [0, len(nodes)]
     nodes.append({"name": "lookAt"})
     presets = {}
@@ -56,7 +56,7 @@ def vrma_bytes(body: Body, motion: BodyMotion, markers: Sequence[tuple[float, st
         roots.append(len(nodes))
         moved = np.zeros((motion.num_frames, 3), np.float32)
         moved[:, 0] = weights.clip(0, 1)
-        channels.append((len(nodes), "translation", buffer.accessor(moved)))
+        channels.append((len(nodes), "translation", buffer.add_accessor(moved)))
         nodes.append({"name": name})
     extension = {
         "specVersion": "1.0",
@@ -64,14 +64,14 @@ def vrma_bytes(body: Body, motion: BodyMotion, markers: Sequence[tuple[float, st
         "expressions": {"preset": presets},
         "lookAt": {"node": roots[1], "offsetFromHeadBone": _between_eyes(rest).tolist()},
     }
-    return buffer.glb(
+    return buffer.to_glb(
         asset=ASSET,
         extensionsUsed=["VRMC_vrm_animation"],
         extensions={"VRMC_vrm_animation": extension},
         scene=0,
         scenes=[{"nodes": roots}],
         nodes=nodes,
-        animations=[animation_of(buffer, motion.num_frames, channels, markers)],
+        animations=[make_animation(buffer, motion.num_frames, channels, markers)],
     )
 
 
@@ -105,7 +105,7 @@ def _preset_weights(body: Body, motion: BodyMotion) -> dict[str, Float[np.ndarra
     """Return the weight of each of VRM's presets that the face uses; the jaw opens ``aa``."""
     weights = {"aa": (motion.poses[:, 3 * JOINT_INDEX["jaw"]] / JAW_OPEN_RAD).clip(0, 1)}
     names = body.expression_names
-    for name, presets in VRM_PRESETS.items():
+    for name, presets in ARKIT_TO_VRM_PRESETS.items():
         if motion.expression_basis == body.expression_basis and name in names:
             preset, share = presets[0]
             moved = share * motion.expressions[:, names.index(name)]

@@ -129,14 +129,14 @@ def close_up_joints(view: str) -> list[int]:
 
 def close_up_mesh(body: Body, view: str) -> SubMesh:
     """Return the part that a close-up shows; an arm ends closed in the middle of the upper arm."""
-    is_near = np.isin(body.main_joints, close_up_joints(view))
+    is_near = np.isin(body.dominant_joints, close_up_joints(view))
     side = view.removesuffix("_hand")
     if is_arm := side != view:
         shoulder, elbow = (JOINT_INDEX[f"{side}_{name}"] for name in ("shoulder", "elbow"))
         arm, here = (
             a - body.rest_joints[shoulder] for a in (body.rest_joints[elbow], body.template)
         )
-        is_near &= (body.main_joints != shoulder) | ((here - arm / 2) @ arm >= 0)
+        is_near &= (body.dominant_joints != shoulder) | ((here - arm / 2) @ arm >= 0)
     is_whole = is_near[body.faces].all(axis=1)
     faces = body.faces[is_whole]
     if is_arm:
@@ -342,7 +342,7 @@ def _track(
 
 def _flesh_radius(body: Body) -> Float[np.ndarray, " J"]:
     """Return the distance from each joint to the farthest vertex that mainly follows it."""
-    owner = body.main_joints
+    owner = body.dominant_joints
     distance = np.linalg.norm(body.template - body.rest_joints[owner], axis=1)
     reach = np.zeros(len(body.rest_joints))
     np.maximum.at(reach, owner, distance)

@@ -9,7 +9,7 @@ from jaxtyping import Float, UInt8
 
 from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
-from renderer.body.levels import body_at
+from renderer.body.levels import select_lod
 from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
@@ -180,11 +180,11 @@ def draw_frames(
 def select_panel_mesh(body: Body, stage: CameraSetup, shot: PanelCamera, panel: Panel) -> Body:
     """Return the part of a body that a panel shows, with a level of detail for its pixels."""
     pixel_m = stage.pixel_m(shot, panel.height)
-    mesh = body_at(body, body.height_m / pixel_m) if pixel_m > 0.0 else body
+    mesh = select_lod(body, body.height_m / pixel_m) if pixel_m > 0.0 else body
     if shot is stage.shots[0]:
         return mesh
     part = close_up_mesh(mesh, panel.view)
-    return mesh.part(part.vertices, part.faces)
+    return mesh.submesh(part.vertices, part.faces)
 
 
 def _draw_panel_borders(picture: UInt8[np.ndarray, "H W C"], panels: Sequence[Panel]) -> None:

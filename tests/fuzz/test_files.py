@@ -28,10 +28,10 @@ from model.plan.tiers import plan_to_tiers
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript, read_words
 from renderer.body.body import load_body
-from renderer.body.levels import clustered_faces
+from renderer.body.levels import clustered_lod_faces
 from renderer.files.character_glb import animated_glb
 from renderer.files.exports import write_bvh
-from renderer.files.glb import glb_bytes, joined
+from renderer.files.glb import glb_bytes, join_glb_chunks
 from renderer.files.vrma import vrma_bytes
 from tests.app.study.made import made_files, made_key
 from tests.fuzz.clock import is_done_or_refused, run_by_the_clock
@@ -161,16 +161,16 @@ def test_other_motion(ending: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["mixamo", "vrm", "vrm0"])
 def test_characters(kind: str, tmp_path: Path) -> None:
     open_body = load_body()
-    whole = character(open_body.part(*nearest_vertices(open_body)), kind)
+    whole = character(open_body.submesh(*nearest_vertices(open_body)), kind)
     document, binary = parse(whole)
-    wild = with_wild_values(document).map(lambda changed: joined(changed, binary))
+    wild = with_wild_values(document).map(lambda changed: join_glb_chunks(changed, binary))
 
     def read_and_write(path: Path) -> None:
         body = load_body(path)
         motion = reaches(body)
         (vertices,) = body.vertices(motion)
         assert np.isfinite(vertices).all()
-        glb_bytes(body, motion, clustered_faces(body))
+        glb_bytes(body, motion, clustered_lod_faces(body))
         animated_glb(body, motion)
         vrma_bytes(body, motion)
 

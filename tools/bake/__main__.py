@@ -18,7 +18,7 @@ from conventions.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
 from model.storage.files import written_atomically
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_FORMAT
-from renderer.body.decimation import decimate, surface_of
+from renderer.body.decimation import body_surface, decimate
 from renderer.body.look import REGION_INDEX
 from tools.bake import clothes, face, geometry
 from tools.bake.body_shapes import FIGURES, fit_to_skeleton, in_zero_pose, joint_weights
@@ -221,7 +221,7 @@ def make(source: Path, out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
     write_npz(out / "open_body.npz", body_arrays(body))
     write_npz(out / "skeleton.npz", skeleton_arrays(body))
-    meshes = decimate(surface_of(load_body(out / "open_body.npz")))
+    meshes = decimate(body_surface(load_body(out / "open_body.npz")))
     numbered = {f"faces_{k}": mesh.astype(np.uint16) for k, mesh in enumerate(meshes)}
     write_npz(out / "coarser.npz", numbered)
     counts = [len(body.mesh.faces), *map(len, meshes)]

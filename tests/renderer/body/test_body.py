@@ -341,7 +341,7 @@ def test_memory_is_that_of_one_chunk(body):
     def peak(num_frames: int) -> int:
         motion = random_motion(num_frames=num_frames)
         tracemalloc.start()
-        for _ in body.vertices(motion, chunk=8):
+        for _ in body.vertices(motion, chunk_frames=8):
             pass
         top = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

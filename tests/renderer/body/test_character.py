@@ -11,9 +11,9 @@ from conventions.joints import FINGERS, JOINT_NAMES
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import BodyError
 from renderer.body.gltf import Gltf
-from renderer.body.levels import CLUSTERED_FACES, clustered_faces
+from renderer.body.levels import CLUSTERED_FACES, clustered_lod_faces
 from renderer.files.character_glb import animated_glb
-from renderer.files.glb import glb_bytes, joined
+from renderer.files.glb import glb_bytes, join_glb_chunks
 from tests.renderer.body.made_character import (
     a_pose,
     character,
@@ -49,7 +49,10 @@ def test_every_joint_moves_as_the_open_bodys(read, open_body, seconds):
     rest = open_body.global_transforms(
         BodyMotion(a_pose().reshape(1, -1), np.zeros((1, 3)), np.zeros((1, 100)), "arkit52", [])
     )[0]
-    assert degrees_apart(world[0] @ read.rig.turns @ rest[0], np.eye(3)[None]) < MAX_ANGLE_DEG
+    assert (
+        degrees_apart(world[0] @ read.rig.R_rest_to_zero_pose @ rest[0], np.eye(3)[None])
+        < MAX_ANGLE_DEG
+    )
     assert np.abs(read.template - open_body.template).max() < 0.001
     assert np.abs((read.weights - open_body.weights).toarray()).max() < 0.1  # the export keeps four
     moved = np.zeros((2, 52, open_body.num_vertices, 3))
@@ -80,7 +83,7 @@ def played(content: bytes, body: Body) -> tuple[np.ndarray, np.ndarray]:
     for channel in animation["channels"]:
         sampler = animation["samplers"][channel["sampler"]]
         target = channel["target"]
-        moved[target["node"], target["path"]] = gltf.array(sampler["output"])
+        moved[target["node"], target["path"]] = gltf.accessor_array(sampler["output"])
     num_frames = len(next(iter(moved.values())))
 
     def local(node: int) -> np.ndarray:
@@ -105,9 +108,11 @@ def played(content: bytes, body: Body) -> tuple[np.ndarray, np.ndarray]:
     rig = body.rig
     positions, rotations = np.zeros((num_frames, 55, 3)), np.zeros((num_frames, 55, 3, 3))
     for joint, node in enumerate(rig.nodes):
-        positions[:, joint] = rig.scale * world[node][:, :3, 3] @ rig.axes.T
+        positions[:, joint] = rig.file_to_body_scale * world[node][:, :3, 3] @ rig.R_file_to_body.T
         turned = world[node][:, :3, :3] @ np.linalg.inv(gltf.world[node][:3, :3])
-        rotations[:, joint] = rig.axes @ turned @ rig.axes.T @ rig.turns[joint].T
+        rotations[:, joint] = (
+            rig.R_file_to_body @ turned @ rig.R_file_to_body.T @ rig.R_rest_to_zero_pose[joint].T
+        )
     return positions, rotations
 
 
@@ -142,7 +147,7 @@ def test_character_without_a_face_is_written_for_the_stage(open_body, tmp_path):
     for primitive in document["meshes"][0]["primitives"]:
         del primitive["targets"]
     path = tmp_path / "hero.glb"
-    path.write_bytes(joined(document, binary))
+    path.write_bytes(join_glb_chunks(document, binary))
     body = load_body(path)
     assert "no known blendshapes" in " ".join(body.remarks)
     mesh = parse(glb_bytes(body, lively(2)))[0]["meshes"][0]
@@ -150,7 +155,7 @@ def test_character_without_a_face_is_written_for_the_stage(open_body, tmp_path):
 
 
 def test_coarser_meshes_keep_the_surface_and_every_finger(read):
-    meshes = clustered_faces(read)
+    meshes = clustered_lod_faces(read)
     assert all(len(faces) <= most for faces, most in zip(meshes, CLUSTERED_FACES, strict=True))
 
     def area_m2(faces: np.ndarray) -> float:
@@ -160,7 +165,7 @@ def test_coarser_meshes_keep_the_surface_and_every_finger(read):
     for faces in meshes[:3]:  # the last is for shadows
         assert (np.sort(faces, axis=1)[:, :-1] < np.sort(faces, axis=1)[:, 1:]).all()
         assert abs(area_m2(faces) / area_m2(read.faces) - 1) < 0.1
-        drawn = {JOINT_NAMES[joint] for joint in read.main_joints[faces].ravel()}
+        drawn = {JOINT_NAMES[joint] for joint in read.dominant_joints[faces].ravel()}
         tips = {f"{side}_{finger}3" for side in ("left", "right") for finger in FINGERS}
         assert tips <= drawn
 
@@ -192,13 +197,13 @@ def mutants(content: bytes, count: int, seed: int) -> list[bytes]:
                 if not isinstance(place, dict | list):
                     break
             parent[key] = wrong[rng.integers(len(wrong))]
-            found.append(joined(changed, binary))
+            found.append(join_glb_chunks(changed, binary))
     return found
 
 
 @pytest.mark.parametrize("count", [24, pytest.param(600, marks=pytest.mark.slow)])
 def test_damaged_file_is_read_or_refused_in_a_sentence(open_body, tmp_path, count):
-    small = open_body.part(*nearest_vertices(open_body))
+    small = open_body.submesh(*nearest_vertices(open_body))
     path = tmp_path / "hero.glb"
     for content in mutants(character(small, "vrm"), count, seed=count):
         path.write_bytes(content)
@@ -233,6 +238,6 @@ def test_refusal_says_what_is_wrong(open_body, tmp_path, change, sentence):
     document, binary = parse(character(open_body, "mixamo"))
     change(document)
     path = tmp_path / "hero.glb"
-    path.write_bytes(joined(document, binary))
+    path.write_bytes(join_glb_chunks(document, binary))
     with pytest.raises(BodyError, match=sentence):
         load_body(path)

@@ -9,7 +9,7 @@ import pytest
 
 from conventions.joints import JOINT_NAMES, TIP_VERTICES
 from renderer.body.body import Body, BodyMotion, load_body
-from renderer.files.exports import write_bvh, write_still
+from renderer.files.exports import write_bvh, write_posed_mesh
 from tests.renderer.body.test_body import random_motion
 
 
@@ -110,13 +110,13 @@ def test_right_angles_lose_nothing(body, tmp_path, degrees):
 def test_obj_and_ply_hold_the_posed_body(body, tmp_path):
     motion = random_motion(3)
     posed = np.concatenate(list(body.vertices(motion)))[2]
-    write_still(body, motion, 2, tmp_path / "pose.obj")
+    write_posed_mesh(body, motion, 2, tmp_path / "pose.obj")
     lines = [line.split() for line in (tmp_path / "pose.obj").read_text().splitlines()]
     vertices = np.array([line[1:4] for line in lines if line[:1] == ["v"]], float)
     faces = [[corner.split("/")[0] for corner in line[1:]] for line in lines if line[:1] == ["f"]]
     np.testing.assert_allclose(vertices, posed, atol=1e-6)
     np.testing.assert_array_equal(np.array(faces, int) - 1, body.faces)
-    write_still(body, motion, 2, tmp_path / "pose.ply")
+    write_posed_mesh(body, motion, 2, tmp_path / "pose.ply")
     head, _, data = (tmp_path / "pose.ply").read_bytes().partition(b"end_header\n")
     assert f"element vertex {body.num_vertices}\n".encode() in head
     assert b"format binary_little_endian" in head

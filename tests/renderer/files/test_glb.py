@@ -13,7 +13,7 @@ from conventions.views import BUILDS
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.skinning import VertexNormals
-from renderer.files.glb import STEP_M, builds_bytes, glb_bytes
+from renderer.files.glb import STEP_M, body_build_offsets_bytes, glb_bytes
 from tests.renderer.body.test_body import max_distance_mm, random_motion, smplx_file
 
 DTYPES = {5121: np.uint8, 5122: np.int16, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -159,7 +159,9 @@ def test_body_without_names_or_colours(tmp_path):
 def test_every_build_comes_back_within_a_step():
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
-    read = np.frombuffer(builds_bytes(), "<i2").reshape(len(BUILDS) - 1, 2, *first.template.shape)
+    read = np.frombuffer(body_build_offsets_bytes(), "<i2").reshape(
+        len(BUILDS) - 1, 2, *first.template.shape
+    )
     for build, (offsets, normals) in zip(BUILDS[1:], read, strict=True):
         expected = read_body_file(OPEN_BODY_PATH, build).template
         assert np.abs(expected - first.template).max() > 0.01, "it is another one"

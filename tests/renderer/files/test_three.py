@@ -10,7 +10,7 @@ import pytest
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, PARENTS
 from renderer.body.body import Body, load_body
-from renderer.body.character import zero_pose_turns
+from renderer.body.character import rest_to_zero_pose_rotations
 from renderer.body.gltf import Gltf
 from renderer.files.character_glb import animated_glb
 from renderer.files.vrma import _t_pose, vrma_bytes
@@ -74,10 +74,18 @@ def test_characters_own_file(three: None, kind: str, tmp_path: Path) -> None:
     for joint, node in enumerate(rig.nodes):
         if node < 0:
             continue
-        places = rig.scale * nodes[node][:, :3, 3] @ rig.axes.T
+        places = rig.file_to_body_scale * nodes[node][:, :3, 3] @ rig.R_file_to_body.T
         assert np.linalg.norm(places - expected[:, joint], axis=1).max() < MAX_DISTANCE_M
-        turned = rig.axes @ turns_of(nodes[node]) @ turns_of(rest[node]).T @ rig.axes.T
-        assert degrees_apart(turned @ rig.turns[joint].T, world[:, joint]) < MAX_ANGLE_DEG
+        turned = (
+            rig.R_file_to_body
+            @ turns_of(nodes[node])
+            @ turns_of(rest[node]).T
+            @ rig.R_file_to_body.T
+        )
+        assert (
+            degrees_apart(turned @ rig.R_rest_to_zero_pose[joint].T, world[:, joint])
+            < MAX_ANGLE_DEG
+        )
     opened = body.expression_weights(motion, slice(0, 30))[list(FRAMES), 24]
     shown = np.array([moment["weights"][0] for moment in moments])
     assert (np.abs(shown - opened[:, None]).max(axis=0) < 1e-3).any(), "jawOpen"
@@ -87,7 +95,7 @@ def t_posed(body: Body) -> np.ndarray:
     """Return local rotations (55, 3) of the T-pose of VRM."""
     rest, ground = body.rest_joints.astype(np.float64), float(body.template[:, 1].min())
     pose = dict(zip(JOINT_NAMES, _t_pose(rest, ground), strict=True))
-    world = [turn.inv() for turn in zero_pose_turns(pose, {}, rest, {})]
+    world = [turn.inv() for turn in rest_to_zero_pose_rotations(pose, {}, rest, {})]
     return np.array(
         [
             (world[max(PARENTS[joint], 0)].inv() * turn if joint else turn).as_rotvec()

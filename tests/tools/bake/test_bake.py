@@ -12,8 +12,8 @@ from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
 from conventions.views import BUILDS
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_PATH
-from renderer.body.decimation import NUM_FACES, Surface, decimate, surface_of
-from renderer.body.levels import open_body_faces
+from renderer.body.decimation import NUM_FACES, Surface, body_surface, decimate
+from renderer.body.levels import open_body_lod_faces
 from tests.helpers import ROOT
 from tools.bake import face, geometry
 from tools.bake.body_shapes import FIGURES, Posed, fit_to_skeleton
@@ -157,9 +157,9 @@ def test_a_flat_sheet_keeps_its_outline_and_its_colours_apart_and_no_face_turns_
 
 def test_hands_head_and_above_all_the_face_that_moves_matter_most():
     body = load_body()
-    found = surface_of(body).importance
+    found = body_surface(body).importance
     pelvis, finger, head = (
-        found[body.main_joints == JOINT_INDEX[name]].min()
+        found[body.dominant_joints == JOINT_INDEX[name]].min()
         for name in ("pelvis", "left_index1", "head")
     )
     assert pelvis < head < finger < found[body.expression_vertices].max()
@@ -169,7 +169,7 @@ def test_the_meshes_beside_the_body_have_its_surface_and_none_of_its_faces_turne
     body = load_body()
     vertices = body.template.astype(np.float64)
     whole = np.linalg.norm(areas(vertices, body.faces), axis=1).sum()
-    meshes = open_body_faces()
+    meshes = open_body_lod_faces()
     assert len(meshes) == len(NUM_FACES)
     normals = np.zeros_like(vertices)
     for k in range(3):
