@@ -56,7 +56,7 @@ UNUSED = (
 """Features of Chromium."""
 WAITED = re.compile(r'^ *- Expect "\w+".* with timeout \d+ms$', re.MULTILINE)
 """In what `expect` says of a wait."""
-PATIENCE_MS = 60_000
+PATIENCE_MS = 180_000
 """Longest that any one thing may take on a busy machine."""
 expect.set_options(timeout=PATIENCE_MS)
 GRADIO_CAUGHT = "Error in watch callback"
@@ -117,7 +117,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     again = pytest.mark.flaky(reruns=1, condition=has_timed_out)
     for item in items:
         if item.path.parent == Path(__file__).parent:
-            item.add_marker(pytest.mark.timeout(400))
+            item.add_marker(pytest.mark.timeout(900))
             item.add_marker(again)
 
 
