@@ -88,6 +88,8 @@ def test_a_tab_that_is_closed_ends_its_run_and_one_without_a_connection_does_not
     visitor: Callable[..., BrowserContext], fake: Fake, runs: Runs, blocks: Blocks, speech: Path
 ) -> None:
     context, address = visitor(), blocks.local_url or ""
+    turns = blocks._queue
+    assert isinstance(turns, Turns)
     for number, leave in enumerate(("close", "reload"), start=1):
         page = opened(context, address)
         start(page, speech)
@@ -108,6 +110,7 @@ def test_a_tab_that_is_closed_ends_its_run_and_one_without_a_connection_does_not
     fake.figures.set()
     wait_for(lambda: len(runs.ends) == 3)
     assert runs.ends[-1] == "finished"
+    wait_for(lambda: not turns._jobs.in_use())  # it is among the visitor's runs
     context.set_offline(False)
     page.close()
     page = opened(context, address)

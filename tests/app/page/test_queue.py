@@ -36,6 +36,7 @@ class Page:
         self.jobs = jobs
         self.begun: list[str] = []
         self.done: list[str] = []
+        self.ended: list[str] = []
         self.num_polls = 0
         self.may_end, self.may_check = threading.Semaphore(0), threading.Semaphore(0)
         with gr.Blocks() as blocks:
@@ -59,12 +60,16 @@ class Page:
         self.blocks, (self.fn, *_, self.check_fn) = blocks, blocks.fns
 
     def work(self, callbacks: RunCallbacks) -> str:
-        self.begun.append(self.jobs._jobs[-1].visitor)
-        while not self.may_end.acquire(timeout=0.02):
-            self.num_polls += 1
-            if callbacks.should_cancel():
-                raise KeyError("it has ended in the middle")
-        self.done.append(self.begun[-1])
+        visitor = self.jobs._jobs[-1].visitor
+        self.begun.append(visitor)
+        try:
+            while not self.may_end.acquire(timeout=0.02):
+                self.num_polls += 1
+                if callbacks.should_cancel():
+                    raise KeyError("it has ended in the middle")
+        finally:
+            self.ended.append(visitor)
+        self.done.append(visitor)
         return "done"
 
     def check(self, name: str) -> None:
@@ -157,8 +162,8 @@ def test_a_run_whose_page_has_lost_its_connection_goes_on_until_somebody_else_wa
     lose("b", 2)
     assert page.jobs.outlives("b")
     with page.asked("c"):
-        wait_for(first_of(page, 3))
-        page.may_end.release()
+        wait_for(lambda: len(page.begun) == 3 and page.ended == ["a", "b"])
+        page.may_end.release()  # for c: b's run may still be ending when c's begins
         wait_for(lambda: page.done == ["a", "c"] and not page.jobs.in_use())
     assert page.begun == ["a", "b", "c"]
 
