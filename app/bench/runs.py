@@ -33,7 +33,7 @@ from model.data.prepared import PreparedClip, PreparedData
 from model.motion.motion import NUM_FACE_UNITS, Motion
 from model.systems.registry import families, family_of, list_systems, representatives
 from model.training.task import TaskSetup
-from renderer.figures.style import FORMS
+from renderer.figures.style import FIGURE_FORMATS
 
 START_TIMEOUT_S = 60.0
 SAMPLES = 5
@@ -174,7 +174,10 @@ def _explained_systems() -> tuple[str, ...]:
 def time_figures(clip: Path, folder: Path) -> list[Figure]:
     """Measure the CPU time of figures of the explained systems, for the page and a command."""
     figures, systems = [], _explained_systems()
-    for title, forms, aim in (("page (PNG)", ("png",), 4), ("command (all forms)", FORMS, 8)):
+    for title, forms, aim in (
+        ("page (PNG)", ("png",), 4),
+        ("command (all forms)", FIGURE_FORMATS, 8),
+    ):
         cpu_at: list[float] = []
         of_figures: list[int] = []
 

@@ -37,7 +37,7 @@ from model.speech.audio import Speech
 from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 from model.storage.escaping import csv_text
 from renderer.figures.figure6.contents import ONE_SEED_CAVEAT, WINDOW_FRAMES, Figure6
-from renderer.figures.figure6.layout import fits_column
+from renderer.figures.figure6.layout import column_figure_fits_page
 from renderer.figures.jitter import Jitter, JitterSheet
 
 _ABOVE_HIPS = (*UPPER_BODY, *HANDS, *FACE)
@@ -157,7 +157,11 @@ def check_figure(
     """
     last = num_frames - 1
     frames, panels = figures.figure_frames, figures.figure_panels
-    if is_drawn and figures.figure_width == "85mm" and not fits_column(num_motions, panels):
+    if (
+        is_drawn
+        and figures.figure_width == "85mm"
+        and not column_figure_fits_page(num_motions, panels)
+    ):
         raise RunError(
             f"Figure 6 of {num_motions} motions with the panels {','.join(panels)} is taller than "
             "a page if it is 85mm wide; choose 174mm or fewer panels."
@@ -190,8 +194,8 @@ def figure6_of(
     end, labels, marks = figures.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
     if marks is not None:
         pixels, values = _labelled(marks.pixels, labels), _labelled(marks.values, labels)
-        cropped_to = None if JOINT_INDEX.get(tip.point) in LOWER_BODY else _ABOVE_HIPS
-        marks = replace(marks, pixels=pixels, values=values, cropped_to=cropped_to)
+        crop_joints = None if JOINT_INDEX.get(tip.point) in LOWER_BODY else _ABOVE_HIPS
+        marks = replace(marks, pixels=pixels, values=values, crop_joints=crop_joints)
     return Figure6(
         {labels[name]: tip.track(motion, end, on_piece) for name, motion in motions.items()},
         _labelled(snapshots.pictures, labels),
@@ -237,8 +241,8 @@ def _jitter_of(versions: RawAndFiltered) -> dict[FilterVersion, Jitter]:
             spectrum=spectrum and (spectrum.frequency_hz, spectrum.velocity_power),
             chain=measures.point.tip_jerk_attribution.joints,
             jerk_drop_by_joint=measures.point.tip_jerk_attribution.share,
-            by_phase=measures.seams.jerk_by_window_phase_m_s3,
-            period=period and (period.frames, period.part),
+            by_window_frame=measures.seams.jerk_by_window_phase_m_s3,
+            period_and_part=period and (period.frames, period.part),
         )
 
     return {kind: of(versions.of(kind)) for kind in VERSIONS}

@@ -61,7 +61,7 @@ from model.speech.transcript import Transcript
 from model.storage.files import file_sha256
 from renderer.figures.figure6.contents import choose_snapshot_frames
 from renderer.figures.figure6.layout import draw_figure6
-from renderer.figures.jitter import sheet_caption
+from renderer.figures.jitter import jitter_sheet_caption
 from renderer.figures.style import save_figure
 
 _M_MMAP_THRESHOLD = -3  # malloc.h
@@ -278,7 +278,7 @@ def _draw_figures(
     systems = [name for name in drawn if name != REFERENCE_NAME]
     sheet, sentences = make_jitter_sheet(diagnostics, tip, systems), figure_sentences(diagnostics)
     trajectory_text = f"{sentences['trajectory']} {sentences['depth']}"
-    caption = sheet_caption(sheet, clip, trajectory_text)
+    caption = jitter_sheet_caption(sheet, clip, trajectory_text)
     run.write_figure("jitter", sheet, caption, forms)
     run.report_progress("figure", 1.0)
 

@@ -60,7 +60,7 @@ from model.speech.transcript import Transcript
 from model.storage.escaping import csv_text
 from renderer.body.body import Body
 from renderer.figures import saved_figures
-from renderer.figures.style import CONTENTS_ENDING, FORMS, Places, save_figure
+from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS, FigureLayout, save_figure
 
 _GROWN = 1.2
 """Growth factor of a motion after which its alignment is computed again."""
@@ -208,22 +208,22 @@ class RunWriter(RunCallbacks):
         self.add_files(numbers, table)
 
     def write_figure(
-        self, name: str, contents: Any, caption: str, forms: Sequence[str] = FORMS
+        self, name: str, contents: Any, caption: str, forms: Sequence[str] = FIGURE_FORMATS
     ) -> None:
-        """Draw a figure of `renderer.figures.saved_figures.DRAW` in the requested file formats.
+        """Draw a figure of `saved_figures.DRAW_FUNCTIONS` in the requested file formats.
 
         The caption also names the protocol of the numbers.
         If some formats are omitted, the content is saved so that they can be drawn later.
         """
         stem = self.folder.path(f"{name}.png").with_suffix("")
         caption = f"{caption} {PROTOCOL_CAPTION}"
-        places: Places = []
+        places: FigureLayout = []
         files = save_figure(
-            lambda: saved_figures.DRAW[name](contents), stem, caption, forms, places
+            lambda: saved_figures.DRAW_FUNCTIONS[name](contents), stem, caption, forms, places
         )
-        if set(forms) != set(FORMS):
-            path = self.folder.path(viewer_file_name(name, CONTENTS_ENDING))
-            saved_figures.save_contents(path, name, contents, caption, places)
+        if set(forms) != set(FIGURE_FORMATS):
+            path = self.folder.path(viewer_file_name(name, CONTENTS_SUFFIX))
+            saved_figures.save_figure_contents(path, name, contents, caption, places)
             self.add_files(path)
         self.add_files(*(self.folder.path(path.name) for path in files))
 
@@ -359,7 +359,7 @@ class RunWriter(RunCallbacks):
 
 def draw_figure(paths: tuple[Path, Path], *_: object) -> None:
     """Draw the saved content of a figure into a file, as a task."""
-    saved_figures.draw_saved(*paths)
+    saved_figures.draw_saved_figure(*paths)
 
 
 def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRecord]:

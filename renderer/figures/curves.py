@@ -58,7 +58,7 @@ def draw_distributions(
     panels = list(values.groupby("measure", sort=False))
     num_rows = -(-len(panels) // _COLUMNS)
     figure = style.new_figure(style.PAGE_MM, 10.0 + 42.0 * num_rows)
-    style.draw_keys(figure, styles)
+    style.draw_legend(figure, styles)
     grid = figure.subplots(num_rows, _COLUMNS, sharey=True, squeeze=False).ravel()
     for number, ((title, panel), axes) in enumerate(zip(panels, grid, strict=False)):
         axes.set_label(title)
@@ -96,7 +96,7 @@ STEP_SWEEP_CAPTION = (
 )
 
 
-def draw_step_curve(points: "DataFrame") -> "Figure":
+def draw_sampling_step_sweep(points: "DataFrame") -> "Figure":
     """Draw quality against time: one curve per system, one mark per number of steps.
 
     Args:
@@ -118,7 +118,7 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
         )
     styles = style.series_styles(points["system"].unique(), None)
     figure = style.new_figure(style.PAGE_MM, 75.0)
-    style.draw_keys(figure, styles)
+    style.draw_legend(figure, styles)
     times = points["ms_per_frame"]
     for axes, (quantity, title) in zip(figure.subplots(1, 2), STEP_PANELS.items(), strict=True):
         axes.set_label(quantity)
@@ -147,11 +147,11 @@ def draw_step_curve(points: "DataFrame") -> "Figure":
     return figure
 
 
-def draw_error_growth(spreads: "DataFrame") -> "Figure":
+def draw_error_along_chain(rms_shifts: "DataFrame") -> "Figure":
     """Draw the shift of points along the kinematic chain under noise on local and global rotations.
 
     Args:
-        spreads: RMS shifts in metres, one row per ``point``: ``local`` and ``global`` are measured
+        rms_shifts: shifts in metres, one row per ``point``: ``local`` and ``global`` are measured
             (marks), ``predicted_local`` and ``predicted_global`` are the closed form (lines).
     """
     figure = style.new_figure(style.COLUMN_MM, 70.0)
@@ -161,13 +161,13 @@ def draw_error_growth(spreads: "DataFrame") -> "Figure":
         line: dict[str, Any] = looks | {"marker": ""}
         marks: dict[str, Any] = looks | {"linestyle": "none"}
         axes.plot(
-            100.0 * spreads[f"predicted_{form}"].to_numpy(),
+            100.0 * rms_shifts[f"predicted_{form}"].to_numpy(),
             label=f"{form} noise, predicted",
             **line,
         )
-        axes.plot(100.0 * spreads[form].to_numpy(), label=f"{form} noise, measured", **marks)
+        axes.plot(100.0 * rms_shifts[form].to_numpy(), label=f"{form} noise, measured", **marks)
     style.scale_from_zero(axes, *(np.asarray(line.get_ydata()) for line in axes.get_lines()))
-    style.set_x_names(axes, [style.short_joint(point) for point in spreads["point"]])
+    style.set_x_tick_names(axes, [style.short_joint_name(point) for point in rms_shifts["point"]])
     axes.set_ylabel("root mean square shift (cm)")
     figure.legend(loc="outside upper left", ncols=2, fontsize=style.SMALL_PT)
     return figure
@@ -201,7 +201,7 @@ class SpeechEffectRow:
     """Shares decided by speech and by noise (0 to 1), by part of the body."""
 
     @property
-    def compared(self) -> tuple[list[str], list[int]]:
+    def drawn_speeches_and_seeds(self) -> tuple[list[str], list[int]]:
         """Names of the speeches and noise seeds that are drawn."""
         speeches = list(dict.fromkeys(speech for speech, _ in self.arm_speed))
         seeds = sorted({seed for _, seed in self.arm_speed})
@@ -224,7 +224,7 @@ def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
         shares.set_label(f"shares {number}")
         title = style.truncate_text(row.name, style.TITLE_PT, 75.0)
         speeds.set_title(title, size=style.TITLE_PT, weight="bold")
-        speeches, seeds = row.compared
+        speeches, seeds = row.drawn_speeches_and_seeds
         for (speech, seed), speed in row.arm_speed.items():
             if speech in speeches and seed in seeds:
                 color, line = SPEECH_COLORS[speeches.index(speech)], NOISE_LINES[seeds.index(seed)]
@@ -261,7 +261,7 @@ def _write_keys(figure: "Figure", row: SpeechEffectRow) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    speeches, seeds = row.compared
+    speeches, seeds = row.drawn_speeches_and_seeds
     handles: list[Any] = [
         Line2D([], [], color=color, label=style.truncate_text(name, style.LABEL_PT, 30.0))
         for color, name in zip(SPEECH_COLORS, speeches, strict=False)

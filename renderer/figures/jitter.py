@@ -44,9 +44,9 @@ class Jitter:
     """Names of the joints from the pelvis to the tracked point."""
     jerk_drop_by_joint: Float[np.ndarray, " chain"]
     """Relative drop of the point's jerk if only that joint is smoothed; 1 is all of it."""
-    by_phase: Float[np.ndarray, " frames"]
+    by_window_frame: Float[np.ndarray, " frames"]
     """Mean jerk (m/s³) per frame of the window, or of the detected period; empty without either."""
-    period: tuple[int, str] | None
+    period_and_part: tuple[int, str] | None
     """Period of the jerk (frames), and the part of the body that shows it; None without one."""
 
 
@@ -78,12 +78,14 @@ class JitterSheet:
         return style.series_styles(self.jitter, REFERENCE_NAME)
 
     @property
-    def periods(self) -> dict[str, tuple[int, str]]:
+    def periods_and_parts(self) -> dict[str, tuple[int, str]]:
         """Detected period (frames) and body part, by motion; empty if the windows are known."""
         if self.window_advance:
             return {}
         return {
-            name: each["raw"].period for name, each in self.jitter.items() if each["raw"].period
+            name: each["raw"].period_and_part
+            for name, each in self.jitter.items()
+            if each["raw"].period_and_part
         }
 
     @property
@@ -91,9 +93,9 @@ class JitterSheet:
         """Names of the joints from the pelvis to the tracked point."""
         return next((each["raw"].chain for each in self.jitter.values() if each["raw"].chain), ())
 
-    def curves(self, row: str, kind: FilterVersion) -> Curves:
+    def curves(self, row: str, version: FilterVersion) -> Curves:
         """Return the curves of a row, for each motion that has a finite value there."""
-        curves = {name: _curve(row, versions[kind]) for name, versions in self.jitter.items()}
+        curves = {name: _curve(row, versions[version]) for name, versions in self.jitter.items()}
         return {name: (x, y) for name, (x, y) in curves.items() if np.isfinite(y).any()}
 
 
@@ -111,7 +113,7 @@ def _curve(row: str, jitter: Jitter) -> tuple[np.ndarray, np.ndarray]:
         case "attribution":  # place in the chain, and drop of the point's jerk in percent
             y = 100.0 * jitter.jerk_drop_by_joint
         case _:  # frame of the window, or of the detected period, and mean jerk
-            y = jitter.by_phase
+            y = jitter.by_window_frame
     return np.arange(len(y), dtype=float), y
 
 
@@ -143,10 +145,10 @@ _JERK = "jerk (m/s³)"
 _MARKERS = 9
 
 
-def draw_sheet(sheet: JitterSheet) -> "Figure":
+def draw_jitter_sheet(sheet: JitterSheet) -> "Figure":
     """Return the figure without a canvas, sized in inches as on paper."""
     figure = style.new_figure(style.PAGE_MM, 8.0 + sum(ROWS.values()))
-    style.draw_keys(figure, sheet.styles)
+    style.draw_legend(figure, sheet.styles)
     parts = figure.subfigures(len(ROWS), 1, squeeze=False, height_ratios=list(ROWS.values()))[:, 0]
     rows = {}
     for part, (row, (title, y_label)) in zip(parts, _titles(sheet).items(), strict=True):
@@ -166,8 +168,8 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
         axes.set_title(COLUMN_TITLES[kind])
         axes.set_xlabel("depth (bones from the pelvis)")
         axes.xaxis.get_major_locator().set_params(integer=True)
-    style.set_x_names(
-        rows["joints"][0], [style.short_joint(JOINT_NAMES[j]) for j in JOINT_ORDER], 5.5
+    style.set_x_tick_names(
+        rows["joints"][0], [style.short_joint_name(JOINT_NAMES[j]) for j in JOINT_ORDER], 5.5
     )
     for axes in (each for each in rows["spectrum"] if each.axison):
         axes.set_xlabel("frequency (Hz)")
@@ -178,7 +180,7 @@ def draw_sheet(sheet: JitterSheet) -> "Figure":
         )  # fmt: skip
     for axes in rows["attribution"]:
         axes.axhline(0.0, color=style.FAINT_INK, linewidth=0.5, zorder=0.5)
-        style.set_x_names(axes, [style.short_joint(name) for name in sheet.chain])
+        style.set_x_tick_names(axes, [style.short_joint_name(name) for name in sheet.chain])
     for axes in rows["seams"]:
         if sheet.window_advance:
             every = sheet.window_advance
@@ -245,8 +247,8 @@ def _scale(axes: "Axes", row: str, curves: Sequence[Curves]) -> None:
         style.scale_from_zero(axes, values)
 
 
-def sheet_caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
-    """Return the caption: missing measurements and repeating jerk, then ``sentence``."""
+def jitter_sheet_caption(sheet: JitterSheet, clip: str, last_sentence: str) -> str:
+    """Return the caption: missing measurements and repeating jerk, then ``last_sentence``."""
     parts = [f"Jitter{f' of {clip}' if clip else ''}, unfiltered (left) and filtered (right)."]
     if REFERENCE_NAME in sheet.jitter:
         parts.append("The recorded reference is black; it has no generation windows.")
@@ -263,9 +265,9 @@ def sheet_caption(sheet: JitterSheet, clip: str, sentence: str) -> str:
     if sheet.window_advance == 0:
         parts += [
             f"The jerk of {name} repeats every {frames} frames, most clearly in the {part}."
-            for name, (frames, part) in sheet.periods.items()
+            for name, (frames, part) in sheet.periods_and_parts.items()
         ]
-        without = [name for name in sheet.jitter if name not in sheet.periods]
+        without = [name for name in sheet.jitter if name not in sheet.periods_and_parts]
         if without:
             parts.append(f"The jerk of {', '.join(without)} has no period of 2 to 240 frames.")
-    return " ".join([*parts, sentence]).strip()
+    return " ".join([*parts, last_sentence]).strip()

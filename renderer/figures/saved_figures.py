@@ -16,24 +16,24 @@ from jaxtyping import Shaped
 
 from renderer.figures.curves import (
     SpeechEffectRow,
-    draw_error_growth,
+    draw_error_along_chain,
+    draw_sampling_step_sweep,
     draw_speech_effect,
-    draw_step_curve,
 )
 from renderer.figures.figure6.contents import Figure6, JointMarks
 from renderer.figures.figure6.layout import draw_figure6
-from renderer.figures.jitter import Jitter, JitterSheet, draw_sheet
-from renderer.figures.style import FigureError, Places, save_figure
+from renderer.figures.jitter import Jitter, JitterSheet, draw_jitter_sheet
+from renderer.figures.style import FigureError, FigureLayout, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DRAW: Mapping[str, "Callable[[Any], Figure]"] = {
+DRAW_FUNCTIONS: Mapping[str, "Callable[[Any], Figure]"] = {
     "figure6": draw_figure6,
-    "jitter": draw_sheet,
+    "jitter": draw_jitter_sheet,
     "hearing": draw_speech_effect,
-    "error_growth": draw_error_growth,
-    "steps": draw_step_curve,
+    "error_growth": draw_error_along_chain,
+    "steps": draw_sampling_step_sweep,
 }
 """Functions that redraw a run's figures from the saved contents, by the figure's name."""
 _KINDS: Mapping[str, Any] = {
@@ -43,22 +43,25 @@ _RENAMED = {
     "HearingRow": "SpeechEffectRow",
     "asked_panels": "requested_panels",
     "chain_drop": "jerk_drop_by_joint",
+    "cropped_to": "crop_joints",
+    "by_phase": "by_window_frame",
+    "period": "period_and_part",
 }
 """Kinds and fields of figures of version 1.0, with their present names."""
 _TEXT = "contents"
 
 
-def save_contents(
-    path: Path, name: str, contents: object, caption: str, places: Places | None = None
+def save_figure_contents(
+    path: Path, name: str, contents: object, caption: str, layout: FigureLayout | None = None
 ) -> None:
-    """Write the contents of a figure, so that `draw_saved` can draw it.
+    """Write the contents of a figure, so that `draw_saved_figure` can draw it.
 
     Args:
-        name: one of `DRAW`.
-        places: positions from `save_figure`.
+        name: one of `DRAW_FUNCTIONS`.
+        layout: positions from `save_figure`.
     """
     arrays: list[np.ndarray] = []
-    metadata = {"name": name, "caption": caption, "places": places or []}
+    metadata = {"name": name, "caption": caption, "places": layout or []}
     metadata["contents"] = _as_json(contents, arrays)
     text = np.frombuffer(json.dumps(metadata).encode(), np.uint8)
     # Compressed as little as possible: pictures dominate, and numpy's default level is slow.
@@ -68,8 +71,8 @@ def save_contents(
                 np.lib.format.write_array(file, array, allow_pickle=False)
 
 
-def draw_saved(path: Path, out: Path) -> None:
-    """Draw a figure from a file of `save_contents`, in the format of the suffix of ``out``.
+def draw_saved_figure(path: Path, out: Path) -> None:
+    """Draw a figure from a file of `save_figure_contents`, in the format of the suffix of ``out``.
 
     Raises:
         FigureError: for a file that holds no figure.
@@ -77,8 +80,8 @@ def draw_saved(path: Path, out: Path) -> None:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             metadata = json.loads(arrays[_TEXT].tobytes())
-            draw, caption, places = (
-                DRAW[metadata["name"]],
+            draw, caption, layout = (
+                DRAW_FUNCTIONS[metadata["name"]],
                 str(metadata["caption"]),
                 metadata["places"],
             )
@@ -88,7 +91,7 @@ def draw_saved(path: Path, out: Path) -> None:
             f"{path.name} is not a saved figure, or it is damaged; make the figure again."
         ) from error
     form = out.suffix.lstrip(".")
-    save_figure(lambda: draw(contents), out.with_suffix(""), caption, (form,), places)
+    save_figure(lambda: draw(contents), out.with_suffix(""), caption, (form,), layout)
 
 
 def _as_json(value: Any, arrays: list[Shaped[np.ndarray, " ..."]]) -> Any:

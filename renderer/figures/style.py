@@ -37,11 +37,11 @@ PAGE_MM, COLUMN_MM = 174.0, 85.0
 """Widths of a page and of a column in journals (mm), at scale 1."""
 MAX_HEIGHT_MM = 235.0
 DPI = 300  # resolution of PNG, and of pictures inside SVG and PDF
-FORMS = ("png", "svg", "pdf")
+FIGURE_FORMATS = ("png", "svg", "pdf")
 """File formats of a figure."""
 LAYOUT_ATTEMPTS = 6
 FONTS = Path(__file__).parents[1] / "assets" / "fonts"
-CONTENTS_ENDING = ".figure.npz"
+CONTENTS_SUFFIX = ".figure.npz"
 """Suffix of files from which other formats are drawn, see `renderer.figures.saved_figures`."""
 SIMPLIFIED_PX = 0.05
 """Largest distance (pixels of the PNG) between a dense line and its simplification in SVG and PDF.
@@ -165,7 +165,7 @@ def new_figure(width_mm: float, height_mm: float) -> "Figure":
     return Figure((width_mm * MM, height_mm * MM), facecolor="white", layout=layout)
 
 
-def draw_keys(figure: "Figure | SubFigure", styles: Mapping[str, SeriesStyle]) -> None:
+def draw_legend(figure: "Figure | SubFigure", styles: Mapping[str, SeriesStyle]) -> None:
     """Draw a legend of line samples with whole names above all parts."""
     from matplotlib.lines import Line2D
 
@@ -216,7 +216,7 @@ def wrap_text(text: str, size_pt: float, width_mm: float) -> list[str]:
     return lines or [""]
 
 
-def round_below(value: float) -> float:
+def round_down_to_1_2_5(value: float) -> float:
     """Return the largest of 1, 2 and 5 times a power of ten that is at most a positive value."""
     power = 10.0 ** math.floor(math.log10(value))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= value)
@@ -228,9 +228,9 @@ def truncate_text(text: str, size_pt: float, width_mm: float) -> str:
     return f"{first}\N{HORIZONTAL ELLIPSIS}" if rest else first
 
 
-def short_joint(joint: str) -> str:
+def short_joint_name(joint_name: str) -> str:
     """Return a short name of a joint, for example 'L middle 2' for ``left_middle2``."""
-    words = joint.replace("left_", "L ").replace("right_", "R ").replace("_", " ")
+    words = joint_name.replace("left_", "L ").replace("right_", "R ").replace("_", " ")
     return f"{words[:-1]} {words[-1]}" if words[-1:].isdigit() else words
 
 
@@ -242,14 +242,14 @@ def scale_from_zero(axes: "Axes", *values: Any) -> None:
     axes.grid(True, axis="y")
 
 
-def set_x_names(axes: "Axes", names: Sequence[str], size_pt: float = SMALL_PT) -> None:
+def set_x_tick_names(axes: "Axes", names: Sequence[str], size_pt: float = SMALL_PT) -> None:
     """Set vertical tick labels, one per position along x."""
     axes.set_xticks(range(len(names)), names, rotation=90, size=size_pt)
     axes.set_xlim(-0.6, max(len(names), 1) - 0.4)
 
 
 _MATPLOTLIB_LOCK = threading.RLock()
-Places = list[list[Any]]
+FigureLayout = list[list[Any]]
 """Positions of all parts of a figure, in the order of their making; reusing them saves the layout,
 which takes half as long as everything else.
 """
@@ -282,8 +282,8 @@ def save_figure(
     draw: "Callable[[], Figure]",
     out_stem: Path,
     caption: str,
-    forms: Sequence[str] = FORMS,
-    places: Places | None = None,
+    file_formats: Sequence[str] = FIGURE_FORMATS,
+    saved_layout: FigureLayout | None = None,
 ) -> tuple[Path, ...]:
     """Draw a figure once and write its image files and its caption; return the paths, caption last.
 
@@ -291,7 +291,7 @@ def save_figure(
     dates, and ``.txt``. The folder is made if needed. Either all files are written or none.
 
     Args:
-        places: positions of an earlier drawing of the figure; an empty list is filled.
+        saved_layout: positions of an earlier drawing of the figure; an empty list is filled.
     """
     caption, out_stem = printable(caption), Path(out_stem)
     out_stem.parent.mkdir(parents=True, exist_ok=True)
@@ -300,7 +300,7 @@ def save_figure(
         "svg": {"Date": None, "Description": caption},
         "pdf": {"CreationDate": None, "Subject": caption},
     }
-    files = [out_stem.with_name(f"{out_stem.name}.{ending}") for ending in (*forms, "txt")]
+    files = [out_stem.with_name(f"{out_stem.name}.{ending}") for ending in (*file_formats, "txt")]
     with (
         matplotlib_settings(),
         _without_collection(),
@@ -309,8 +309,8 @@ def save_figure(
         figure = draw()
         figure.set_dpi(DPI)
         _make_printable(figure)
-        _settle(figure, places)
-        for form in forms:
+        _settle(figure, saved_layout)
+        for form in file_formats:
             how: Any = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if form == "png" else {}
             path = Path(folder, f"figure.{form}")
             figure.savefig(path, format=form, dpi=DPI, metadata=metadata[form], **how)
@@ -332,17 +332,17 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-def _settle(figure: "Figure", places: Places | None) -> None:
+def _settle(figure: "Figure", saved_layout: FigureLayout | None) -> None:
     """Compute the layout once, so that all file formats have the same positions."""
     engine = figure.get_layout_engine()
     if engine is None:
         return
-    places = [] if places is None else places
+    saved_layout = [] if saved_layout is None else saved_layout
     texts, parts = [*figure.texts], [*figure.subfigs]
     for part in parts:  # including parts appended meanwhile
         texts += part.texts
         parts += part.subfigs
-    if not places:
+    if not saved_layout:
         _execute_layout(engine, figure)
         layout = (
             *(text.get_position() for text in texts),
@@ -350,8 +350,8 @@ def _settle(figure: "Figure", places: Places | None) -> None:
             *(axes.get_position(original=True).bounds for axes in figure.axes),
         )
         # The last digits that matplotlib's solver finds depend on addresses in memory.
-        places += [np.round(place, 6).tolist() for place in layout]
-    each: Iterator[Any] = iter(places)
+        saved_layout += [np.round(place, 6).tolist() for place in layout]
+    each: Iterator[Any] = iter(saved_layout)
     for text in texts:
         text.set_position(next(each))
     for part in parts:

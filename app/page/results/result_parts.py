@@ -14,7 +14,7 @@ from app.page.parts import markup
 from app.page.parts.markup import explained, hidden_html, player_component
 from app.page.routes.media import Address
 from app.run.requests.parts import FIGURE_PANELS, FigureWidth
-from renderer.figures.style import CONTENTS_ENDING, FORMS
+from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS
 
 
 class ResultParts:
@@ -59,8 +59,8 @@ def figures_html(
     figures: dict[str, dict[str, Path]] = {}
     for path in files:
         stem, _, ending = path.name.rpartition(".")
-        if path.name.endswith(CONTENTS_ENDING):
-            stem, ending = path.name.removesuffix(CONTENTS_ENDING), CONTENTS_ENDING
+        if path.name.endswith(CONTENTS_SUFFIX):
+            stem, ending = path.name.removesuffix(CONTENTS_SUFFIX), CONTENTS_SUFFIX
         figures.setdefault(stem, {})[ending] = path
     shown = "".join(
         _figure(
@@ -68,7 +68,7 @@ def figures_html(
             _addresses(paths, address),
             sentences,
             paths["txt"].read_text("utf-8") if "txt" in paths else "",
-            address(paths[CONTENTS_ENDING]) if CONTENTS_ENDING in paths else "",
+            address(paths[CONTENTS_SUFFIX]) if CONTENTS_SUFFIX in paths else "",
         )
         for stem, paths in figures.items()
         if "png" in paths
@@ -78,10 +78,10 @@ def figures_html(
 
 def _addresses(paths: Mapping[str, Path], address: Address) -> dict[str, str]:
     """Return the URL of a figure in each format; missing formats are drawn on request."""
-    urls = {form: address(paths[form]) for form in FORMS if form in paths}
-    if CONTENTS_ENDING in paths:
-        contents = address(paths[CONTENTS_ENDING])
-        urls |= {form: f"{contents}&as={form}" for form in FORMS if form not in paths}
+    urls = {form: address(paths[form]) for form in FIGURE_FORMATS if form in paths}
+    if CONTENTS_SUFFIX in paths:
+        contents = address(paths[CONTENTS_SUFFIX])
+        urls |= {form: f"{contents}&as={form}" for form in FIGURE_FORMATS if form not in paths}
     return urls
 
 
@@ -122,7 +122,9 @@ def _redraw_form(contents: str) -> str:
         for letter, what in FIGURE_PANELS.items()
     )
     widths = "".join(f"<option>{width}</option>" for width in reversed(get_args(FigureWidth)))
-    buttons = "".join(f'<button name="as" value="{form}">{form.upper()}</button>' for form in FORMS)
+    buttons = "".join(
+        f'<button name="as" value="{form}">{form.upper()}</button>' for form in FIGURE_FORMATS
+    )
     return (
         f"<details><summary>{text.REDRAW}</summary>"
         f'<form method="get" target="_blank" action="{escape(contents.partition("?")[0])}">'

@@ -44,7 +44,7 @@ from app.run.requests.convert import parse_field, request_from
 from app.run.requests.parts import FigureWidth, VideoOptions, check_choice
 from app.run.requests.requests import MARKERS_SUFFIX, FigureRequest, RenderRequest
 from app.run.tasks import DRAW_FIGURE, REDRAW_FIGURE, RENDER, WRITE_PLAN, WRITE_STAGE_BODY
-from renderer.figures.style import CONTENTS_ENDING, FORMS
+from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS
 
 MEDIA_ROUTE = "/media"
 WEB_ROUTE = "/web"
@@ -283,15 +283,15 @@ def media_routes(
         def render_request(out: Path) -> RenderRequest:
             return RenderRequest(motion=path, out=out)
 
-        is_redrawn = kind in FORMS and REDRAWN.keys() & query.keys()
-        if is_redrawn and path.name == f"figure6{CONTENTS_ENDING}":
+        is_redrawn = kind in FIGURE_FORMATS and REDRAWN.keys() & query.keys()
+        if is_redrawn and path.name == f"figure6{CONTENTS_SUFFIX}":
             run = path.parents[1]
             redrawn = partial(redraw_request, run, query, kind, body=body)
             return await exports.answer(REDRAW_FIGURE, redrawn, f"figure6.{kind}", client)
 
         for suffix, endings, task, request in (
             (PLAN_SUFFIX, PLAN_ENDINGS, WRITE_PLAN, render_request),
-            (CONTENTS_ENDING, FIGURE_ENDINGS, DRAW_FIGURE, lambda out: (path, out)),
+            (CONTENTS_SUFFIX, FIGURE_ENDINGS, DRAW_FIGURE, lambda out: (path, out)),
             (".npz", ENDINGS, RENDER, render_request),
         ):
             if path.name.endswith(suffix):

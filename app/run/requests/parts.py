@@ -32,7 +32,7 @@ from model.formats.reading import ImportOverrides, parse_import_overrides
 from model.sampling.samplers import SAMPLER_TITLES
 from model.storage.npz import MotionError
 from model.systems.registry import families
-from renderer.figures.style import FORMS
+from renderer.figures.style import FIGURE_FORMATS
 
 WordSource = Literal["recognise", "none"]
 WORD_SOURCES: tuple[WordSource, ...] = get_args(WordSource)
@@ -188,7 +188,9 @@ CloseUps = Annotated[
 ]
 FigureForms = Annotated[
     tuple[str, ...],
-    subset_type(FORMS, "there is no figure format {name!r}; choose from {names}", "png,svg,..."),
+    subset_type(
+        FIGURE_FORMATS, "there is no figure format {name!r}; choose from {names}", "png,svg,..."
+    ),
     arg(name="figures"),
 ]
 FigureFrames = Annotated[
@@ -405,7 +407,7 @@ class FigureOptions:
     """Frames of the snapshots in Figure 6."""
     figure_width: Annotated[FigureWidth, arg(name="width")] = "174mm"
     """Width of Figure 6 in print."""
-    figure_forms: FigureForms = FORMS
+    figure_forms: FigureForms = FIGURE_FORMATS
     """File formats of all figures."""
 
 
@@ -482,7 +484,7 @@ class ExperimentOutput:
 
     out: Path
     """Folder of results."""
-    figure_forms: FigureForms = FORMS
+    figure_forms: FigureForms = FIGURE_FORMATS
     """File formats of the figure."""
     is_incremental: Suppress[bool] = False
     """True to publish each file as soon as it is complete and keep it if the task fails."""

@@ -54,7 +54,7 @@ class JointMarks:
     """Jerk (N, J) in m/s³, by motion; NaN draws nothing."""
     full_scale: float
     """Value of the strongest mark (m/s³); larger values look the same."""
-    cropped_to: Sequence[int] | None = None
+    crop_joints: Sequence[int] | None = None
     """Joints that the cropped snapshots hold, such as those of the upper body; None for all."""
 
     @property
@@ -121,8 +121,10 @@ class Figure6:
                     f"The window starts at frame {self.start_frame}, but {name!r} has only"
                     f" {len(positions)} frames; choose an earlier start."
                 )
-            if not np.isfinite(self.paths[name]).all():
-                bad = int(np.flatnonzero(~np.isfinite(self.paths[name]).all(axis=1))[0])
+            if not np.isfinite(self.window_trajectories[name]).all():
+                bad = int(
+                    np.flatnonzero(~np.isfinite(self.window_trajectories[name]).all(axis=1))[0]
+                )
                 raise FigureError(
                     f"The position of {name!r} at frame {self.start_frame + bad} is not a finite"
                     " number."
@@ -161,7 +163,7 @@ class Figure6:
         return slice(self.start_frame, self.start_frame + self.num_frames)
 
     @cached_property
-    def paths(self) -> dict[str, np.ndarray]:
+    def window_trajectories(self) -> dict[str, np.ndarray]:
         """Positions (T, 3) in metres inside the window, by motion."""
         return {name: np.asarray(self.trajectories[name])[self._window] for name in self.names}
 

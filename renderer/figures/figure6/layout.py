@@ -16,12 +16,12 @@ from renderer.figures.figure6.panels import (
     draw_coordinates,
     draw_path,
     draw_tremor,
-    grid_pitch,
+    grid_pitch_m,
 )
 from renderer.figures.figure6.snapshots import (
     AROUND_MM,
     KEY_MM,
-    Strips,
+    SnapshotStrips,
     draw_mark_legend,
     draw_snapshots,
 )
@@ -36,7 +36,7 @@ _COLUMN_MM = {"ac": (26.0, 11.5), "b": (28.0, 7.5), "d": (11.0, 11.5)}
 """Heights of a column figure: of each motion, and of the titles, frame numbers and times."""
 
 
-def fits_column(num_motions: int, panels: Sequence[str]) -> bool:
+def column_figure_fits_page(num_motions: int, panels: Sequence[str]) -> bool:
     """Check whether a column figure with this many motions is no taller than a page."""
     rows = [mm for letters, mm in _COLUMN_MM.items() if {*letters} & {*panels}]
     return sum(num_motions * each + fixed for each, fixed in rows) <= MAX_HEIGHT_MM
@@ -44,7 +44,7 @@ def fits_column(num_motions: int, panels: Sequence[str]) -> bool:
 
 def draw_figure6(contents: Figure6) -> "Figure":
     """Return the figure without a canvas, sized in inches as on paper."""
-    strips = Strips.of(contents) if "b" in contents.panels else None
+    strips = SnapshotStrips.from_contents(contents) if "b" in contents.panels else None
     rows = list(_plan(contents, strips.aspect if strips else 1.0))
     heights = [row.height_mm for row in rows]
     is_shared = contents.is_in_one_plot
@@ -53,7 +53,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
     titles = {
         "a": contents.point,
         "b": "Snapshots by frame",
-        "c": f"Path ({grid_pitch(contents):g} m grid)",
+        "c": f"Path ({grid_pitch_m(contents):g} m grid)",
         "d": f"Tremor above {CUT_OFF_HZ:g} Hz",
     }
     draw: dict[str, Any] = {"a": draw_coordinates, "c": draw_path, "d": draw_tremor}
@@ -65,7 +65,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
     parts = figure.subfigures(len(rows), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, part in zip(rows, parts, strict=True):
         if len(row.names) == 1 and row.panels != ("d",) and not is_shared:
-            style.draw_keys(part, {name: contents.styles[name] for name in row.names})
+            style.draw_legend(part, {name: contents.styles[name] for name in row.names})
         places = part.subfigures(1, len(row.panels), squeeze=False, width_ratios=row.widths_mm)[0]
         for panel, place in zip(row.panels, places, strict=True):
             if row.has_titles:
@@ -74,7 +74,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
                 draw_mark_legend(place, contents)
             if row.names and panel == legend_panel:
                 place = place.subfigures()  # below the title
-                style.draw_keys(place, contents.styles)
+                style.draw_legend(place, contents.styles)
             if row.names:
                 draw[panel](place, contents, row)
     return figure

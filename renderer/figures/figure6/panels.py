@@ -35,9 +35,9 @@ class PanelRow:
     height_mm: float
     widths_mm: tuple[float, ...]
     has_titles: bool
-    above_mm: float = 0.0
+    frame_numbers_mm: float = 0.0
     """Height (mm) of the frame numbers, which only the first row of snapshots has."""
-    below_mm: float = 0.0
+    time_axis_mm: float = 0.0
     """Height (mm) of the time axis, which only the last row of its panels has."""
 
 
@@ -53,7 +53,7 @@ def _curves(contents: Figure6, row: PanelRow) -> Iterator[tuple[str, dict[str, A
 
 def _limits(contents: Figure6, room: float, least: float = _MIN_SHARE) -> np.ndarray:
     """Return limits of x, y and z (3, 2) in metres, each at least ``least`` of their sum."""
-    positions = np.concatenate(list(contents.paths.values())).astype(np.float64)
+    positions = np.concatenate(list(contents.window_trajectories.values())).astype(np.float64)
     low, high = positions.min(axis=0), positions.max(axis=0)
     spans = np.maximum(room * (high - low), MIN_SPAN_M)
     spans = np.maximum(spans, least * spans.sum())
@@ -75,7 +75,9 @@ def draw_coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> Non
         for frame in contents.window_snapshot_frames:
             axes.axvline(times[frame], color=style.SNAPSHOT_INK, linewidth=0.5, zorder=0.5)
         for name, looks in _curves(contents, row):
-            axes.plot(times, contents.paths[name][:, k], label=name, clip_on=False, **looks)
+            axes.plot(
+                times, contents.window_trajectories[name][:, k], label=name, clip_on=False, **looks
+            )
         axes.set_xlim(times[0] - margin, times[-1] + 3 * margin)
         axes.set_ylim(*limits[k])
         axes.grid(True, axis="y")
@@ -85,7 +87,7 @@ def draw_coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> Non
         ticks = ticks[(ticks >= limits[k, 0]) & (ticks <= limits[k, 1])]
         axes.set_yticks(ticks if len(ticks) <= most + 1 else ticks[[0, -1]])
         axes.set_ylabel(f"{letter} (m)", rotation=0, ha="right", va="center")
-    _write_times(stack[-1], row.below_mm > 0)
+    _write_times(stack[-1], row.time_axis_mm > 0)
     part.align_ylabels(stack)
 
 
@@ -107,21 +109,25 @@ PROJECTION = np.stack([_ACROSS, np.cross(_TO_CAMERA, _ACROSS)], axis=1)
 """Projection (3, 2) of x, y and z to paper, without perspective."""
 
 
-def grid_pitch(contents: Figure6) -> float:
+def grid_pitch_m(contents: Figure6) -> float:
     """Return the distance (m) between grid lines on the floor and walls of the path."""
-    return style.round_below(0.5 * float(np.ptp(_limits(contents, _PATH_ROOM), axis=1).min()))
+    return style.round_down_to_1_2_5(
+        0.5 * float(np.ptp(_limits(contents, _PATH_ROOM), axis=1).min())
+    )
 
 
 def draw_path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     """Draw the path in space before a floor and two walls, all three axes to one scale."""
     limits = _limits(contents, _PATH_ROOM)
-    above, below = (0.0, 0.0) if contents.is_in_one_plot else (row.above_mm, row.below_mm)
+    above, below = (
+        (0.0, 0.0) if contents.is_in_one_plot else (row.frame_numbers_mm, row.time_axis_mm)
+    )
     heights = [above or 1e-3, row.height_mm - above - below, below or 1e-3]
     axes = part.add_subplot(part.add_gridspec(3, 1, height_ratios=heights)[1])  # one scale in all
     axes.set_label("path")
     axes.set_aspect("equal")
     axes.set_axis_off()
-    pitch = grid_pitch(contents)
+    pitch = grid_pitch_m(contents)
     corner = np.array([limits[0, 1], limits[1, 0], limits[2, 0]])  # floor and walls meet here
 
     def line(start: Float[np.ndarray, " 3"], along: int, **looks: Any) -> None:
@@ -145,7 +151,7 @@ def draw_path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
             size=SMALL_PT, ha="center", va="center", annotation_clip=False,
         )  # fmt: skip
     for name, looks in _curves(contents, row):
-        axes.plot(*(contents.paths[name] @ PROJECTION).T, label=name, **looks)
+        axes.plot(*(contents.window_trajectories[name] @ PROJECTION).T, label=name, **looks)
 
 
 def draw_tremor(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
@@ -156,7 +162,7 @@ def draw_tremor(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     times, scale = contents.times, contents.tremor_scale_mm
     margin = 0.01 * (times[-1] - times[0])
     lifts = _LIFT * scale * np.array([1.0, 0.0, -1.0])
-    bar = style.round_below(2.0 * scale)
+    bar = style.round_down_to_1_2_5(2.0 * scale)
     strips = part.subplots(len(row.names), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for name, axes in zip(row.names, strips, strict=True):
         axes.set_label(f"tremor of {name}")

@@ -24,7 +24,7 @@ _HEAD, _SIDE, _FOOT = 0.16, 0.09, 0.07
 
 
 @dataclass(frozen=True)
-class Strips:
+class SnapshotStrips:
     """Snapshots of each motion in a strip, cropped to one size around the joints.
 
     The crop is the same in all pictures of a frame, so bodies keep their size and their position
@@ -33,15 +33,15 @@ class Strips:
 
     pictures: dict[str, np.ndarray]
     """Strips (h, W, 3) uint8, by motion."""
-    joints: dict[str, np.ndarray]
+    joint_pixels: dict[str, np.ndarray]
     """Pixels (N, J, 2) of the joints in the strip, by motion; NaN outside of their snapshot."""
-    width: int
+    snapshot_width_px: int
     """Width of a snapshot (pixels)."""
-    step: int
+    spacing_px: int
     """Distance between the left edges of two snapshots (pixels)."""
 
     @classmethod
-    def of(cls, contents: Figure6) -> "Strips":
+    def from_contents(cls, contents: Figure6) -> "SnapshotStrips":
         marks, stacks = contents.marks, contents.snapshots
         assert marks is not None
         pixels = np.stack([np.asarray(marks.pixels[name]) for name in stacks])
@@ -49,7 +49,7 @@ class Strips:
         inside = np.where(np.isfinite(pixels), np.clip(pixels, 0, limits), np.nan)
         inside[:, ~np.isfinite(inside).any(axis=(0, 2, 3))] = 0.5 * limits  # unknown position
         tall = (np.nanmax(inside[..., 1], axis=2) - np.nanmin(inside[..., 1], axis=2)).max()
-        inside = inside if marks.cropped_to is None else inside[:, :, list(marks.cropped_to)]
+        inside = inside if marks.crop_joints is None else inside[:, :, list(marks.crop_joints)]
         low = np.nanmin(inside, axis=(0, 2)) - tall * np.array([_SIDE, _HEAD])  # (N, 2)
         high = np.nanmax(inside, axis=(0, 2)) + tall * np.array([_SIDE, _FOOT])
         size = np.ceil((high - low).max(axis=0))
@@ -78,10 +78,12 @@ class Strips:
         return width / height
 
 
-def draw_snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, strips: Strips) -> None:
+def draw_snapshots(
+    part: "SubFigure", contents: Figure6, row: PanelRow, strips: SnapshotStrips
+) -> None:
     """Draw one row of snapshots per motion, the first below the frame numbers."""
     assert contents.marks is not None
-    height_mm = row.height_mm - row.above_mm - row.below_mm - AROUND_MM
+    height_mm = row.height_mm - row.frame_numbers_mm - row.time_axis_mm - AROUND_MM
     all_axes = part.subplots(len(row.names), 1, squeeze=False)[:, 0]
     for name, axes in zip(row.names, all_axes, strict=True):
         height, width, _ = strips.pictures[name].shape
@@ -92,15 +94,18 @@ def draw_snapshots(part: "SubFigure", contents: Figure6, row: PanelRow, strips: 
         axes.set_label(f"snapshots of {name}")
         axes.set_anchor("NW")
         axes.spines[:].set_visible(False)
-        is_first = row.above_mm > 0 and axes is all_axes[0]
+        is_first = row.frame_numbers_mm > 0 and axes is all_axes[0]
         axes.tick_params(length=0, labeltop=is_first, labelbottom=False)
-        middles = strips.step * np.arange(len(contents.snapshot_frames)) + strips.width / 2
+        middles = (
+            strips.spacing_px * np.arange(len(contents.snapshot_frames))
+            + strips.snapshot_width_px / 2
+        )
         axes.set_xticks(middles, [str(number) for number in contents.snapshot_frames])
         axes.set_yticks([])
         if len(row.names) > 1:
             axes.set_title(style.truncate_text(name, style.LABEL_PT, 0.5 * contents.width_mm))
         values = np.asarray(contents.marks.values[name]) / contents.marks.full_scale
-        _draw_marks(axes, strips.joints[name].reshape(-1, 2), values.ravel())
+        _draw_marks(axes, strips.joint_pixels[name].reshape(-1, 2), values.ravel())
 
 
 def _draw_marks(

@@ -11,8 +11,8 @@ from scipy.stats import ecdf
 from renderer.figures.curves import (
     STEP_PANELS,
     draw_distributions,
-    draw_error_growth,
-    draw_step_curve,
+    draw_error_along_chain,
+    draw_sampling_step_sweep,
 )
 from renderer.figures.style import FigureError, matplotlib_settings, save_figure
 from tests.helpers import ROOT
@@ -83,8 +83,8 @@ def test_neither_one_clip_far_off_nor_equal_values_spoil_the_axis():
 
 def test_every_step_is_where_its_numbers_are():
     with matplotlib_settings():
-        figure = draw_step_curve(MARKS)
-        slow = draw_step_curve(MARKS.assign(ms_per_frame=10 * MARKS["ms_per_frame"]))
+        figure = draw_sampling_step_sweep(MARKS)
+        slow = draw_sampling_step_sweep(MARKS.assign(ms_per_frame=10 * MARKS["ms_per_frame"]))
     for axes in figure.axes:
         drawn = {
             (line.get_label(), float(x), float(y))
@@ -105,7 +105,7 @@ def test_every_step_is_where_its_numbers_are():
 def test_errors_along_the_chain_are_the_numbers_in_centimetres():
     spreads = growth()
     with matplotlib_settings():
-        (axes,) = draw_error_growth(spreads).axes
+        (axes,) = draw_error_along_chain(spreads).axes
     drawn = {line.get_label(): line.get_ydata() for line in axes.get_lines()}
     assert {label: y.tolist() for label, y in drawn.items()} == {
         "local noise, measured": (100.0 * spreads["local"]).tolist(),
@@ -118,7 +118,7 @@ def test_errors_along_the_chain_are_the_numbers_in_centimetres():
 @pytest.mark.parametrize("scale", [0.0, 300.0])
 def test_nothing_overlaps(monkeypatch, scale):
     with matplotlib_settings():
-        figure = draw_error_growth(growth(scale))
+        figure = draw_error_along_chain(growth(scale))
         texts = drawn_texts(figure, monkeypatch)
     (axes,) = figure.axes
     assert all(np.max(line.get_ydata()) < axes.get_ylim()[1] for line in axes.get_lines())
@@ -130,16 +130,16 @@ def test_the_same_bytes_come_from_a_process_that_loads_no_pyplot(tmp_path):
     program = (
         "import sys; from pathlib import Path\n"
         "import renderer.figures.figure6.layout, renderer.figures.jitter\n"
-        "from renderer.figures.curves import draw_error_growth\n"
+        "from renderer.figures.curves import draw_error_along_chain\n"
         "from renderer.figures.style import save_figure\n"
         "assert 'matplotlib' not in sys.modules\n"
         "from tests.renderer.figures.test_curves import growth\n"
-        "save_figure(lambda: draw_error_growth(growth()), Path(sys.argv[1]), 'So.')\n"
+        "save_figure(lambda: draw_error_along_chain(growth()), Path(sys.argv[1]), 'So.')\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "import matplotlib; assert matplotlib.rcParams['pdf.fonttype'] == 3\n"
     )
     subprocess.run([sys.executable, "-c", program, str(tmp_path / "b")], check=True, cwd=ROOT)
-    for path in save_figure(lambda: draw_error_growth(growth()), tmp_path / "a", "So."):
+    for path in save_figure(lambda: draw_error_along_chain(growth()), tmp_path / "a", "So."):
         assert path.read_bytes() == (tmp_path / f"b{path.suffix}").read_bytes(), path.suffix
 
 
@@ -157,4 +157,4 @@ def test_what_cannot_be_drawn_is_told():
         (MARKS.assign(distance_cm=float("nan")), "gan/5 with 1 sampling steps"),
     ):
         with pytest.raises(FigureError, match=says):
-            draw_step_curve(points)
+            draw_sampling_step_sweep(points)

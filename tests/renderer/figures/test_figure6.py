@@ -18,9 +18,9 @@ from renderer.figures.figure6.contents import (
     choose_snapshot_frames,
     high_pass_mm,
 )
-from renderer.figures.figure6.layout import draw_figure6, fits_column
+from renderer.figures.figure6.layout import column_figure_fits_page, draw_figure6
 from renderer.figures.figure6.panels import PROJECTION
-from renderer.figures.figure6.snapshots import MARK_RGB, Strips
+from renderer.figures.figure6.snapshots import MARK_RGB, SnapshotStrips
 from renderer.figures.style import (
     COLUMN_MM,
     MAX_HEIGHT_MM,
@@ -131,7 +131,7 @@ def test_two_systems_share_their_plots_and_all_is_the_input() -> None:
     np.testing.assert_allclose(PROJECTION.T @ PROJECTION, np.eye(2), atol=1e-12)
     assert (PROJECTION[:, 0] > 0).tolist() == [True, False, True] and PROJECTION[1, 1] > 0.9
 
-    strips = Strips.of(contents)
+    strips = SnapshotStrips.from_contents(contents)
     for name in contents.names:
         (axes,) = axes_of(figure, f"snapshots of {name}")
         (image,) = axes.get_images()
@@ -140,7 +140,7 @@ def test_two_systems_share_their_plots_and_all_is_the_input() -> None:
         joints = axes.collections[0].get_offsets()
         for x, y in joints:
             assert (strip[int(y), int(x)] != 230).any(), "a joint is on its bar"
-        assert [int(x // strips.step) for x, _ in joints] == [0, 1, 2]
+        assert [int(x // strips.spacing_px) for x, _ in joints] == [0, 1, 2]
         assert len(joints) == 3, "nothing is known of the second joint"
     labels = [
         label.get_text() for label in axes_of(figure, "snapshots of reference")[0].get_xticklabels()
@@ -238,7 +238,7 @@ def test_a_column_that_fits_is_no_taller_than_a_page() -> None:
         inputs = make_inputs(count, False, 3)
         figure = drawn(check(**inputs, requested_panels=("a", "b"), width_mm=COLUMN_MM))
         is_low = figure.get_figheight() * 25.4 <= MAX_HEIGHT_MM
-        assert is_low == fits_column(count, ("a", "b")) == (count == 4)
+        assert is_low == column_figure_fits_page(count, ("a", "b")) == (count == 4)
 
 
 def test_snapshot_frames_are_every_50_of_the_window() -> None:
@@ -263,7 +263,7 @@ FAR = 107_000
             for count in (1, 2, 4, 6)
             for has_reference, number in ((False, 2), (True, 7), (True, 0))
             for width in (PAGE_MM, COLUMN_MM)
-            if width == PAGE_MM or fits_column(count + has_reference, PANELS)
+            if width == PAGE_MM or column_figure_fits_page(count + has_reference, PANELS)
         ),
     ],
 )
@@ -338,12 +338,12 @@ def test_cuts_follow_the_body_and_lose_nothing_of_it(view: str) -> None:
     marks = JointMarks({"a": pixels}, {"a": np.ones(pixels.shape[:2])}, 1.0)
     shown = np.repeat(pictures[..., 3:], 3, axis=-1)
     tracks = {"a": make_trajectory(0, 61)}
-    strips = Strips.of(Figure6(tracks, {"a": shown}, frames, FPS, marks=marks))
+    strips = SnapshotStrips.from_contents(Figure6(tracks, {"a": shown}, frames, FPS, marks=marks))
     strip = strips.pictures["a"]
-    assert strips.width < 140 and ((0 < strip) & (strip < 255)).any()
-    cut = [strip[:, k * strips.step :][:, : strips.width] for k in range(3)]
+    assert strips.snapshot_width_px < 140 and ((0 < strip) & (strip < 255)).any()
+    cut = [strip[:, k * strips.spacing_px :][:, : strips.snapshot_width_px] for k in range(3)]
     assert [(each > 0).sum() for each in cut] == [(each > 0).sum() for each in shown]
-    x, y = np.floor(strips.joints["a"][:, 16]).astype(int).T  # a shoulder
+    x, y = np.floor(strips.joint_pixels["a"][:, 16]).astype(int).T  # a shoulder
     assert (strip[y, x] == 255).all()
 
 
@@ -351,9 +351,9 @@ def test_joints_that_nobody_knows_leave_pictures_whole() -> None:
     inputs = make_inputs(1, False, 2)
     pixels = {NAMES[0]: np.full((2, 2, 2), np.nan)}
     inputs["marks"] = JointMarks(pixels, inputs["marks"].values, 500.0)
-    strips = Strips.of(check(**inputs))
+    strips = SnapshotStrips.from_contents(check(**inputs))
     for k, picture in enumerate(inputs["snapshots"][NAMES[0]]):
-        cut = strips.pictures[NAMES[0]][:, k * strips.step :][:, : strips.width]
+        cut = strips.pictures[NAMES[0]][:, k * strips.spacing_px :][:, : strips.snapshot_width_px]
         np.testing.assert_array_equal(cut, picture)
 
 
@@ -434,7 +434,7 @@ def test_hands_of_five_systems_are_seen_in_print() -> None:
         {name: np.tile(pixels, (6, 1, 1)) for name in names},
         {name: np.zeros((6, len(joints))) for name in names},
         500.0,
-        cropped_to=(*UPPER_BODY, *HANDS, *FACE),
+        crop_joints=(*UPPER_BODY, *HANDS, *FACE),
     )
     contents = Figure6(
         {name: make_trajectory(i) for i, name in enumerate(names)},
@@ -443,7 +443,7 @@ def test_hands_of_five_systems_are_seen_in_print() -> None:
         marks=marks,
         reference="reference",
     )
-    strips = Strips.of(contents)
+    strips = SnapshotStrips.from_contents(contents)
     with matplotlib_settings():
         figure = draw_figure6(contents)
         figure.set_dpi(300)
@@ -451,6 +451,8 @@ def test_hands_of_five_systems_are_seen_in_print() -> None:
     wrist, tip = JOINT_INDEX["left_wrist"], JOINT_INDEX["left_middle3"]
     for name in names:
         (axes,) = axes_of(figure, f"snapshots of {name}")
-        ends = axes.transData.transform(strips.joints[name][0, [wrist, tip]])
+        ends = axes.transData.transform(strips.joint_pixels[name][0, [wrist, tip]])
         assert np.linalg.norm(ends[1] - ends[0]) >= 25
-    assert np.isnan(strips.joints["reference"][0, JOINT_INDEX["left_ankle"]]).all(), "is cut off"
+    assert np.isnan(strips.joint_pixels["reference"][0, JOINT_INDEX["left_ankle"]]).all(), (
+        "is cut off"
+    )

@@ -19,11 +19,16 @@ from conventions.colors import SYSTEM_COLORS
 from renderer.figures import style
 from renderer.figures.curves import SpeechEffectRow
 from renderer.figures.figure6.contents import Figure6
-from renderer.figures.saved_figures import _RENAMED, DRAW, draw_saved, save_contents
+from renderer.figures.saved_figures import (
+    _RENAMED,
+    DRAW_FUNCTIONS,
+    draw_saved_figure,
+    save_figure_contents,
+)
 from renderer.figures.style import (
-    FORMS,
+    FIGURE_FORMATS,
     FigureError,
-    Places,
+    FigureLayout,
     matplotlib_settings,
     save_figure,
     series_styles,
@@ -45,7 +50,7 @@ def small_figure() -> Any:
     return figure
 
 
-def write(stem: Path, forms: Sequence[str] = FORMS) -> dict[str, Path]:
+def write(stem: Path, forms: Sequence[str] = FIGURE_FORMATS) -> dict[str, Path]:
     """By form."""
     paths = save_figure(small_figure, stem, "What it shows.", forms)
     return {path.suffix[1:]: path for path in paths}
@@ -97,7 +102,9 @@ def test_a_layout_that_is_not_found_at_once_is_sought_again(
     """As matplotlib's solver fails, by chance, for one Figure 6 in fifty."""
 
     def write(name: str) -> bytes:
-        files = save_figure(lambda: DRAW["error_growth"](growth()), tmp_path / name, "", ("svg",))
+        files = save_figure(
+            lambda: DRAW_FUNCTIONS["error_growth"](growth()), tmp_path / name, "", ("svg",)
+        )
         return files[0].read_bytes()
 
     at_once, tries = write("once"), [False, True]
@@ -110,7 +117,7 @@ def test_a_layout_that_is_not_found_at_once_is_sought_again(
     assert write("again") == at_once and not tries
 
 
-@pytest.mark.parametrize("name", DRAW)
+@pytest.mark.parametrize("name", DRAW_FUNCTIONS)
 def test_a_form_that_is_asked_for_later_is_the_one_that_is_written_at_once(
     name: str, tmp_path: Path
 ) -> None:
@@ -128,18 +135,20 @@ def test_a_form_that_is_asked_for_later_is_the_one_that_is_written_at_once(
         "error_growth": growth(),
         "steps": MARKS,
     }[name]
-    places: Places = []
-    svg, *_ = save_figure(lambda: DRAW[name](contents), tmp_path / "once", "So.", ("svg",), places)
+    places: FigureLayout = []
+    svg, *_ = save_figure(
+        lambda: DRAW_FUNCTIONS[name](contents), tmp_path / "once", "So.", ("svg",), places
+    )
     for known in ([], places):  # the same that are found again
-        save_contents(tmp_path / "kept.npz", name, contents, "So.", known)
-        draw_saved(tmp_path / "kept.npz", tmp_path / "later.svg")
+        save_figure_contents(tmp_path / "kept.npz", name, contents, "So.", known)
+        draw_saved_figure(tmp_path / "kept.npz", tmp_path / "later.svg")
         assert (tmp_path / "later.svg").read_bytes() == svg.read_bytes()
     arrays = dict(np.load(tmp_path / "kept.npz"))
     text = arrays["contents"].tobytes()
     for old, new in _RENAMED.items():  # as earlier versions wrote it
         text = text.replace(new.encode(), old.encode())
     np.savez(tmp_path / "old.npz", **arrays | {"contents": np.frombuffer(text, np.uint8)})
-    draw_saved(tmp_path / "old.npz", tmp_path / "old.svg")
+    draw_saved_figure(tmp_path / "old.npz", tmp_path / "old.svg")
     assert (tmp_path / "old.svg").read_bytes() == svg.read_bytes()
 
 
@@ -152,10 +161,10 @@ def test_a_file_that_holds_no_figure_is_refused(tmp_path: Path) -> None:
     ):
         np.savez(path, contents=np.frombuffer(json.dumps(told).encode(), np.uint8))
         with pytest.raises(FigureError, match=r"x\.figure\.npz is not a saved figure"):
-            draw_saved(path, tmp_path / "x.svg")
+            draw_saved_figure(path, tmp_path / "x.svg")
     np.savez(path, contents=np.array([print], dtype=object))
     with pytest.raises(FigureError):
-        draw_saved(path, tmp_path / "x.svg")
+        draw_saved_figure(path, tmp_path / "x.svg")
 
 
 @settings(max_examples=40, deadline=None)

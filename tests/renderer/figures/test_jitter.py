@@ -16,8 +16,8 @@ from renderer.figures.jitter import (
     ROWS,
     Jitter,
     JitterSheet,
-    draw_sheet,
-    sheet_caption,
+    draw_jitter_sheet,
+    jitter_sheet_caption,
 )
 from renderer.figures.style import FigureError, matplotlib_settings
 from tests.renderer.figures.figure_checks import NAMES, ODD_NAMES, check_apart, drawn_texts
@@ -66,8 +66,8 @@ def jitter_of(depth: np.ndarray, seed: int, roughness: float) -> Jitter:
         spectrum=(frequency, power / power.sum()),
         chain=CHAIN,
         jerk_drop_by_joint=share,
-        by_phase=phase,
-        period=None,
+        by_window_frame=phase,
+        period_and_part=None,
     )
 
 
@@ -88,7 +88,7 @@ def lines_of(axes: Any) -> dict[str, Any]:
 def test_the_caption_has_the_clip_who_lacks_what_and_the_sentence():
     sentence = "On this clip a has 1.6 times the jerk of b."
     lacking = with_numbers(example_sheet(2), NAMES[1], "raw", spectrum=None)
-    description = sheet_caption(lacking, "2_scott_0_1_1", sentence)
+    description = jitter_sheet_caption(lacking, "2_scott_0_1_1", sentence)
     assert "2_scott_0_1_1" in description and description.endswith(sentence)
     assert "The recorded reference is black" in description
     assert (
@@ -100,12 +100,12 @@ def test_the_caption_has_the_clip_who_lacks_what_and_the_sentence():
 
 def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(settings):
     sheet = replace(example_sheet(3), window_overlap=6)
-    panels = panels_of(draw_sheet(sheet))
+    panels = panels_of(draw_jitter_sheet(sheet))
     for name, kind in itertools.product(sheet.jitter, VERSIONS):
         measured = sheet.jitter[name][kind]
         curves = {row: lines_of(panels[f"{row} {kind}"])[name] for row in ROWS if row != "joints"}
         np.testing.assert_allclose(curves["depth"].get_ydata(), measured.by_depth)
-        np.testing.assert_allclose(curves["seams"].get_ydata(), measured.by_phase)
+        np.testing.assert_allclose(curves["seams"].get_ydata(), measured.by_window_frame)
         np.testing.assert_allclose(
             curves["attribution"].get_ydata(), 100 * measured.jerk_drop_by_joint
         )
@@ -124,7 +124,7 @@ def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(setti
 
 def test_every_joint_has_its_own_value_over_its_own_name(settings):
     sheet = with_numbers(example_sheet(1), NAMES[0], "raw", by_joint=100.0 + np.arange(55))
-    axes = panels_of(draw_sheet(sheet))["joints raw"]
+    axes = panels_of(draw_jitter_sheet(sheet))["joints raw"]
     line = lines_of(axes)[NAMES[0]]
     value_at = dict(zip(line.get_xdata(), line.get_ydata(), strict=True))
     place = {label.get_text(): x for x, label in enumerate(axes.get_xticklabels())}
@@ -145,7 +145,7 @@ def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings: None) -> None:
     jerk = sheet.jitter[NAMES[0]]["raw"].by_depth.copy()
     jerk[3] = 0.0
     sheet = with_numbers(sheet, NAMES[0], "raw", by_depth=jerk)
-    axes = panels_of(draw_sheet(sheet))["depth raw"]
+    axes = panels_of(draw_jitter_sheet(sheet))["depth raw"]
     assert axes.get_yscale() == "log"
     path = (
         lines_of(axes)[NAMES[0]].get_transform().transform_path(lines_of(axes)[NAMES[0]].get_path())
@@ -156,7 +156,7 @@ def test_zero_jerk_is_a_gap_on_a_logarithmic_axis(settings: None) -> None:
 
 
 def test_a_factor_of_1_4_is_seen_on_a_linear_axis(settings: None) -> None:
-    panels = panels_of(draw_sheet(example_sheet(2)))
+    panels = panels_of(draw_jitter_sheet(example_sheet(2)))
     for row in ("depth", "joints", "seams"):
         assert panels[f"{row} raw"].get_yscale() == "linear"
         assert panels[f"{row} raw"].get_ylim()[0] == 0.0
@@ -166,21 +166,25 @@ def test_a_factor_of_1_4_is_seen_on_a_linear_axis(settings: None) -> None:
 def test_periods_found_are_folded_and_named(settings: None) -> None:
     sheet = replace(example_sheet(2, has_reference=False), window_advance=0, window_overlap=0)
     for kind in VERSIONS:
-        sheet = with_numbers(sheet, NAMES[0], kind, by_phase=np.zeros(0))
+        sheet = with_numbers(sheet, NAMES[0], kind, by_window_frame=np.zeros(0))
         phase = np.array([3.0, 1.0, 2.0, 1.0])
-        sheet = with_numbers(sheet, NAMES[1], kind, by_phase=phase, period=(4, "legs"))
-    axes = panels_of(draw_sheet(sheet))["seams raw"]
-    assert axes.get_xlabel() == "frame of the detected period"
+        sheet = with_numbers(
+            sheet, NAMES[1], kind, by_window_frame=phase, period_and_part=(4, "legs")
+        )
+    axes = panels_of(draw_jitter_sheet(sheet))["seams raw"]
+    assert axes.get_xlabel() == "frame in the detected period"
     assert list(lines_of(axes)) == [NAMES[1]]
     assert not axes.patches  # no frames are shared that one knows of
     for kind in VERSIONS:
-        sheet = with_numbers(sheet, NAMES[1], kind, by_phase=np.zeros(0), period=None)
-    axes = panels_of(draw_sheet(sheet))["seams raw"]
+        sheet = with_numbers(
+            sheet, NAMES[1], kind, by_window_frame=np.zeros(0), period_and_part=None
+        )
+    axes = panels_of(draw_jitter_sheet(sheet))["seams raw"]
     assert " ".join(axes.texts[0].get_text().split()) == NO_PERIOD
 
 
 def check_legible(sheet: JitterSheet, monkeypatch: pytest.MonkeyPatch) -> None:
-    figure = draw_sheet(sheet)
+    figure = draw_jitter_sheet(sheet)
     texts = drawn_texts(figure, monkeypatch)
     written = "".join(text for text, _ in texts).replace(" ", "").replace("\n", "")
     assert all(name.replace(" ", "") in written for name in sheet.jitter)
@@ -207,7 +211,10 @@ def test_nothing_overlaps_whatever_the_names_and_numbers(
     sheet = example_sheet(len(names), has_reference, names)
     for name, kind in itertools.product(list(sheet.jitter), VERSIONS):
         jitter = sheet.jitter[name][kind]
-        jerk = {key: factor * getattr(jitter, key) for key in ("by_joint", "by_depth", "by_phase")}
+        jerk = {
+            key: factor * getattr(jitter, key)
+            for key in ("by_joint", "by_depth", "by_window_frame")
+        }
         drop = -min(factor, 3.0) * jitter.jerk_drop_by_joint
         sheet = with_numbers(sheet, name, kind, jerk_drop_by_joint=drop, **jerk)
     check_legible(sheet, monkeypatch)
@@ -220,12 +227,12 @@ def test_missing_numbers_leave_a_stated_gap(settings, monkeypatch):
         spectrum=None,
         chain=("pelvis",),
         jerk_drop_by_joint=np.full(1, np.nan),
-        by_phase=np.zeros(0),
-        period=None,
+        by_window_frame=np.zeros(0),
+        period_and_part=None,
     )
     sheet = JitterSheet({NAMES[0]: {"raw": nothing, "savgol": nothing}}, window_advance=52)
     check_legible(sheet, monkeypatch)
-    figure = draw_sheet(sheet)
+    figure = draw_jitter_sheet(sheet)
     said = [[t.get_text() for t in axes.texts if t.get_text() == NO_DATA] for axes in figure.axes]
     assert said == [[NO_DATA]] * 9
 

@@ -35,7 +35,7 @@ from app.run.requests.parts import FigureOptions
 from app.run.requests.requests import RenderRequest
 from model.motion.motion import load_motion, save_motion
 from renderer.body.body import load_body
-from renderer.figures.saved_figures import save_contents
+from renderer.figures.saved_figures import save_figure_contents
 from tests.app.fakes import does, made_motion
 from tests.renderer.body.made_character import character
 from tests.renderer.figures.test_curves import MARKS
@@ -317,7 +317,7 @@ def test_a_motion_comes_as_each_program_reads_it(media, browser, job, temp):
 
 
 def test_a_figure_comes_in_the_forms_that_were_not_written(media, browser, job, temp):
-    save_contents(job / "steps.figure.npz", "steps", MARKS, "What it shows.")
+    save_figure_contents(job / "steps.figure.npz", "steps", MARKS, "What it shows.")
     address = media.share(job, "mine")(job / "steps.figure.npz")
     for form, begins in (("svg", b"<?xml"), ("pdf", b"%PDF-")):
         answer = browser("mine").get(f"/{address}&as={form}")
