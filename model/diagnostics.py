@@ -16,7 +16,7 @@ from jaxtyping import Float
 from conventions.joints import FINGERTIP_NAMES, JOINT_DEPTH, JOINT_NAMES
 from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion
 from conventions.rates import FPS
-from model.faults.analysis import Evidence, Finding
+from model.faults.analysis import AnalysedMotion, Finding
 from model.faults.table import find_faults
 from model.formats.reading import current_assumption
 from model.generation.base import Windowing
@@ -216,7 +216,7 @@ def diagnose(
         for name, motion in motions.items()
         if motion.num_frames < JERK_FRAMES
     ]
-    recorded: tuple[Evidence, ...] = ()
+    recorded: tuple[AnalysedMotion, ...] = ()
     if reference is not None:
         recorded = tuple(_versions(reference, ways, windows.get(REFERENCE_NAME)))
     measured = {
@@ -242,13 +242,13 @@ def diagnose(
 def analyse_raw(
     motion: Motion,
     skeleton: RestSkeleton,
-    reference: Evidence | None = None,
+    reference: AnalysedMotion | None = None,
     windows: Windowing | None = None,
     point: str = TIP,
     onsets_s: Float[np.ndarray, " onsets"] | None = None,
     speech_bands: Float[np.ndarray, "frames bands"] | None = None,
     inputs: ProtocolInputs | None = None,
-) -> Evidence:
+) -> AnalysedMotion:
     """Measure one motion without the filter, as the input of fault detectors.
 
     A reference must be as long.
@@ -279,8 +279,8 @@ def _versions(
     motion: Motion,
     ways: _MeasureOptions,
     windows: Windowing | None,
-    recorded: Sequence[Evidence] = (),
-) -> Iterator[Evidence]:
+    recorded: Sequence[AnalysedMotion] = (),
+) -> Iterator[AnalysedMotion]:
     """Yield the unfiltered motion, then the filtered one, each with the reference's same version.
 
     Periods, lag and mean speeds are those of the unfiltered motion.
@@ -316,23 +316,23 @@ def _versions(
             if ways.is_published and k == 0
             else None,
         )
-        yield Evidence(motion, tracks, numbers, ways.point, recorded[k] if recorded else None)
+        yield AnalysedMotion(motion, tracks, numbers, ways.point, recorded[k] if recorded else None)
         del tracks, point  # a long clip's are large
 
 
 def _measure_published(
-    motion: Motion, tracks: Tracks, inputs: ProtocolInputs, recorded: Sequence[Evidence]
+    motion: Motion, tracks: Tracks, inputs: ProtocolInputs, recorded: Sequence[AnalysedMotion]
 ) -> PublishedMeasures:
     reference = inputs.clip(recorded[0].motion, recorded[0].tracks) if recorded else None
     sums = protocol_sums(inputs.clip(motion, tracks, reference))
     return PublishedMeasures(protocol_values(sums))
 
 
-def _measured(versions: Iterator[Evidence]) -> tuple[RawAndFiltered, list[Finding]]:
+def _measured(versions: Iterator[AnalysedMotion]) -> tuple[RawAndFiltered, list[Finding]]:
     """Return metrics by version, and the faults of the unfiltered motion."""
-    evidence = next(versions)
-    raw, faults = evidence.raw, find_faults(evidence)
-    del evidence  # before the next one is made
+    analysed = next(versions)
+    raw, faults = analysed.raw, find_faults(analysed)
+    del analysed  # before the next one is made
     return RawAndFiltered(raw, next(versions).raw), faults
 
 

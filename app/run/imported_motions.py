@@ -29,7 +29,7 @@ from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding
-from model.faults.table import drop_missing_parts
+from model.faults.table import drop_findings_on_missing_parts
 from model.formats.read import read_any_motion
 from model.formats.reading import (
     MOTIONS,
@@ -235,7 +235,7 @@ def adjusted_for_imports(measured: Diagnostics, rows: RunMotions) -> Diagnostics
             for name, each in measured.systems.items()
         },
         findings={
-            name: drop_missing_parts(findings, readings[name].missing_parts)
+            name: drop_findings_on_missing_parts(findings, readings[name].missing_parts)
             for name, findings in measured.findings.items()
         },
         assumptions={

@@ -44,7 +44,7 @@ from app.run.timeline import (
 )
 from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, join_names, short_names
 from model.diagnostics import Diagnostics
-from model.faults.analysis import Finding, ranked
+from model.faults.analysis import Finding, rank_findings
 from model.faults.table import body_part
 from model.formats.reading import ImportedMotion
 from model.generation.base import Windowing
@@ -369,9 +369,9 @@ def finding_records(findings: Mapping[str, Sequence[Finding]]) -> list[FindingRe
     """
     records: list[FindingRecord] = []
     norms: set[str] = set()
-    for name, finding in ranked(findings)[: MAX_FINDINGS - 1]:
-        sentence = finding.message if finding.reference_note in norms else finding.sentence
-        norms.add(finding.reference_note)
+    for name, finding in rank_findings(findings)[: MAX_FINDINGS - 1]:
+        sentence = finding.message if finding.normal_range in norms else finding.sentence
+        norms.add(finding.normal_range)
         records.append(
             FindingRecord(
                 name=name,

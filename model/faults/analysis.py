@@ -26,7 +26,7 @@ assert not set(BODY) & set(FACE)
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class AnalysedMotion:
     """Input of the detectors: one unfiltered motion with its metrics."""
 
     motion: Motion
@@ -34,7 +34,7 @@ class Evidence:
     raw: MotionMetrics
     point: str
     """Name of the tracked point, which the ``tip_`` metrics follow."""
-    reference: Evidence | None = None
+    reference: AnalysedMotion | None = None
     """Recorded motion of the same speech, with as many frames; None without one."""
 
     @property
@@ -52,14 +52,14 @@ class Evidence:
         return np.degrees(np.linalg.norm(self.angular_velocity_rad_s, axis=-1))
 
     @cached_property
-    def lower_foot_m(self) -> Float[np.ndarray, " T"]:
+    def lower_foot_height_m(self) -> Float[np.ndarray, " T"]:
         """Height of the lower foot joint in world coordinates (m)."""
         return self.tracks.joints[:, list(FEET), 1].min(axis=1)
 
     @cached_property
-    def usual_foot_height_m(self) -> float:
+    def median_foot_height_m(self) -> float:
         """Median height of the lower foot (m), robust to frames with an impossible foot."""
-        return float(np.median(self.lower_foot_m))
+        return float(np.median(self.lower_foot_height_m))
 
 
 MAX_RANGES = 20
@@ -76,11 +76,11 @@ class Finding:
     """One or two sentences for the user."""
     numbers: dict[str, Any]
     """Values behind the sentence, by name."""
-    reference_note: str = ""
+    normal_range: str = ""
     """Normal range, appended in brackets, and only once for several motions."""
     limit_ratio: float = 1.0
     """Ratio of the value to its limit; 1 if there is no metric."""
-    natural_ratio: float = 4.0
+    max_recorded_ratio: float = 4.0
     """Largest ratio of this metric between two clips of people."""
     worst_frame: int | None = None
     """Frame at which the fault is worst; None if it is the same everywhere."""
@@ -94,8 +94,8 @@ class Finding:
     @property
     def sentence(self) -> str:
         return (
-            f"{self.message.removesuffix('.')} ({self.reference_note})."
-            if self.reference_note
+            f"{self.message.removesuffix('.')} ({self.normal_range})."
+            if self.normal_range
             else self.message
         )
 
@@ -107,7 +107,7 @@ class Finding:
     @property
     def deviation(self) -> float:
         """Distance from what people do, in steps by which people differ."""
-        steps = np.log(max(self.limit_ratio, 1.0)) / np.log(self.natural_ratio)
+        steps = np.log(max(self.limit_ratio, 1.0)) / np.log(self.max_recorded_ratio)
         return float(steps) * (0.5 if self.severity == MEASURABLE else 1.0)
 
     def as_json(self) -> dict[str, Any]:
@@ -123,7 +123,7 @@ class Finding:
         }
 
 
-def by_severity(findings: Iterable[Finding]) -> list[Finding]:
+def sort_by_severity(findings: Iterable[Finding]) -> list[Finding]:
     """Sort findings: first what no person does, then what is furthest from what people do."""
     return sorted(findings, key=_order)
 
@@ -132,7 +132,7 @@ def _order(finding: Finding) -> tuple[bool, float]:
     return finding.severity != IMPOSSIBLE, -finding.deviation
 
 
-def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
+def rank_findings(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding]]:
     """Rank findings with the names of their motions: the gravest of each motion first.
 
     Motions with the worst findings in sum come first; then all other findings, by severity.
@@ -144,7 +144,7 @@ def ranked(findings: Mapping[str, Sequence[Finding]]) -> list[tuple[str, Finding
         )
 
     order = sorted(findings, key=lambda name: badness(findings[name]), reverse=True)
-    ordered = [(name, by_severity(findings[name])) for name in order]
+    ordered = [(name, sort_by_severity(findings[name])) for name in order]
     first = [(name, finding) for name, listed in ordered for finding in listed[:1]]
     others = [(name, finding) for name, listed in ordered for finding in listed[1:]]
     return first + sorted(others, key=lambda other: _order(other[1]))
@@ -156,15 +156,15 @@ def format_time(frame: int) -> str:
     return f"{tenths // 600}:{tenths % 600 / 10:04.1f}"
 
 
-def true_ranges(is_there: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
+def longest_true_ranges(mask: Bool[np.ndarray, " T"]) -> tuple[tuple[int, int], ...]:
     """Return first and last frame of the longest `MAX_RANGES` runs of true, longest first."""
-    runs = sorted(true_runs(is_there), key=lambda run: run[0] - run[1])
+    runs = sorted(true_runs(mask), key=lambda run: run[0] - run[1])
     return tuple((start, end - 1) for start, end in runs[:MAX_RANGES])
 
 
-def worst_second(values: Float[np.ndarray, " N"], is_least: bool = False) -> int | None:
+def worst_second_frame(values: Float[np.ndarray, " N"], is_lowest: bool = False) -> int | None:
     """Return the middle frame of the second with the highest, or the lowest, mean."""
     if len(values) < FPS:
         return None
     means = np.convolve(values, np.ones(FPS) / FPS, "valid")
-    return int(means.argmin() if is_least else means.argmax()) + FPS // 2
+    return int(means.argmin() if is_lowest else means.argmax()) + FPS // 2

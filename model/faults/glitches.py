@@ -15,10 +15,10 @@ from conventions.rates import FPS
 from model.faults.analysis import (
     BODY,
     UPPER_AND_HANDS,
-    Evidence,
+    AnalysedMotion,
     Finding,
     format_time,
-    true_ranges,
+    longest_true_ranges,
 )
 from model.metrics.face import correlation
 from model.motion.tracks import point_label
@@ -50,8 +50,8 @@ HALF_RATE = 0.35
 interpolated between others change no speed."""
 
 
-def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
-    raw = evidence.raw
+def rotation_noise(analysed: AnalysedMotion) -> Iterator[Finding]:
+    raw = analysed.raw
     measured = raw.rotations.joint_rotation_noise_deg.tolist()
     noise = {
         name: value for name, value in zip(JOINT_NAMES, measured, strict=True) if value > NOISE_DEG
@@ -74,17 +74,17 @@ def rotation_noise(evidence: Evidence) -> Iterator[Finding]:
         numbers |= {"attributed_joint": blamed, "attributed_share": shares[blamed]}
         message += (
             f" Filtering the {point_label(blamed)} alone reduces the jerk of the "
-            f"{point_label(evidence.point)} by {100 * shares[blamed]:.0f} %."
+            f"{point_label(analysed.point)} by {100 * shares[blamed]:.0f} %."
         )
     limit_ratio = max(1.0, noise[worst[0]] / LITTLE_NOISE_DEG)
     yield Finding(message, numbers, limit_ratio=limit_ratio)
 
 
-def single_frame_pops(evidence: Evidence) -> Iterator[Finding]:
+def single_frame_pops(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect single frames far from both their neighbours, which are near each other."""
-    if len(evidence.angular_velocity_rad_s) < 2:
+    if len(analysed.angular_velocity_rad_s) < 2:
         return
-    before, after = evidence.angular_velocity_rad_s[:-1], evidence.angular_velocity_rad_s[1:]
+    before, after = analysed.angular_velocity_rad_s[:-1], analysed.angular_velocity_rad_s[1:]
     off = np.linalg.norm(before - after, axis=-1) / 2
     across = np.linalg.norm(before + after, axis=-1)
     beyond = np.degrees(off - 2 * across)[:, list(BODY)] / FPS
@@ -106,11 +106,11 @@ def single_frame_pops(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def snaps(evidence: Evidence) -> Iterator[Finding]:
+def joint_snaps(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect joints that jump to another angle from one frame to the next, and stay there."""
-    if len(evidence.angular_velocity_rad_s) < 3:
+    if len(analysed.angular_velocity_rad_s) < 3:
         return
-    steps = evidence.angular_speed_deg_s[:, list(BODY)] / FPS
+    steps = analysed.angular_speed_deg_s[:, list(BODY)] / FPS
     beside = np.pad(steps, ((1, 1), (0, 0)))
     beyond = steps - 2 * np.maximum(beside[:-2], beside[2:])
     is_snap = (beyond > SNAP_DEG).any(axis=1)
@@ -125,25 +125,25 @@ def snaps(evidence: Evidence) -> Iterator[Finding]:
         f"{steps[at, joint]:.0f}° ({point_label(name)}, at {format_time(int(at) + 1)}).",
         {"snaps": len(frames), "joint": name, "snap_deg": float(steps[at, joint])},
         limit_ratio=float(beyond.max() / SNAP_DEG),
-        natural_ratio=SNAP_SPAN,
+        max_recorded_ratio=SNAP_SPAN,
         worst_frame=int(at) + 1,
         frame_ranges=tuple((int(each), int(each)) for each in frames[:20]),
     )
 
 
-def duplicate_frames(evidence: Evidence) -> Iterator[Finding]:
+def duplicate_frames(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect frames that are copies of the one before while the body moves."""
-    fastest = evidence.angular_speed_deg_s[:, list(BODY)].max(axis=1, initial=0.0)
+    fastest = analysed.angular_speed_deg_s[:, list(BODY)].max(axis=1, initial=0.0)
     if len(fastest) < 3:
         return
-    mean = evidence.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].mean(axis=1)
+    mean = analysed.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].mean(axis=1)
     moves = np.maximum(np.roll(mean, 1), np.roll(mean, -1)) > MIN_TURN_DEG_S
     is_copy = (fastest < COPY_DEG_S) & moves
     is_copy[:1] = is_copy[-1:] = False  # clips are often filled up at their ends
     frames = np.flatnonzero(is_copy) + 1
     if len(frames) < MIN_DUPLICATES:
         return
-    share = len(frames) / evidence.num_frames
+    share = len(frames) / analysed.num_frames
     yield Finding(
         f"{len(frames)} frames ({100 * share:.1f} %) repeat the previous frame, first at "
         f"{format_time(int(frames[0]))}.",
@@ -151,13 +151,13 @@ def duplicate_frames(evidence: Evidence) -> Iterator[Finding]:
         "recorded clips: none",
         limit_ratio=len(frames) / MIN_DUPLICATES,
         worst_frame=int(frames[0]),
-        frame_ranges=true_ranges(np.concatenate([[False], is_copy])),
+        frame_ranges=longest_true_ranges(np.concatenate([[False], is_copy])),
     )
 
 
-def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
+def skipped_frames(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect steps twice as long as those around them, in all joints and the same direction."""
-    turning = evidence.angular_velocity_rad_s[:, list(UPPER_AND_HANDS)]
+    turning = analysed.angular_velocity_rad_s[:, list(UPPER_AND_HANDS)]
     if len(turning) < 3:
         return
     steps = turning.reshape(len(turning), -1)
@@ -166,7 +166,7 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     usual, length = np.linalg.norm(around, axis=1), np.linalg.norm(middle, axis=1)
     along = (middle * around).sum(axis=1)
     moves = (
-        evidence.angular_speed_deg_s[1:-1, list(UPPER_AND_HANDS)].mean(axis=1) > 2 * MIN_TURN_DEG_S
+        analysed.angular_speed_deg_s[1:-1, list(UPPER_AND_HANDS)].mean(axis=1) > 2 * MIN_TURN_DEG_S
     )
     is_onward = (steps[:-2] * steps[2:]).sum(axis=1) > 0.0
     ratio = along / np.maximum(usual**2, 1e-12)
@@ -174,7 +174,7 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     is_skip = moves & (ratio > SKIP_RATIO[0]) & (ratio < SKIP_RATIO[1])
     is_skip &= is_onward & (cosine > MIN_SKIP_COSINE)
     frames = np.flatnonzero(is_skip) + 2
-    usual_skips = max(MIN_SKIPS, evidence.num_frames / FRAMES_A_SKIP)
+    usual_skips = max(MIN_SKIPS, analysed.num_frames / FRAMES_A_SKIP)
     if len(frames) < usual_skips:
         return
     yield Finding(
@@ -188,9 +188,9 @@ def skipped_frames(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def upsampled_rate(evidence: Evidence) -> Iterator[Finding]:
+def upsampled_rate(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect motion of 15 fps stretched to 30: every second frame lies between its neighbours."""
-    turning = evidence.angular_velocity_rad_s[:, list(BODY)]
+    turning = analysed.angular_velocity_rad_s[:, list(BODY)]
     if len(turning) <= FPS:
         return
     change = np.linalg.norm(np.diff(turning, axis=0), axis=-1).mean(axis=1)
@@ -221,12 +221,12 @@ SEAM_CHANCE = 1e-3
 s."""
 
 
-def window_seams(evidence: Evidence) -> Iterator[Finding]:
-    jerk = evidence.raw.seams.recurring_jerk
-    advance = evidence.raw.seams.fold_period_frames
+def window_seams(analysed: AnalysedMotion) -> Iterator[Finding]:
+    jerk = analysed.raw.seams.recurring_jerk
+    advance = analysed.raw.seams.fold_period_frames
     if advance is None or jerk.phase_frame is None or jerk.p_value > SEAM_CHANCE:
         return
-    joins = range(jerk.phase_frame, evidence.num_frames, advance)
+    joins = range(jerk.phase_frame, analysed.num_frames, advance)
     yield Finding(
         f"The body jumps every {advance} frames ({advance / FPS:.2f} s): at frame "
         f"{jerk.phase_frame} of each window, the jerk is {jerk.ratio:.1f} times the median.",
@@ -241,13 +241,13 @@ def window_seams(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def periodic_jerk(evidence: Evidence) -> Iterator[Finding]:
+def periodic_jerk(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect jerk that recurs after another number of frames than the known windows."""
-    measured = evidence.raw.seams
+    measured = analysed.raw.seams
     period, windows = measured.period, measured.fold_period_frames
     if period is None or (windows != period.frames and windows and period.frames % windows == 0):
         return
-    if windows == period.frames and any(window_seams(evidence)):
+    if windows == period.frames and any(window_seams(analysed)):
         return
     if period.kind == "pulses":
         peak = (
@@ -286,10 +286,10 @@ MIN_SPEECH_LAG_FRAMES = 4
 _MIN_FRAMES = 10 * FPS
 
 
-def identical(evidence: Evidence) -> Iterator[Finding]:
-    if evidence.reference is None:
+def identical_to_reference(analysed: AnalysedMotion) -> Iterator[Finding]:
+    if analysed.reference is None:
         return
-    own, theirs = evidence.motion, evidence.reference.motion
+    own, theirs = analysed.motion, analysed.reference.motion
     apart = np.abs(own.poses - theirs.poses).reshape(-1, 55, 3)[:, list(BODY)]
     if apart.max() > SAME_RAD or np.abs(own.trans - theirs.trans).max() > SAME_RAD:
         return
@@ -299,13 +299,13 @@ def identical(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def reference_lag(evidence: Evidence) -> Iterator[Finding]:
+def reference_lag(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect the reference's movement, earlier or later."""
-    if evidence.reference is None or evidence.num_frames < _MIN_FRAMES:
+    if analysed.reference is None or analysed.num_frames < _MIN_FRAMES:
         return
     own, theirs = (
         each.angular_speed_deg_s[:, list(UPPER_BODY)].mean(axis=1)
-        for each in (evidence, evidence.reference)
+        for each in (analysed, analysed.reference)
     )
     lags = range(-MOST_LAG_FRAMES, MOST_LAG_FRAMES + 1)
     best, lag = max((correlation(own, theirs, lag), lag) for lag in lags)
@@ -320,9 +320,9 @@ def reference_lag(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def speech_lag(evidence: Evidence) -> Iterator[Finding]:
+def speech_lag(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect motion that is late or early against the speech, constantly or increasingly."""
-    lag = evidence.raw.lag
+    lag = analysed.raw.lag
     if lag is None or not lag.is_detected:
         return
     is_apart = min(abs(lag.lag_low_s), abs(lag.lag_high_s)) * FPS >= MIN_SPEECH_LAG_FRAMES - 0.5

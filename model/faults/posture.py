@@ -11,11 +11,11 @@ from conventions.rates import FPS
 from model.faults.analysis import (
     BODY,
     UPPER_AND_HANDS,
-    Evidence,
+    AnalysedMotion,
     Finding,
     format_time,
-    true_ranges,
-    worst_second,
+    longest_true_ranges,
+    worst_second_frame,
 )
 from model.metrics.face import unit_columns
 from model.metrics.joints import FINGER_JOINT_NAMES
@@ -40,8 +40,8 @@ CONTACT_SHARE = 0.35
 """Least share of frames with ground contact; clean: at least 0.52 in 10 s, 0.97 in a whole clip."""
 
 
-def lying_body(evidence: Evidence) -> Iterator[Finding]:
-    tilt = evidence.raw.posture.spine_tilt_deg
+def lying_body(analysed: AnalysedMotion) -> Iterator[Finding]:
+    tilt = analysed.raw.posture.spine_tilt_deg
     if not tilt.mean > LYING_DEG:
         return
     yield Finding(
@@ -52,11 +52,11 @@ def lying_body(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def floor_offset(evidence: Evidence) -> Iterator[Finding]:
+def floor_offset(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect feet that stand above or below those of the reference."""
-    if evidence.reference is None:
+    if analysed.reference is None:
         return
-    apart = evidence.usual_foot_height_m - evidence.reference.usual_foot_height_m
+    apart = analysed.median_foot_height_m - analysed.reference.median_foot_height_m
     if abs(apart) <= LIFT_M:
         return
     where = "above" if apart > 0 else "below"
@@ -68,12 +68,12 @@ def floor_offset(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def feet_slide(evidence: Evidence) -> Iterator[Finding]:
-    slide = evidence.raw.posture.foot_slide_m_s
+def feet_slide(analysed: AnalysedMotion) -> Iterator[Finding]:
+    slide = analysed.raw.posture.foot_slide_m_s
     if not slide > FOOT_SLIDE_M_S:
         return
-    feet = evidence.tracks.joints[:, list(FEET)] * (1.0, 0.0, 1.0)
-    contact = evidence.raw.posture.foot_contact_share
+    feet = analysed.tracks.joints[:, list(FEET)] * (1.0, 0.0, 1.0)
+    contact = analysed.raw.posture.foot_contact_share
     is_rare = contact < CONTACT_SHARE
     few = f"; they are on the ground in only {100 * contact:.0f} % of the frames" if is_rare else ""
     yield Finding(
@@ -81,21 +81,23 @@ def feet_slide(evidence: Evidence) -> Iterator[Finding]:
         {"foot_slide_m_s": slide, "contact_share": contact},
         f"recorded clips: under {100 * FOOT_SLIDE_M_S:.0f} cm/s",
         limit_ratio=slide / FOOT_SLIDE_M_S,
-        worst_frame=worst_second(derivative_magnitudes(feet, 1).mean(axis=1)),
+        worst_frame=worst_second_frame(derivative_magnitudes(feet, 1).mean(axis=1)),
     )
 
 
-def feet_float(evidence: Evidence) -> Iterator[Finding]:
+def feet_float(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect both feet in the air, above the lower foot's median height or 5th percentile.
 
     The percentile may lie below the floor of a body that stands; see `feet_sink`.
     """
-    above = evidence.lower_foot_m - evidence.usual_foot_height_m
-    is_up, contact = above > FLOATING_M, _standing_share(evidence)
+    above = analysed.lower_foot_height_m - analysed.median_foot_height_m
+    is_up, contact = above > FLOATING_M, _standing_share(analysed)
     if contact < STANDING_SHARE:
-        above = evidence.lower_foot_m - np.percentile(evidence.lower_foot_m, GROUND_PERCENTILE)
-        is_up, contact = is_up | (above > RISE_M), evidence.raw.posture.foot_contact_share
-    runs = [r for r in true_ranges(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
+        above = analysed.lower_foot_height_m - np.percentile(
+            analysed.lower_foot_height_m, GROUND_PERCENTILE
+        )
+        is_up, contact = is_up | (above > RISE_M), analysed.raw.posture.foot_contact_share
+    runs = [r for r in longest_true_ranges(is_up) if r[1] - r[0] + 1 >= FLOATING_FRAMES]
     if not runs and contact >= CONTACT_SHARE:
         return
     worst = int(above.argmax())
@@ -110,7 +112,7 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
         {
             "height_m": float(above[worst]),
             "contact_share": contact,
-            "floating_share": evidence.raw.posture.foot_floating_share,
+            "floating_share": analysed.raw.posture.foot_floating_share,
         },
         "recorded clips: in at least 97 %",
         limit_ratio=max(float(above[worst]) / FLOATING_M, CONTACT_SHARE / max(contact, 0.01)),
@@ -119,16 +121,18 @@ def feet_float(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def _standing_share(evidence: Evidence) -> float:
+def _standing_share(analysed: AnalysedMotion) -> float:
     """Return the share of frames in which the lower foot is near its median height."""
-    return float(np.mean(abs(evidence.lower_foot_m - evidence.usual_foot_height_m) < STANDING_M))
+    return float(
+        np.mean(abs(analysed.lower_foot_height_m - analysed.median_foot_height_m) < STANDING_M)
+    )
 
 
-def feet_sink(evidence: Evidence) -> Iterator[Finding]:
+def feet_sink(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect a foot below the floor; a body that bobs or drifts has none, see `feet_float`."""
-    below = evidence.usual_foot_height_m - evidence.lower_foot_m
+    below = analysed.median_foot_height_m - analysed.lower_foot_height_m
     is_below = below > SINKING_M
-    if is_below.sum() < SINKING_FRAMES or _standing_share(evidence) < STANDING_SHARE:
+    if is_below.sum() < SINKING_FRAMES or _standing_share(analysed) < STANDING_SHARE:
         return
     worst = int(below.argmax())
     share = float(np.mean(is_below))
@@ -140,7 +144,7 @@ def feet_sink(evidence: Evidence) -> Iterator[Finding]:
         {"depth_m": float(below[worst]), "share": share},
         limit_ratio=float(below[worst]) / SINKING_M,
         worst_frame=worst,
-        frame_ranges=true_ranges(is_below),
+        frame_ranges=longest_true_ranges(is_below),
     )
 
 
@@ -162,9 +166,9 @@ _SPINE = ("pelvis", "spine1", "spine2", "spine3", "neck")
 _KNUCKLES = ("left_middle1", "right_middle1")
 
 
-def finger_joint_limits(evidence: Evidence) -> Iterator[Finding]:
-    share = evidence.raw.ranges.finger_angle_outside_share
-    by_joint = evidence.raw.ranges.finger_angle_outside_by_joint
+def finger_joint_limits(analysed: AnalysedMotion) -> Iterator[Finding]:
+    share = analysed.raw.ranges.finger_angle_outside_share
+    by_joint = analysed.raw.ranges.finger_angle_outside_by_joint
     worst = sorted(by_joint, key=lambda name: -by_joint[name])[:NAMED]
     if share <= FINGERS_OUTSIDE and by_joint[worst[0]] <= JOINT_OUTSIDE:
         return
@@ -183,10 +187,10 @@ def finger_joint_limits(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def hand_penetration(evidence: Evidence) -> Iterator[Finding]:
-    joints = evidence.tracks.joints
+def hand_penetration(analysed: AnalysedMotion) -> Iterator[Finding]:
+    joints = analysed.tracks.joints
     knuckles = [*WRISTS, *(JOINT_INDEX[name] for name in _KNUCKLES)]
-    hands = np.concatenate([joints[:, knuckles], evidence.tracks.fingertips], axis=1)
+    hands = np.concatenate([joints[:, knuckles], analysed.tracks.fingertips], axis=1)
     nearest = np.full(hands.shape[:2], np.inf)
     for lower, upper in pairwise(_SPINE):
         start = joints[:, None, JOINT_INDEX[lower]]
@@ -208,18 +212,18 @@ def hand_penetration(evidence: Evidence) -> Iterator[Finding]:
         {"side": side, "distance_m": float(distance[worst]), "frames": int(is_inside.sum())},
         limit_ratio=INSIDE_M / max(float(distance[worst]), 0.005),
         worst_frame=worst,
-        frame_ranges=true_ranges(is_inside),
+        frame_ranges=longest_true_ranges(is_inside),
     )
 
 
-def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
+def swapped_sides(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect exchanged sides by comparison with a reference of the same speech.
 
     Without one, only exchanged joint names show (both elbows bend backwards); a mirror image does
     not.
     """
-    if evidence.raw.errors is not None:
-        errors = evidence.raw.errors.rotation_error_by_sides_deg
+    if analysed.raw.errors is not None:
+        errors = analysed.raw.errors.rotation_error_by_sides_deg
         is_mirrored = errors.mirrored <= errors.swapped
         error = errors.mirrored if is_mirrored else errors.swapped
         if error >= SWAPPED_ERROR_RATIO * errors.as_is:
@@ -236,7 +240,7 @@ def swapped_sides(evidence: Evidence) -> Iterator[Finding]:
             limit_ratio=SWAPPED_ERROR_RATIO * errors.as_is / max(error, 0.1),
         )
         return
-    backwards = evidence.raw.ranges.elbow_backwards_share
+    backwards = analysed.raw.ranges.elbow_backwards_share
     share = min(backwards.left, backwards.right)
     if share <= ELBOWS_BACKWARDS:
         return
@@ -260,18 +264,18 @@ MOVING_FRAMES = 2 * FPS
 """Shortest clip for the check (frames): nobody's pelvis is bit-identical for two seconds."""
 
 
-def still_motion(evidence: Evidence) -> Iterator[Finding]:
-    if not evidence.raw.positions.joint_speed_m_s.max() < STILL_M_S:
+def still_motion(analysed: AnalysedMotion) -> Iterator[Finding]:
+    if not analysed.raw.positions.joint_speed_m_s.max() < STILL_M_S:
         return
     yield Finding("No joint moves in this motion.", {})
 
 
-def frozen_body(evidence: Evidence) -> Iterator[Finding]:
+def frozen_body(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect runs of `FROZEN_FRAMES` or more in which the whole upper body stops, fingers too."""
-    fastest = evidence.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
+    fastest = analysed.angular_speed_deg_s[:, list(UPPER_AND_HANDS)].max(axis=1, initial=0.0)
     runs = [
         (first, last + 1)
-        for first, last in true_ranges(fastest < FROZEN_DEG_S)
+        for first, last in longest_true_ranges(fastest < FROZEN_DEG_S)
         if last - first + 1 >= FROZEN_FRAMES
     ]
     if not runs:
@@ -290,8 +294,8 @@ def frozen_body(evidence: Evidence) -> Iterator[Finding]:
     )
 
 
-def frozen_hands(evidence: Evidence) -> Iterator[Finding]:
-    for side, share in vars(evidence.raw.rotations.fingers_still_share).items():
+def frozen_hands(analysed: AnalysedMotion) -> Iterator[Finding]:
+    for side, share in vars(analysed.raw.rotations.fingers_still_share).items():
         if share > HAND_STILL:
             yield Finding(
                 f"The fingers of the {side} hand are frozen in {100 * share:.0f} % of the frames.",
@@ -300,12 +304,12 @@ def frozen_hands(evidence: Evidence) -> Iterator[Finding]:
             )
 
 
-def translation_never_changes(evidence: Evidence) -> Iterator[Finding]:
+def translation_never_changes(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect a translation that is constant while the body turns."""
-    trans = evidence.motion.trans
+    trans = analysed.motion.trans
     if len(trans) < MOVING_FRAMES or np.ptp(trans, axis=0).any():
         return
-    if evidence.angular_speed_deg_s[:, list(BODY)].mean() < FROZEN_DEG_S:
+    if analysed.angular_speed_deg_s[:, list(BODY)].mean() < FROZEN_DEG_S:
         return
     where = "all zero" if not trans.any() else "the same in every frame"
     yield Finding(
@@ -323,11 +327,11 @@ LEAST_FRAMES = 3 * FPS
 COPIED_SHARE = 0.5
 
 
-def still_face(evidence: Evidence) -> Iterator[Finding]:
+def still_face(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect a still jaw, also in the coefficient that opens it, or still coefficients."""
-    if evidence.num_frames < LEAST_FRAMES:
+    if analysed.num_frames < LEAST_FRAMES:
         return
-    motion = evidence.motion
+    motion = analysed.motion
     jaw = motion.poses.reshape(-1, 55, 3)[:, JOINT_INDEX["jaw"]].astype(np.float64)
     jaw_deg = float(np.degrees(jaw.std(axis=0).max()))
     unit = float(motion.expressions.std(axis=0).max())
@@ -350,11 +354,11 @@ def still_face(evidence: Evidence) -> Iterator[Finding]:
     yield Finding(message, numbers)
 
 
-def copied_face(evidence: Evidence) -> Iterator[Finding]:
+def copied_face(analysed: AnalysedMotion) -> Iterator[Finding]:
     """Detect frames of expressions that are bit-identical to the reference's, at whatever time."""
-    if evidence.reference is None:
+    if analysed.reference is None:
         return
-    own, theirs = evidence.motion.expressions, evidence.reference.motion.expressions
+    own, theirs = analysed.motion.expressions, analysed.reference.motion.expressions
     recorded = {row.tobytes() for row in theirs if row.any()}
     is_copy = np.array([row.tobytes() in recorded for row in own])
     share = float(is_copy.mean())

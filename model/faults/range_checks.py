@@ -15,7 +15,7 @@ import numpy as np
 
 from conventions.joints import UPPER_BODY
 from conventions.rates import FPS
-from model.faults.analysis import Evidence, Finding, format_time, worst_second
+from model.faults.analysis import AnalysedMotion, Finding, format_time, worst_second_frame
 from model.metrics.posture import WRISTS
 from model.metrics.smoothness import HIGH_FREQUENCY_HZ, derivative_magnitudes, velocity_spectrum
 
@@ -32,12 +32,13 @@ class NaturalRange:
 
     lowest: float
     highest: float
-    differ: float
+    max_ratio: float
     """Largest ratio of this level between two clips."""
     low_limit: float
     high_limit: float
     """Limits of the level: the range with room around it."""
-    lasts: str
+    clip_lengths: str
+    """Lengths of the clips, in words."""
 
 
 @dataclass(frozen=True)
@@ -47,63 +48,65 @@ class RangeCheck:
     kind: str
     title: str
     unit: str
-    value_of: Callable[[Evidence], float]
-    long: NaturalRange
-    short: NaturalRange
-    low_means: str
-    high_means: str
-    brief: NaturalRange | None = None
+    measure: Callable[[AnalysedMotion], float]
+    long_clips: NaturalRange
+    short_clips: NaturalRange
+    low_message: str
+    high_message: str
+    very_short_clips: NaturalRange | None = None
     """Range for clips shorter than `LEAST_FRAMES`; None if they are not checked."""
-    scale: float = 1.0
+    display_scale: float = 1.0
     """Factor from the unit of the metric to the displayed one."""
 
-    def search(self, evidence: Evidence) -> Iterator[Finding]:
+    def detect(self, analysed: AnalysedMotion) -> Iterator[Finding]:
         """Report the level if it is outside the range of people."""
-        frames, reference = evidence.num_frames, evidence.reference
-        people = self.long if frames >= LONG_FRAMES else self.short
+        frames, reference = analysed.num_frames, analysed.reference
+        people = self.long_clips if frames >= LONG_FRAMES else self.short_clips
         if frames < LEAST_FRAMES:
-            people = self.brief if frames >= BRIEF_FRAMES else None
-        if people is None or not np.isfinite(value := self.value_of(evidence)):
+            people = self.very_short_clips if frames >= BRIEF_FRAMES else None
+        if people is None or not np.isfinite(value := self.measure(analysed)):
             return
         if reference is None:
-            is_low, natural_ratio = value < people.low_limit, people.highest / people.lowest
+            is_low, max_recorded_ratio = value < people.low_limit, people.highest / people.lowest
             limit_ratio = (
                 people.low_limit / max(value, 1e-9) if is_low else value / people.high_limit
             )
             lowest, highest = (
                 self._format_value(each, False) for each in (people.lowest, people.highest)
             )
-            usual = f"recorded and procedural clips {people.lasts}: {lowest} to {highest}"
+            usual = f"recorded and procedural clips {people.clip_lengths}: {lowest} to {highest}"
             beside = ""
             numbers: dict[str, Any] = {"people": [people.lowest, people.highest]}
-        elif (recorded := self.value_of(reference)) > 0.0:
+        elif (recorded := self.measure(reference)) > 0.0:
             ratio = value / recorded
-            is_low, natural_ratio = ratio < 1.0, people.differ
-            limit_ratio = max(ratio, 1 / max(ratio, 1e-9)) / people.differ
+            is_low, max_recorded_ratio = ratio < 1.0, people.max_ratio
+            limit_ratio = max(ratio, 1 / max(ratio, 1e-9)) / people.max_ratio
             beside = f", {_times(ratio)} the reference's {self._format_value(recorded, False)}"
-            usual = f"recorded clips differ by a factor of at most {people.differ:g}"
-            numbers = {"reference": recorded, "ratio": ratio, "people": people.differ}
+            usual = f"recorded clips differ by a factor of at most {people.max_ratio:g}"
+            numbers = {"reference": recorded, "ratio": ratio, "people": people.max_ratio}
         else:
             return
         if limit_ratio <= 1.0:
             return
-        worst = _worst(self, evidence, is_low)
+        worst = _worst(self, analysed, is_low)
         where = f", worst at {format_time(worst)}" if worst is not None and not is_low else ""
-        means = self.low_means if is_low else self.high_means
+        means = self.low_message if is_low else self.high_message
         yield Finding(
             f"{means}{where}: {self.title} {self._format_value(value)}{beside}.",
             {"unit": self.unit, "value": value, **numbers},
             usual,
             limit_ratio=limit_ratio,
-            natural_ratio=natural_ratio,
+            max_recorded_ratio=max_recorded_ratio,
             worst_frame=worst,
             frame_ranges=() if worst is None else ((max(0, worst - 15), worst + 15),),
         )
 
     def _format_value(self, value: float, has_unit: bool = True) -> str:
-        number = f"{self.scale * value:.0f}"
-        if self.scale * value < 100:
-            number = np.format_float_positional(float(f"{self.scale * value:.2g}"), trim="-")
+        number = f"{self.display_scale * value:.0f}"
+        if self.display_scale * value < 100:
+            number = np.format_float_positional(
+                float(f"{self.display_scale * value:.2g}"), trim="-"
+            )
         return f"{number} {self.unit}".replace(" °", "°") if has_unit else number
 
 
@@ -111,80 +114,80 @@ def _times(ratio: float) -> str:
     return f"{ratio:.{0 if ratio >= 10 else 1}f} times" if ratio >= 0.1 else f"{ratio:.2g} times"
 
 
-def _worst(level: RangeCheck, evidence: Evidence, is_low: bool) -> int | None:
+def _worst(level: RangeCheck, analysed: AnalysedMotion, is_low: bool) -> int | None:
     """Return the middle of the second with most jerk of the hands, or least or most turning."""
     if level.kind in ("jerk", "high_frequency"):
-        track = derivative_magnitudes(evidence.tracks.fingertips, 3).mean(axis=1)
+        track = derivative_magnitudes(analysed.tracks.fingertips, 3).mean(axis=1)
     else:
-        track = evidence.angular_speed_deg_s[:, list(UPPER_BODY)].mean(axis=1)
-    return worst_second(track, is_least=is_low)
+        track = analysed.angular_speed_deg_s[:, list(UPPER_BODY)].mean(axis=1)
+    return worst_second_frame(track, is_lowest=is_low)
 
 
-def fingertip_jerk(evidence: Evidence) -> float:
+def mean_fingertip_jerk_m_s3(analysed: AnalysedMotion) -> float:
     """Return the mean jerk of the ten rigid fingertips (m/s^3)."""
-    return float(evidence.raw.fingertips.fingertips_jerk_m_s3.mean())
+    return float(analysed.raw.fingertips.fingertips_jerk_m_s3.mean())
 
 
-def high_frequency_share(evidence: Evidence) -> float:
+def wrist_high_frequency_share(analysed: AnalysedMotion) -> float:
     """Compute the share of the power of pelvis-aligned wrist velocities above 5 Hz."""
-    wrists = evidence.tracks.joints[:, list(WRISTS)] - evidence.tracks.joints[:, :1]
+    wrists = analysed.tracks.joints[:, list(WRISTS)] - analysed.tracks.joints[:, :1]
     spectrum = velocity_spectrum(np.diff(wrists, axis=0) * FPS)
     if spectrum is None or not spectrum.velocity_power.any():
         return float("nan")
     return float(spectrum.above(HIGH_FREQUENCY_HZ).sum() / spectrum.velocity_power.sum())
 
 
-def amplitude_deg(evidence: Evidence) -> float:
+def posture_deviation_deg(analysed: AnalysedMotion) -> float:
     """Compute the root mean square distance of upper body angles from their mean (degrees)."""
-    angles = evidence.motion.poses.reshape(-1, 55, 3)[:, list(UPPER_BODY)].astype(np.float64)
+    angles = analysed.motion.poses.reshape(-1, 55, 3)[:, list(UPPER_BODY)].astype(np.float64)
     off = angles - angles.mean(axis=0)
     return float(np.degrees(np.sqrt((off**2).sum(axis=-1).mean())))
 
 
-def angular_speed_deg_s(evidence: Evidence) -> float:
+def mean_angular_speed_deg_s(analysed: AnalysedMotion) -> float:
     """Return the mean angular speed of the upper body's local rotations (degrees/s)."""
-    return float(evidence.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
+    return float(analysed.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
 
 
 JERK = RangeCheck(
     "jerk",
     "mean jerk of all ten fingertips",
     "m/s³",
-    fingertip_jerk,
-    long=NaturalRange(65.0, 135.0, 2.0, 55.0, 175.0, LONG),
-    short=NaturalRange(43.0, 202.0, 2.4, 32.0, 235.0, SHORT),
-    low_means="Hands smoother than in the recorded clips, as if low-pass filtered",
-    high_means="Jittery hands",
-    brief=NaturalRange(49.0, 241.0, 5.0, 0.0, 310.0, BRIEF),
+    mean_fingertip_jerk_m_s3,
+    long_clips=NaturalRange(65.0, 135.0, 2.0, 55.0, 175.0, LONG),
+    short_clips=NaturalRange(43.0, 202.0, 2.4, 32.0, 235.0, SHORT),
+    low_message="Hands smoother than in the recorded clips, as if low-pass filtered",
+    high_message="Jittery hands",
+    very_short_clips=NaturalRange(49.0, 241.0, 5.0, 0.0, 310.0, BRIEF),
 )
 HIGH_FREQUENCY = RangeCheck(
     "high_frequency",
     "share of the wrists' power above 5 Hz",
     "%",
-    high_frequency_share,
-    long=NaturalRange(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),
-    short=NaturalRange(0.0005, 0.025, 14.0, 0.00025, 0.035, SHORT),
-    low_means="Hands smoother than in the recorded clips, as if low-pass filtered",
-    high_means="High-frequency jitter on top of the movement",
-    scale=100.0,
+    wrist_high_frequency_share,
+    long_clips=NaturalRange(0.0013, 0.011, 7.0, 0.0008, 0.015, LONG),
+    short_clips=NaturalRange(0.0005, 0.025, 14.0, 0.00025, 0.035, SHORT),
+    low_message="Hands smoother than in the recorded clips, as if low-pass filtered",
+    high_message="High-frequency jitter on top of the movement",
+    display_scale=100.0,
 )
 AMPLITUDE = RangeCheck(
     "amplitude",
     "RMS deviation of the upper body's joint angles from their mean",
     "°",
-    amplitude_deg,
-    long=NaturalRange(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
-    short=NaturalRange(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
-    low_means="Little variation of posture",
-    high_means="Much variation of posture",
+    posture_deviation_deg,
+    long_clips=NaturalRange(13.0, 20.0, 1.7, 10.5, 26.0, LONG),
+    short_clips=NaturalRange(8.9, 22.0, 2.1, 7.0, 29.0, SHORT),
+    low_message="Little variation of posture",
+    high_message="Much variation of posture",
 )
 SPEED = RangeCheck(
     "speed",
     "mean angular speed of the upper body's joints",
     "°/s",
-    angular_speed_deg_s,
-    long=NaturalRange(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
-    short=NaturalRange(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
-    low_means="Little movement",
-    high_means="Continuously fast movement",
+    mean_angular_speed_deg_s,
+    long_clips=NaturalRange(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
+    short_clips=NaturalRange(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
+    low_message="Little movement",
+    high_message="Continuously fast movement",
 )

@@ -5,7 +5,14 @@ from dataclasses import dataclass, replace
 
 from conventions.joints import FACE, HANDS, JOINT_INDEX, BodyPart
 from model.faults import glitches, posture, range_checks
-from model.faults.analysis import IMPOSSIBLE, MEASURABLE, VISIBLE, Evidence, Finding, by_severity
+from model.faults.analysis import (
+    IMPOSSIBLE,
+    MEASURABLE,
+    VISIBLE,
+    AnalysedMotion,
+    Finding,
+    sort_by_severity,
+)
 
 
 @dataclass(frozen=True)
@@ -14,11 +21,11 @@ class FaultCheck:
 
     kind: str
     severity: int
-    search: Callable[[Evidence], Iterable[Finding]]
+    detect: Callable[[AnalysedMotion], Iterable[Finding]]
     """Detector; no findings for clean motion, or if its inputs are missing."""
-    needs: str = ""
+    required_input: str = ""
     """Required input besides the motion: ``reference`` or ``speech``; empty for most."""
-    explains: tuple[str, ...] = ()
+    implies_kinds: tuple[str, ...] = ()
     """Kinds that follow from this one and are not reported together with it."""
     required_parts: tuple[str, ...] = ()
     """Parts of a motion file (`formats.read.Part`) without any of which it is not used."""
@@ -26,20 +33,22 @@ class FaultCheck:
 
 SNAP = "snap"
 FAULTS: tuple[FaultCheck, ...] = (
-    FaultCheck("identical", IMPOSSIBLE, glitches.identical, "reference", ("copied_face",)),
-    FaultCheck("frozen", IMPOSSIBLE, posture.frozen_body, explains=("copied_frames",)),
+    FaultCheck(
+        "identical", IMPOSSIBLE, glitches.identical_to_reference, "reference", ("copied_face",)
+    ),
+    FaultCheck("frozen", IMPOSSIBLE, posture.frozen_body, implies_kinds=("copied_frames",)),
     FaultCheck(
         "lying",
         IMPOSSIBLE,
         posture.lying_body,
-        explains=("lifted", "floating", "through_floor", "foot_slide"),
+        implies_kinds=("lifted", "floating", "through_floor", "foot_slide"),
     ),
     FaultCheck("swapped_sides", IMPOSSIBLE, posture.swapped_sides),
     FaultCheck("lifted", IMPOSSIBLE, posture.floor_offset, "reference", required_parts=("place",)),
     FaultCheck("time_shift", IMPOSSIBLE, glitches.reference_lag, "reference"),
     FaultCheck("time_shift", IMPOSSIBLE, glitches.speech_lag, "speech"),
     FaultCheck("pops", VISIBLE, glitches.single_frame_pops),
-    FaultCheck(SNAP, VISIBLE, glitches.snaps),
+    FaultCheck(SNAP, VISIBLE, glitches.joint_snaps),
     FaultCheck("rotation_noise", MEASURABLE, glitches.rotation_noise, required_parts=("detail",)),
     FaultCheck("seams", VISIBLE, glitches.window_seams),
     FaultCheck("period", MEASURABLE, glitches.periodic_jerk, required_parts=("detail",)),
@@ -49,7 +58,7 @@ FAULTS: tuple[FaultCheck, ...] = (
         "stretched_rate",
         VISIBLE,
         glitches.upsampled_rate,
-        explains=("period", "copied_frames"),
+        implies_kinds=("period", "copied_frames"),
         required_parts=("detail",),
     ),
     FaultCheck("foot_slide", VISIBLE, posture.feet_slide, required_parts=("place", "legs")),
@@ -71,15 +80,15 @@ FAULTS: tuple[FaultCheck, ...] = (
     FaultCheck(
         "jerk",
         VISIBLE,
-        range_checks.JERK.search,
-        explains=("high_frequency",),
+        range_checks.JERK.detect,
+        implies_kinds=("high_frequency",),
         required_parts=("detail",),
     ),
     FaultCheck(
-        "high_frequency", VISIBLE, range_checks.HIGH_FREQUENCY.search, required_parts=("detail",)
+        "high_frequency", VISIBLE, range_checks.HIGH_FREQUENCY.detect, required_parts=("detail",)
     ),
-    FaultCheck("amplitude", MEASURABLE, range_checks.AMPLITUDE.search),
-    FaultCheck("speed", MEASURABLE, range_checks.SPEED.search),
+    FaultCheck("amplitude", MEASURABLE, range_checks.AMPLITUDE.detect),
+    FaultCheck("speed", MEASURABLE, range_checks.SPEED.detect),
 )
 _PARTS: dict[str, BodyPart] = {"legs": "feet", "hands": "hands", "face": "face"}
 """Body part that shows a fault, by the part of a motion file that its detector needs."""
@@ -87,15 +96,15 @@ STILL = FaultCheck("still", IMPOSSIBLE, posture.still_motion)
 """Detector that runs first: if nothing moves, no other finding is reported."""
 
 
-def find_faults(evidence: Evidence) -> list[Finding]:
+def find_faults(analysed: AnalysedMotion) -> list[Finding]:
     """Find the faults of one motion, the gravest first; none for clean motion."""
-    still = _search_fault(STILL, evidence)
+    still = _search_fault(STILL, analysed)
     if still:
         return still
-    findings = [finding for fault in FAULTS for finding in _search_fault(fault, evidence)]
+    findings = [finding for fault in FAULTS for finding in _search_fault(fault, analysed)]
     kinds = {finding.kind for finding in findings}
-    explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.explains}
-    return by_severity(finding for finding in findings if finding.kind not in explained)
+    explained = {kind for fault in FAULTS if fault.kind in kinds for kind in fault.implies_kinds}
+    return sort_by_severity(finding for finding in findings if finding.kind not in explained)
 
 
 def body_part(finding: Finding) -> BodyPart:
@@ -113,14 +122,16 @@ def body_part(finding: Finding) -> BodyPart:
     return parts[0] if parts else ""
 
 
-def _search_fault(fault: FaultCheck, evidence: Evidence) -> list[Finding]:
+def _search_fault(fault: FaultCheck, analysed: AnalysedMotion) -> list[Finding]:
     return [
         replace(finding, kind=fault.kind, severity=fault.severity)
-        for finding in fault.search(evidence)
+        for finding in fault.detect(analysed)
     ]
 
 
-def drop_missing_parts(findings: Iterable[Finding], lacks: Collection[str]) -> list[Finding]:
+def drop_findings_on_missing_parts(
+    findings: Iterable[Finding], missing_parts: Collection[str]
+) -> list[Finding]:
     """Return the findings without those on parts that the motion file lacks."""
-    unsaid = {fault.kind for fault in FAULTS if set(fault.required_parts) & set(lacks)}
+    unsaid = {fault.kind for fault in FAULTS if set(fault.required_parts) & set(missing_parts)}
     return [finding for finding in findings if finding.kind not in unsaid]

@@ -52,7 +52,7 @@ from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import SetResults
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import analyse_raw
-from model.faults.table import drop_missing_parts, find_faults
+from model.faults.table import drop_findings_on_missing_parts, find_faults
 from model.formats.parameters import parameter_files
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import MISSING_PART_TEXTS, MOTIONS, REFERENCE, ImportedMotion
@@ -404,20 +404,22 @@ class _ClipJob:
             for sample, reading in readings[name].items():
                 motion = first_frames(reading.motion, shortest)
                 motions.setdefault(name, []).append(motion)
-                evidence = analyse_raw(motion, open_body_skeleton(), reference, **shared)
+                analysed = analyse_raw(motion, open_body_skeleton(), reference, **shared)
                 recorded = None if name == REFERENCE_NAME else clips.get(REFERENCE_NAME, [None])[0]
-                clip = shared["inputs"].clip(motion, evidence.tracks, recorded)
+                clip = shared["inputs"].clip(motion, analysed.tracks, recorded)
                 clips.setdefault(name, []).append(clip)
-                faults = drop_missing_parts(find_faults(evidence), reading.missing_parts)
+                faults = drop_findings_on_missing_parts(
+                    find_faults(analysed), reading.missing_parts
+                )
                 notes.append({
                     "numbers": numbers_of(
-                        evidence.raw, reading.missing_parts, apart[f"{name} {sample}"]
+                        analysed.raw, reading.missing_parts, apart[f"{name} {sample}"]
                     ),
                     "findings": [fault.kind for fault in faults],
                     "sha256": file_sha256(self.files[name][sample]),
                 })  # fmt: skip
                 if name == REFERENCE_NAME:
-                    reference = evidence
+                    reference = analysed
             assumed = [assumed_in(each) for each in readings[name].values()]
             systems[name] = {**mean_of_samples(notes), "assumed": assumed}
         self.record.parent.mkdir(parents=True, exist_ok=True)

@@ -33,7 +33,7 @@ from app.run.requests.convert import replace_fields
 from conventions.joints import JOINT_INDEX
 from model.diagnostics import diagnose
 from model.faults.analysis import Finding
-from model.faults.table import FAULTS, drop_missing_parts
+from model.faults.table import FAULTS, drop_findings_on_missing_parts
 from model.formats.reading import parse_import_overrides
 from model.metrics.beats import speech_onsets
 from model.metrics.protocols.clip import ProtocolInputs
@@ -408,12 +408,15 @@ def finding(kind: str) -> Finding:
 
 def test_nothing_is_found_of_what_a_file_does_not_tell() -> None:
     found = [finding(fault.kind) for fault in FAULTS]
-    kept = {each.kind for each in drop_missing_parts(found, {"hands", "face", "place", "detail"})}
+    kept = {
+        each.kind
+        for each in drop_findings_on_missing_parts(found, {"hands", "face", "place", "detail"})
+    }
     gone = {fault.kind for fault in FAULTS} - kept
     assert {"finger_range", "frozen_hand", "still_face", "still_translation", "jerk"} <= gone
     assert {"frozen", "pops", "amplitude", "hand_in_body", "swapped_sides"} <= kept
-    assert drop_missing_parts(found, ()) == found
-    only = {each.kind for each in drop_missing_parts(found, {"finger_angles"})}
+    assert drop_findings_on_missing_parts(found, ()) == found
+    only = {each.kind for each in drop_findings_on_missing_parts(found, {"finger_angles"})}
     assert {fault.kind for fault in FAULTS} - only == {"finger_range"}
 
 

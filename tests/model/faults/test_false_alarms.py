@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from model.diagnostics import analyse_raw
-from model.faults.analysis import Evidence
+from model.faults.analysis import AnalysedMotion
 from model.faults.table import find_faults
 from model.metrics.lag import speech_bands_by_frame
 from model.metrics.posture import WRISTS
@@ -36,8 +36,8 @@ STEP_M = 0.03
 CLIPS = int(os.environ.get("FALSE_ALARM_CLIPS", "1"))
 
 
-def largest_step_m(evidence: Evidence) -> float:
-    wrists = evidence.tracks.joints[:, list(WRISTS)] - evidence.tracks.joints[:, :1]
+def largest_step_m(analysed: AnalysedMotion) -> float:
+    wrists = analysed.tracks.joints[:, list(WRISTS)] - analysed.tracks.joints[:, :1]
     return float(np.linalg.norm(np.diff(wrists, n=2, axis=0), axis=-1).max())
 
 
@@ -52,14 +52,14 @@ def told_of(motion: Motion, loud: np.ndarray) -> list[str]:
             if cut.num_frames < frames / 2:
                 continue  # a rest; it is part of the longer cuts
             heard = loud[start : start + frames]
-            evidence = analyse_raw(cut, open_body_skeleton(), speech_bands=heard)
-            if largest_step_m(evidence) > STEP_M:
+            analysed = analyse_raw(cut, open_body_skeleton(), speech_bands=heard)
+            if largest_step_m(analysed) > STEP_M:
                 left_out += 1
                 continue
             judged += 1
-            said += [f"{start}+{frames}: {found.sentence}" for found in find_faults(evidence)]
-            if evidence.raw.seams.period is not None:
-                said.append(f"{start}+{frames}: a period of {evidence.raw.seams.period.frames}")
+            said += [f"{start}+{frames}: {found.sentence}" for found in find_faults(analysed)]
+            if analysed.raw.seams.period is not None:
+                said.append(f"{start}+{frames}: a period of {analysed.raw.seams.period.frames}")
         sys.stdout.write(f"cuts of {frames} frames: {judged} judged, {left_out} hold a step\n")
     return said
 

@@ -12,8 +12,15 @@ from app.findings.verdict import make_verdict
 from app.run.examples import CLEAN
 from conventions.joints import JOINT_INDEX
 from model.diagnostics import analyse_raw
-from model.faults.analysis import Evidence, Finding, by_severity, format_time, ranked, true_ranges
-from model.faults.table import FAULTS, STILL, drop_missing_parts, find_faults
+from model.faults.analysis import (
+    AnalysedMotion,
+    Finding,
+    format_time,
+    longest_true_ranges,
+    rank_findings,
+    sort_by_severity,
+)
+from model.faults.table import FAULTS, STILL, drop_findings_on_missing_parts, find_faults
 from model.formats.read import read_any_motion
 from model.metrics.lag import speech_bands_by_frame
 from model.motion.kinematics import open_body_skeleton
@@ -29,7 +36,7 @@ SKELETON = open_body_skeleton()
 class Person:
     motion: Motion
     heard: np.ndarray
-    evidence: Evidence
+    analysed: AnalysedMotion
 
 
 def person(motion: Motion, heard: np.ndarray) -> Person:
@@ -52,11 +59,11 @@ def recorded() -> Person:
     return person(motion, speech_bands_by_frame(sound.waveform))
 
 
-def evidence_of(motion: Motion, person: Person, planted: Planted) -> Evidence:
+def evidence_of(motion: Motion, person: Person, planted: Planted) -> AnalysedMotion:
     """A motion beside what the fault needs."""
     reference = None
     if planted.beside == "reference":
-        reference = person.evidence
+        reference = person.analysed
         if motion.num_frames != person.motion.num_frames:
             reference = analyse_raw(person.motion.part(slice(motion.num_frames)), SKELETON)
     heard = person.heard if planted.beside == "speech" else None
@@ -68,10 +75,10 @@ def test_a_planted_fault_is_found_and_told(example, planted):
     if planted.beside == "speech":  # a face that follows it from frame to frame
         mixed = np.random.default_rng(0).normal(size=(100, 12))
         example = replace(example, heard=example.motion.expressions @ mixed)
-    evidence = evidence_of(planted.plant(example.motion), example, planted)
-    found = find_faults(evidence)
+    analysed = evidence_of(planted.plant(example.motion), example, planted)
+    found = find_faults(analysed)
     assert {finding.kind for finding in found} == {planted.kind, *planted.also}
-    assert found == by_severity(found)
+    assert found == sort_by_severity(found)
     assert found[0].kind == (planted.first or planted.kind)
     finding = next(finding for finding in found if finding.kind == planted.kind)
     assert finding.limit_ratio >= 1.0 and finding.sentence.endswith(".")
@@ -82,10 +89,10 @@ def test_a_planted_fault_is_found_and_told(example, planted):
         assert finding.numbers.get(name) == value, (name, finding.numbers)
     for first, last in finding.frame_ranges:
         assert 0 <= first <= last < example.motion.num_frames
-    measured = {"clean": example.evidence.raw, "planted": evidence.raw}
+    measured = {"clean": example.analysed.raw, "planted": analysed.raw}
     numbers: Any = {name: {"raw": numbers_of(raw)} for name, raw in measured.items()}
     headline = make_verdict("right_middle", [numbers], is_generated=False)
-    assert ranked({"clean": [], "planted": found})[0][0] == "planted"
+    assert rank_findings({"clean": [], "planted": found})[0][0] == "planted"
     if re.search("rotation noise|tremble", found[0].sentence.lower()) and headline is not None:
         worst = "Jerk of clean (lowest) compared with planted (highest): "
         assert headline.comparison.startswith(worst), "or of another point than the shaken"
@@ -94,7 +101,9 @@ def test_a_planted_fault_is_found_and_told(example, planted):
 def test_every_fault_of_the_table_is_planted():
     planted = {(planted.kind, planted.beside) for planted in PLANTED}
     assert {fault.kind for fault in (*FAULTS, STILL)} == {kind for kind, _ in planted}
-    assert {(fault.kind, fault.needs) for fault in FAULTS if fault.needs} <= planted
+    assert {
+        (fault.kind, fault.required_input) for fault in FAULTS if fault.required_input
+    } <= planted
 
 
 def test_a_clean_clip_is_left_alone_whole_and_in_parts(example):
@@ -126,8 +135,8 @@ def test_one_recording_beside_another_is_left_alone(recorded):
     one, two = (analyse_raw(m.part(slice(frames)), SKELETON) for m in (recorded.motion, other))
     first = recorded.motion.part(slice(frames))
     assert find_faults(analyse_raw(first, SKELETON, speech_bands=recorded.heard[:frames])) == []
-    for evidence, reference in ((one, two), (two, one)):
-        beside = analyse_raw(evidence.motion, SKELETON, reference)
+    for analysed, reference in ((one, two), (two, one)):
+        beside = analyse_raw(analysed.motion, SKELETON, reference)
         assert find_faults(beside) == []
 
 
@@ -146,7 +155,9 @@ EXPECTED = {
 def test_what_is_true_of_others_is_found(name):
     (path,) = foreign_folder().glob(f"{name}.[nb][pv][zyh]")
     read = read_any_motion(path)
-    found = drop_missing_parts(find_faults(analyse_raw(read.motion, SKELETON)), read.missing_parts)
+    found = drop_findings_on_missing_parts(
+        find_faults(analyse_raw(read.motion, SKELETON)), read.missing_parts
+    )
     assert {finding.kind for finding in found} == EXPECTED[name]
 
 
@@ -163,15 +174,18 @@ def test_a_finding_tells_where_it_is_worst_and_the_gravest_come_first(example):
 
 def test_of_each_motion_the_gravest_comes_first_the_worst_motion_before_all():
     twice, narrow = (
-        Finding(f"{each}.", {}, limit_ratio=2.0, natural_ratio=ratio)
+        Finding(f"{each}.", {}, limit_ratio=2.0, max_recorded_ratio=ratio)
         for each, ratio in (("X", 4.0), ("Y", 2.0))
     )
     angles, grave = replace(narrow, severity=1), Finding("Z.", {}, severity=3)
     assert [each.deviation for each in (twice, narrow, angles, grave)] == [0.5, 1.0, 0.5, 0.0]
     found = {"a": [narrow], "b": [twice, angles, twice], "c": [angles, grave], "d": []}
     far = Finding("W.", {}, limit_ratio=9.0)
-    assert ranked({"a": [far, angles], "b": [grave, narrow]})[2:] == [("b", narrow), ("a", angles)]
-    assert ranked(found) == [
+    assert rank_findings({"a": [far, angles], "b": [grave, narrow]})[2:] == [
+        ("b", narrow),
+        ("a", angles),
+    ]
+    assert rank_findings(found) == [
         *(("c", grave), ("b", twice), ("a", narrow)),
         *(("c", angles), ("b", angles), ("b", twice)),
     ]
@@ -185,7 +199,7 @@ def test_of_motions_that_shake_the_one_whose_fingertips_jerk_most_is_told_first(
     noise = plant(example.motion).part(slice(frames)).poses - clean.poses
     noisy = {f"x{k}": replace(clean, poses=clean.poses + k * noise) for k in (2, 4, 1)}
     found = {name: find_faults(analyse_raw(each, SKELETON)) for name, each in noisy.items()}
-    names = list(dict.fromkeys(name for name, _ in ranked(found)))
+    names = list(dict.fromkeys(name for name, _ in rank_findings(found)))
     assert names == ["x4", "x2", "x1"]
     assert all("jerk" in {each.kind for each in found[name]} for name in names)
 
@@ -193,4 +207,4 @@ def test_of_motions_that_shake_the_one_whose_fingertips_jerk_most_is_told_first(
 def test_times_and_stretches():
     assert [format_time(frame) for frame in (0, 45, 1799)] == ["0:00.0", "0:01.5", "1:00.0"]
     there = np.array([0, 1, 1, 0, 0, 1, 1, 1, 0, 1], bool)
-    assert true_ranges(there) == ((5, 7), (1, 2), (9, 9))
+    assert longest_true_ranges(there) == ((5, 7), (1, 2), (9, 9))
