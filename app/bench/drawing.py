@@ -16,7 +16,7 @@ from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
 from renderer.video.naive import draw_baseline
 from renderer.video.render import RenderSettings, camera_setup_for, select_panel_mesh
-from renderer.video.workers import RenderJob, draw_jobs
+from renderer.video.workers import RenderJob, run_render_jobs
 
 SIZE_PX = 512
 NAIVE_FRAMES = 30
@@ -41,7 +41,7 @@ def measure_video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
         }
 
         def draw(jobs: dict[str, RenderJob] = jobs) -> None:
-            draw_jobs(jobs)
+            run_render_jobs(jobs)
             if len(jobs) > 1:
                 paths = [folder / f"{name}.mp4" for name in jobs]
                 compose_videos(paths, list(jobs), folder / "comparison.mp4")
@@ -62,7 +62,7 @@ def measure_stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     """
     whole, settings, figures = load_body(), RenderSettings(SIZE_PX, SIZE_PX), []
     stage = camera_setup_for(whole, [motion], settings)
-    body = select_panel_mesh(whole, stage, stage.shots[0], settings.panels[0])
+    body = select_panel_mesh(whole, stage, stage.panel_cameras[0], settings.panels[0])
 
     def timed(name: str, work: Callable[[], Result]) -> Result:
         result, *seconds = timed_with_cpu(work)
@@ -82,7 +82,7 @@ def measure_stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     posed = [prepare(each) for each in frames]
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(choose_backend()) as renderer:
-        canvas = renderer.canvas(subject, SIZE_PX, SIZE_PX)
+        canvas = renderer.make_canvas(subject, SIZE_PX, SIZE_PX)
         canvas.draw(posed[0], stage.camera)  # compiles the shaders
         pictures = timed(
             "drawing", lambda: [canvas.draw(each, stage.camera).copy() for each in posed]

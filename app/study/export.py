@@ -30,7 +30,7 @@ from app.study.make.workspace import ExportRequest, Workspace
 from conventions.views import View
 from model.motion.motion import Motion
 from model.storage.files import file_sha256
-from renderer.video.workers import draw_jobs
+from renderer.video.workers import run_render_jobs
 
 
 def export_planned(request: ExportRequest, callbacks: RunCallbacks) -> Workspace:
@@ -53,7 +53,7 @@ def export_study(
     weights: Path = BUNDLED_WEIGHTS,
     body: Path | None = None,
     callbacks: RunCallbacks = NO_CALLBACKS,
-    draw: Draw = draw_jobs,
+    draw: Draw = run_render_jobs,
 ) -> Workspace:
     """Make ``out/participant_bundle`` and ``out/researcher_only``, or finish an interrupted export.
 

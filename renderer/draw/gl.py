@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pyrender
@@ -50,37 +50,37 @@ class Canvas(pyrender.Renderer):
         self._whole = self._covered = self._changed = Box(0, 0, width, height)
         self._shadow = Box(0, 0, 0, 0)
         self._unresolved: Box | None = None
-        self._viewport = self._whole.area
+        self._viewport = self._whole.gl_rect
         self._format = GL.GL_RGBA if has_alpha else GL.GL_RGB
         self._pixels = np.empty((height, width, 4 if has_alpha else 3), np.uint8)
         self._samples = _Framebuffer(1, 1)
         self._ground, self._picture = _Framebuffer(width, height), _Framebuffer(width, height)
         self._no_vertices = GL.glGenVertexArrays(1)
 
-    def begin(self, frame: PosedFrame, camera: Camera) -> None:
+    def begin_frame(self, frame: PosedFrame, camera: Camera) -> None:
         """Start drawing a frame; the driver continues while this process does something else."""
         if self._body is None:
             aspect = self._whole.width / self._whole.height
             self._body = BodyScene(self._subject, frame, camera, aspect)
         else:
-            self._body.show(frame, camera)
+            self._body.update(frame, camera)
         body = self._box_of(frame.vertices, camera)
         shadow = self._box_of(frame.shadow_corners, camera)
-        covered, is_reusable = body.joined(shadow), camera == self._camera
-        self._changed = covered.joined(self._covered) if is_reusable else self._whole
-        ground = shadow.joined(self._shadow) if is_reusable else self._whole
+        covered, is_reusable = body.union(shadow), camera == self._camera
+        self._changed = covered.union(self._covered) if is_reusable else self._whole
+        ground = shadow.union(self._shadow) if is_reusable else self._whole
         self._covered, self._shadow, self._camera = covered, shadow, camera
         GL.glEnable(GL.GL_SCISSOR_TEST)
         if ground.width and ground.height:
-            GL.glScissor(*ground.area)
-            self._pass(self._ground, self._whole, is_body=False)
+            GL.glScissor(*ground.gl_rect)
+            self._pass(self._ground, self._whole, "ground")
         GL.glDisable(GL.GL_SCISSOR_TEST)
         if body.width and body.height:
             self._make_room(body)
             # The ground hides what is below it from a camera above.
             is_hiding = camera.eye[1] > self._floor_m and not self._subject.is_transparent
             (GL.glEnable if is_hiding else GL.glDisable)(GL.GL_CLIP_DISTANCE0)
-            self._pass(self._samples, self._sampled(body), is_body=True)
+            self._pass(self._samples, self._sampled(body), "body")
         self._unresolved = body
         GL.glFlush()
 
@@ -96,7 +96,7 @@ class Canvas(pyrender.Renderer):
         GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
         GL.glPixelStorei(GL.GL_PACK_ROW_LENGTH, self._whole.right)
         GL.glReadPixels(
-            *box.area,
+            *box.gl_rect,
             self._format,
             GL.GL_UNSIGNED_BYTE,
             GL.GLvoidp(self._pixels[box.bottom :, box.left :].ctypes.data),
@@ -111,7 +111,7 @@ class Canvas(pyrender.Renderer):
 
     def draw(self, frame: PosedFrame, camera: Camera) -> UInt8[np.ndarray, "H W C"]:
         """Draw a picture and wait for it."""
-        self.begin(frame, camera)
+        self.begin_frame(frame, camera)
         return self.read_pixels()
 
     def delete(self) -> None:
@@ -151,15 +151,17 @@ class Canvas(pyrender.Renderer):
         width, height = (each // SUPERSAMPLE for each in self._samples.size)
         return Box(body.left, body.bottom, body.left + width, body.bottom + height)
 
-    def _pass(self, framebuffer: "_Framebuffer", box: "Box", *, is_body: bool) -> None:
+    def _pass(
+        self, framebuffer: "_Framebuffer", box: "Box", layer: Literal["body", "ground"]
+    ) -> None:
         """Draw body or ground into a framebuffer that holds a box of the picture."""
         assert self._body is not None
         self._main_fb_ms = framebuffer.handle
         scale = framebuffer.size[0] // box.width
-        left, bottom, _, _ = box.area
+        left, bottom, _, _ = box.gl_rect
         shown = (-left, -bottom, self._whole.width, self._whole.height)
         self._viewport = tuple(scale * each for each in shown)
-        self._body.show_only(is_body=is_body)
+        self._body.show_only(layer)
         self.render(self._body.scene, RenderFlags.OFFSCREEN)
 
     def _resolve(self) -> None:
@@ -177,9 +179,9 @@ class Canvas(pyrender.Renderer):
         program = self._program_cache.get_program("resolve.vert", "resolve.frag")
         if not program._in_context():
             program._add_to_context()
-        GL.glViewport(*self._sampled(body).area)
+        GL.glViewport(*self._sampled(body).gl_rect)
         GL.glEnable(GL.GL_SCISSOR_TEST)
-        GL.glScissor(*body.area)
+        GL.glScissor(*body.gl_rect)
         for state in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE):
             GL.glDisable(state)
         GL.glBlendFunc(GL.GL_ONE, GL.GL_ONE_MINUS_SRC_ALPHA)  # colours are premultiplied
@@ -261,11 +263,11 @@ class Box:
         return self.top - self.bottom
 
     @property
-    def area(self) -> tuple[int, int, int, int]:
+    def gl_rect(self) -> tuple[int, int, int, int]:
         """Left, bottom, width and height."""
         return self.left, self.bottom, self.width, self.height
 
-    def joined(self, other: "Box") -> "Box":
+    def union(self, other: "Box") -> "Box":
         """Return the smallest box around both."""
         return Box(
             min(self.left, other.left),
@@ -326,7 +328,7 @@ class DynamicMesh:
         """Make the mesh.
 
         Args:
-            frame: frame with all vertices of the body, as for ``move``.
+            frame: frame with all vertices of the body, as for ``update``.
             faces: faces among its vertices; other vertices are left out.
             texture: texture, which the colours are multiplied by.
         """
@@ -356,11 +358,11 @@ class DynamicMesh:
             parts.insert(2, texture.uv[self._used])
         self._interleaved = np.concatenate(parts, axis=1).astype(np.float32)
 
-    def show_insides(self) -> None:
+    def enable_back_faces(self) -> None:
         """Draw back faces too."""
         self._primitive.material.doubleSided = True
 
-    def move(self, frame: PosedFrame) -> None:
+    def update(self, frame: PosedFrame) -> None:
         """Set vertices, normals and, if the frame has them, colours, after the first drawing."""
         self._interleaved[:, 0:3] = frame.vertices[self._used]
         self._interleaved[:, 3:6] = frame.normals[self._used]
@@ -434,7 +436,7 @@ class TexturedQuad:
             visual=TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]]),
             process=False,
         )
-        # pyrender puts row 0 of a texture at v = 1, OpenGL and ``show`` at v = 0.
+        # pyrender puts row 0 of a texture at v = 1, OpenGL and ``set_pixels`` at v = 0.
         texture = pyrender.Texture(
             source=pixels[::-1],
             source_channels="RGB",
@@ -449,7 +451,7 @@ class TexturedQuad:
         self.mesh = pyrender.Mesh.from_trimesh(held, material=shown)
         self._texture = self.mesh.primitives[0].material.baseColorTexture  # pyrender's copy
 
-    def show(self, pixels: UInt8[np.ndarray, "R R 3"]) -> None:
+    def set_pixels(self, pixels: UInt8[np.ndarray, "R R 3"]) -> None:
         """Set another picture of the same size, after the first drawing."""
         rows, columns, _ = pixels.shape
         GL.glActiveTexture(GL.GL_TEXTURE0)
@@ -479,9 +481,11 @@ class BodyScene:
             if each.any()
         ]
         if is_open.any():
-            self._body[-1].show_insides()
+            self._body[-1].enable_back_faces()
         self._ground = (
-            None if subject.is_transparent else TexturedQuad(subject.ground_corners, first.ground)
+            None
+            if subject.is_transparent
+            else TexturedQuad(subject.ground_corners, first.ground_pixels)
         )
         self._background = (0.0,) * 4 if subject.is_transparent else (*STUDIO.background, 1.0)
         self.scene = _Scene(ambient_light=[STUDIO.ambient] * 3)
@@ -502,21 +506,22 @@ class BodyScene:
                 pose=facing.pose(),
             )
 
-    def show_only(self, *, is_body: bool) -> None:
-        """Show only the body, or only the floor and background."""
+    def show_only(self, layer: Literal["body", "ground"]) -> None:
+        """Show only the body, or only the ground and background."""
+        is_body = layer == "body"
         for part in self._body:
             part.mesh.is_visible = is_body
         if self._ground:
             self._ground.mesh.is_visible = not is_body
         self.scene.bg_color = np.array((0.0,) * 4 if is_body else self._background)
 
-    def show(self, frame: PosedFrame, camera: Camera) -> None:
+    def update(self, frame: PosedFrame, camera: Camera) -> None:
         """Update body, shadow and camera after the first drawing; the context must be current."""
         self.scene.set_pose(self._camera, camera.pose())
         for part in self._body:
-            part.move(frame)
+            part.update(frame)
         if self._ground:
-            self._ground.show(frame.ground)
+            self._ground.set_pixels(frame.ground_pixels)
 
 
 class _Scene(pyrender.Scene):

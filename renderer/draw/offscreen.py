@@ -108,7 +108,7 @@ class OffscreenRenderer:
             reason = f"{type(error).__name__} {error}".strip().splitlines()[0]
             raise GLError(f"OpenGL with {self._backend} {failure} ({reason}).") from error
 
-    def canvas(self, subject: Subject, width: int, height: int) -> "Canvas":
+    def make_canvas(self, subject: Subject, width: int, height: int) -> "Canvas":
         """Make a canvas for a subject, valid as long as this renderer is open.
 
         Raises:
@@ -121,7 +121,7 @@ class OffscreenRenderer:
         return self._canvases[-1]
 
     @property
-    def driver(self) -> str:
+    def driver_name(self) -> str:
         """Name of the OpenGL driver, such as ``llvmpipe (LLVM 15.0.6, 256 bits)``."""
         from OpenGL import GL
 

@@ -75,7 +75,7 @@ def _broken(name: Backend, error: str) -> BackendReport:
     return BackendReport(name, error=error)
 
 
-def test_draw(name: Backend) -> str:
+def draw_and_name_driver(name: Backend) -> str:
     """Draw with a backend in this process and check that the picture is not empty.
 
     Raises:
@@ -93,9 +93,9 @@ def test_draw(name: Backend) -> str:
     )
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(name) as renderer:
-        canvas = renderer.canvas(subject, _PROBE_SIZE_PX, _PROBE_SIZE_PX)
+        canvas = renderer.make_canvas(subject, _PROBE_SIZE_PX, _PROBE_SIZE_PX)
         picture = canvas.draw(prepare(body.template), camera).astype(int)
-        driver = renderer.driver
+        driver = renderer.driver_name
     if np.abs(picture[_PROBE_SIZE_PX // 2, _PROBE_SIZE_PX // 2] - picture[0, 0]).max() < 16:
         raise GLError(f"the driver {driver} draws an empty picture")
     return driver
@@ -103,6 +103,6 @@ def test_draw(name: Backend) -> str:
 
 if __name__ == "__main__":
     try:
-        sys.stdout.write(f"{test_draw(sys.argv[1])}\n")  # type: ignore[arg-type]
+        sys.stdout.write(f"{draw_and_name_driver(sys.argv[1])}\n")  # type: ignore[arg-type]
     except (GLError, ImportError) as problem:
         sys.exit(str(problem))

@@ -315,8 +315,8 @@ def _channels(
     if used:
         weights = np.ascontiguousarray(motion.expressions[:, used], np.float32)
         moved.append((_BODY_NODE, "weights", buffer.add_accessor(weights.ravel())))
-    if stage.shots[0].is_following:
-        track = stage.tracks(body, motion)[0] + stage.camera.eye
+    if stage.panel_cameras[0].is_following:
+        track = stage.followed_positions(body, motion)[0] + stage.camera.eye
         moved.append((_CAMERA_NODE, "translation", buffer.add_accessor(track.astype(np.float32))))
     return moved
 

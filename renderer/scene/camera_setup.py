@@ -164,22 +164,22 @@ class PanelCamera:
     view: str
     camera: Camera
     """Camera; if it follows, relative to the point that it follows."""
-    sigma_frames: float | None = None
+    smoothing_sigma_frames: float | None = None
     """Smoothing of following (frames); None for a static camera."""
-    path: Float[np.ndarray, "T 3"] | None = None
+    followed_path: Float[np.ndarray, "T 3"] | None = None
     """Positions (T, 3) of the tracked point, metres; None follows the drawn motion."""
 
     @property
     def is_following(self) -> bool:
-        return self.sigma_frames is not None
+        return self.smoothing_sigma_frames is not None
 
 
 @dataclass(frozen=True)
 class CameraSetup:
     """Cameras and floor for a set of motions. Metres, y up."""
 
-    shots: tuple[PanelCamera, ...]
-    """Shots of the body's panel, then of the close-ups."""
+    panel_cameras: tuple[PanelCamera, ...]
+    """Cameras of the body's panel, then of the close-ups."""
     floor_m: float
     centre_xz: tuple[float, float] = (0.0, 0.0)
     """Centre (x, z) of the area below the joints (m)."""
@@ -189,13 +189,13 @@ class CameraSetup:
     @property
     def camera(self) -> Camera:
         """Camera of the body's panel."""
-        return self.shots[0].camera
+        return self.panel_cameras[0].camera
 
-    def pixel_m(self, shot: PanelCamera, height_px: int) -> float:
+    def pixel_size_m(self, panel_camera: PanelCamera, height_px: int) -> float:
         """Return the size of a pixel (m) at the centre or tracked point; 0 behind the camera."""
-        x, z = (0.0, 0.0) if shot.is_following else self.centre_xz
-        up_m = 0.0 if shot.view in CLOSE_UP_JOINTS else self.floor_m + ORBIT_CENTRE_HEIGHT_M
-        camera = shot.camera
+        x, z = (0.0, 0.0) if panel_camera.is_following else self.centre_xz
+        up_m = 0.0 if panel_camera.view in CLOSE_UP_JOINTS else self.floor_m + ORBIT_CENTRE_HEIGHT_M
+        camera = panel_camera.camera
         away_m = float(camera.axes()[2] @ np.subtract(camera.eye, (x, up_m, z)))
         return max(away_m, 0.0) * 2.0 * float(np.tan(camera.yfov_rad / 2.0)) / height_px
 
@@ -203,30 +203,37 @@ class CameraSetup:
         """Return the stage with the main camera moved around the middle of the bodies."""
         if not orbit.is_moved:
             return self
-        first, *others = self.shots
+        first, *others = self.panel_cameras
         x, z = (0.0, 0.0) if first.is_following else self.centre_xz
         middle = np.array([x, self.floor_m + ORBIT_CENTRE_HEIGHT_M, z])
         moved = replace(first, camera=orbit.apply(first.camera, middle))
-        return replace(self, shots=(moved, *others))
+        return replace(self, panel_cameras=(moved, *others))
 
-    def tracks(self, body: Body, motion: BodyMotion) -> list[Float[np.ndarray, "T 3"]]:
-        """Return the positions of each shot's tracked point per frame, metres."""
+    def followed_positions(self, body: Body, motion: BodyMotion) -> list[Float[np.ndarray, "T 3"]]:
+        """Return the positions of each camera's tracked point per frame, metres."""
         positions = None
         tracks = []
-        for shot in self.shots:
-            if shot.path is not None:
-                tracks.append(shot.path)
-            elif shot.sigma_frames is None:
+        for panel_camera in self.panel_cameras:
+            if panel_camera.followed_path is not None:
+                tracks.append(panel_camera.followed_path)
+            elif panel_camera.smoothing_sigma_frames is None:
                 tracks.append(np.zeros((motion.num_frames, 3)))
             else:
                 positions = _joint_positions(body, motion) if positions is None else positions
-                tracks.append(_track(body, positions, shot.view, shot.sigma_frames))
+                tracks.append(
+                    _track(body, positions, panel_camera.view, panel_camera.smoothing_sigma_frames)
+                )
         return tracks
 
-    def with_camera_paths(self, ways: Sequence[Float[np.ndarray, "T 3"]]) -> "CameraSetup":
+    def with_camera_paths(
+        self, followed_positions: Sequence[Float[np.ndarray, "T 3"]]
+    ) -> "CameraSetup":
         """Return the stage with cameras that follow these positions, whatever is drawn."""
-        shots = (replace(shot, path=way) for shot, way in zip(self.shots, ways, strict=True))
-        return replace(self, shots=tuple(shots))
+        panel_cameras = [
+            replace(panel_camera, followed_path=path)
+            for panel_camera, path in zip(self.panel_cameras, followed_positions, strict=True)
+        ]
+        return replace(self, panel_cameras=tuple(panel_cameras))
 
 
 def make_camera_setup(
@@ -273,17 +280,17 @@ def make_camera_setup(
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]
     wandered_m = float(np.ptp(pelvises, axis=0).max())
-    shots = []
+    panel_cameras = []
     for place, (name, ratio, _, flesh, sigma) in zip(places, setups, strict=True):
-        if not shots and view not in CLOSE_UP_JOINTS and wandered_m <= FOLLOW_DISTANCE_M:
+        if not panel_cameras and view not in CLOSE_UP_JOINTS and wandered_m <= FOLLOW_DISTANCE_M:
             place, sigma = from_afar, None
         points = np.concatenate(place)
         radius = np.broadcast_to(flesh, points.shape[:2]).ravel()
         camera = fit_camera(points.reshape(-1, 3), name, aspect=ratio, radius_m=radius)
-        shots.append(PanelCamera(name, camera, sigma))
+        panel_cameras.append(PanelCamera(name, camera, sigma))
     low, high = np.min(corners, axis=0), np.max(corners, axis=0)
     return CameraSetup(
-        shots=tuple(shots),
+        panel_cameras=tuple(panel_cameras),
         floor_m=float(np.median(floors)),
         centre_xz=(float(low[0] + high[0]) / 2.0, float(low[2] + high[2]) / 2.0),
         extent_m=float(max(high[0] - low[0], high[2] - low[2])),

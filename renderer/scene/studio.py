@@ -127,7 +127,7 @@ class PosedFrame:
 
     vertices: Float[np.ndarray, "V 3"]
     normals: Float[np.ndarray, "V 3"]
-    ground: np.ndarray
+    ground_pixels: UInt8[np.ndarray, "R R 3"]
     """Floor with this frame's shadow (R, R, 3), uint8."""
     shadow_corners: Float32[np.ndarray, "N 3"]
     """Corners (m) of the floor's rectangle with the shadow; none without shadow."""
@@ -190,7 +190,7 @@ class FramePreparer:
         return PosedFrame(
             vertices=vertices,
             normals=self.normals(vertices),
-            ground=self.ground.texture(shadow),
+            ground_pixels=self.ground.texture(shadow),
             shadow_corners=self.ground.shadow_corners(shadow),
             colors=colors,
         )

@@ -25,17 +25,17 @@ _INK, _PAPER = (38, 42, 50), (255, 255, 255)
 _YUV_FILTER = "scale=out_color_matrix=bt709:out_range=tv,format=yuv420p"
 
 
-Overlay = Literal["ghost", "wipe", "flicker"]
-OVERLAYS: tuple[Overlay, ...] = get_args(Overlay)
+OverlayMode = Literal["ghost", "wipe", "flicker"]
+OVERLAY_MODES: tuple[OverlayMode, ...] = get_args(OverlayMode)
 FLICKER_FRAMES = 15
 """Frames between changes (half a second): far too slow to cause photosensitive seizures."""
 
 
 @dataclass(frozen=True)
-class Pair:
+class OverlayPair:
     """Overlay of two videos: the second over the first's body panel, with its close-ups."""
 
-    overlay: Overlay
+    mode: OverlayMode
     """Kind of overlay; a ghost prints each video in its ink."""
     width: int
     height: int
@@ -43,13 +43,13 @@ class Pair:
     """Panel of the body in both videos and in the result."""
     second_close_ups: tuple[Panel, ...] = ()
     """Close-ups of the second video, at the same positions as in the result."""
-    edge: int = 0
+    wipe_edge_px: int = 0
     """Columns of the body's panel that show the first video, for a wipe."""
-    inks: Sequence[str] = ("#d55e00", "#0072b2")
+    ghost_colors: Sequence[str] = ("#d55e00", "#0072b2")
     """Colours of a ghost, as #rrggbb."""
 
     @property
-    def shorter(self) -> int:
+    def shorter_side_px(self) -> int:
         """Shorter side of half the picture, which sets the size of labels."""
         return min(self.width // 2, self.height)
 
@@ -62,7 +62,7 @@ def compose_videos(
     on_progress: Callable[[float], None] = lambda share: None,
     should_cancel: Callable[[], bool] = lambda: False,
     num_columns: int | None = None,
-    pair: Pair | None = None,
+    pair: OverlayPair | None = None,
 ) -> None:
     """Compose videos side by side with bands of labels above each row, or overlay two of them.
 
@@ -88,7 +88,7 @@ def compose_videos(
         grid = fit_grid(len(videos), first.width, first.height, num_columns)
         shorter = min(grid.picture_width, grid.picture_height)
         bands = [
-            label_band([labels[i] for i in row], grid.picture_width, shorter, grid.width)
+            draw_label_band([labels[i] for i in row], grid.picture_width, shorter, grid.width)
             for row in grid.rows
         ]
         graph = _side_by_side_filter(
@@ -101,8 +101,10 @@ def compose_videos(
                     f"{video.name} has {each.width} x {each.height} pixels; at most {pair.width} x "
                     f"{pair.height} fit in the overlay."
                 )
-        inks = pair.inks if pair.overlay == "ghost" else None
-        bands = [label_band(labels, pair.width // 2, pair.shorter, pair.width, inks)]
+        label_colors = pair.ghost_colors if pair.mode == "ghost" else None
+        bands = [
+            draw_label_band(labels, pair.width // 2, pair.shorter_side_px, pair.width, label_colors)
+        ]
         graph = _overlay_filter(_hold_last_frame(lengths), pair)
     with tempfile.TemporaryDirectory() as folder:
         pictures = [Path(folder, f"labels{number}.png") for number in range(len(bands))]
@@ -111,7 +113,7 @@ def compose_videos(
         inputs = [part for each in (*videos, *pictures) for part in ("-i", str(each))]
         joined = ("-filter_complex", ";".join(graph), "-map", "[out]")
         with Encoder(out, inputs, joined, max(lengths), speech_wav) as encoder:
-            encoder.follow(on_progress, should_cancel)
+            encoder.wait_with_progress(on_progress, should_cancel)
 
 
 def _check_same_shape(videos: Sequence[Path], facts: Sequence[VideoInfo]) -> None:
@@ -157,13 +159,13 @@ class Grid:
         return self.picture_width * len(self.rows[0])
 
     @property
-    def band(self) -> int:
+    def label_band_height_px(self) -> int:
         """Height of the labels above each row (pixels)."""
-        return band_height(min(self.picture_width, self.picture_height))
+        return label_band_height(min(self.picture_width, self.picture_height))
 
 
 def fit_grid(
-    count: int, picture_width: int, picture_height: int, num_columns: int | None = None
+    num_pictures: int, picture_width: int, picture_height: int, num_columns: int | None = None
 ) -> Grid:
     """Return the grid with the largest pictures on a screen, never enlarged.
 
@@ -173,10 +175,10 @@ def fit_grid(
         num_columns: fixed number of columns; None to choose it.
     """
     best, best_scale = None, 0.0
-    columns = [-(-count // num_rows) for num_rows in range(1, count + 1)]
+    columns = [-(-num_pictures // num_rows) for num_rows in range(1, num_pictures + 1)]
     for number in columns if num_columns is None else [num_columns]:
-        rows = _rows(count, number)
-        room = MAX_HEIGHT_PX / len(rows) - band_height(min(picture_width, picture_height))
+        rows = _rows(num_pictures, number)
+        room = MAX_HEIGHT_PX / len(rows) - label_band_height(min(picture_width, picture_height))
         scale = min(MAX_WIDTH_PX / len(rows[0]) / picture_width, room / picture_height, 1.0)
         if best is None or scale > best_scale:
             width, height = (
@@ -187,10 +189,11 @@ def fit_grid(
     return best
 
 
-def rows_of(count: int, picture_width: int) -> tuple[range, ...]:
+def split_into_rows(num_pictures: int, picture_width: int) -> tuple[range, ...]:
     """Return the picture indices of each row, with as many per row as fit a screen's width."""
     longest = max(1, MAX_WIDTH_PX // picture_width)
-    return _rows(count, -(-count // -(-count // longest)))
+    num_rows = -(-num_pictures // longest)
+    return _rows(num_pictures, -(-num_pictures // num_rows))
 
 
 def _rows(count: int, num_columns: int) -> tuple[range, ...]:
@@ -207,7 +210,12 @@ def _side_by_side_filter(held: Sequence[str], grid: Grid, *, is_smaller: bool) -
         left = _left_edge(len(row), grid.picture_width, grid.width)
         parts.append(
             _with_label_band(
-                joined, len(held) + number, f"[row{number}]", grid.width, grid.band, left
+                joined,
+                len(held) + number,
+                f"[row{number}]",
+                grid.width,
+                grid.label_band_height_px,
+                left,
             )
         )
     stack = "".join(f"[row{number}]" for number in range(len(grid.rows)))
@@ -215,12 +223,12 @@ def _side_by_side_filter(held: Sequence[str], grid: Grid, *, is_smaller: bool) -
     return [*parts, f"{stack}{how}[out]"]
 
 
-def _left_edge(count: int, picture_width: int, width: int) -> int:
+def _left_edge(num_pictures: int, picture_width: int, width: int) -> int:
     """Return the left edge of a centred row; even, as yuv420p halves both axes."""
-    return 2 * ((width - count * picture_width) // 4)
+    return 2 * ((width - num_pictures * picture_width) // 4)
 
 
-def _overlay_filter(held: Sequence[str], pair: Pair) -> list[str]:
+def _overlay_filter(held: Sequence[str], pair: OverlayPair) -> list[str]:
     """Return ffmpeg's filter graph of an overlay: both padded to the result, the second on top."""
     whole = [f"{each},pad={pair.width}:{pair.height}:0:0:white" for each in held]
     body = pair.body
@@ -230,16 +238,16 @@ def _overlay_filter(held: Sequence[str], pair: Pair) -> list[str]:
         f"{whole[1]},split={1 + len(sides)}[second]{''.join(sides)}",
     ]
     where, when = (body.left, body.top), ""
-    match pair.overlay:
+    match pair.mode:
         case "ghost":
             grey = f"{_crop(body)},scale=in_color_matrix=bt709:in_range=tv,format=gbrp,{_GREY}"
             parts += [
-                f"[first]{grey},{_tint(pair.inks[0])}[under]",
-                f"[second]{grey},{_tint(pair.inks[1])}[upper]",
+                f"[first]{grey},{_tint(pair.ghost_colors[0])}[under]",
+                f"[second]{grey},{_tint(pair.ghost_colors[1])}[upper]",
                 f"[under][upper]blend=all_mode=darken,{_YUV_FILTER}[over]",
             ]
         case "wipe":
-            edge = max(0, min(pair.edge, body.width - 2)) // 2 * 2
+            edge = max(0, min(pair.wipe_edge_px, body.width - 2)) // 2 * 2
             right = Panel("", body.left + edge, body.top, body.width - edge, body.height)
             line = f"drawbox=0:0:2:{right.height}:white:fill"
             parts += ["[first]nullsink", f"[second]{_crop(right)},{line}[over]"]
@@ -252,7 +260,7 @@ def _overlay_filter(held: Sequence[str], pair: Pair) -> list[str]:
     for side, panel in zip(sides, pair.second_close_ups, strict=True):
         parts += [f"{laid}{side[:-1]}under]", f"{side}{_crop(panel)}{side[:-1]}over]"]
         laid = f"{side[:-1]}under]{side[:-1]}over]overlay={panel.left}:{panel.top}"
-    band = band_height(pair.shorter)
+    band = label_band_height(pair.shorter_side_px)
     return [*parts, _with_label_band(f"{laid},", len(held), "[out]", pair.width, band)]
 
 
@@ -276,25 +284,25 @@ def _crop(panel: Panel) -> str:
     return f"crop={panel.width}:{panel.height}:{panel.left}:{panel.top}"
 
 
-def band_height(picture_height: int) -> int:
+def label_band_height(picture_height: int) -> int:
     """Return the label band's height in pixels: even, in proportion to the shorter side."""
     return 2 * max(12, round(picture_height / 28))
 
 
-def label_band(
+def draw_label_band(
     labels: Sequence[str],
     picture_width: int,
     picture_height: int,
     width: int | None = None,
-    inks: Sequence[str] | None = None,
+    label_colors: Sequence[str] | None = None,
 ) -> UInt8[np.ndarray, "B W 3"]:
     """Draw the band above a row of pictures, with each label in one line, centred on its picture.
 
     Args:
         width: width of the band if it is wider than its row, which is then centred.
-        inks: colours of the labels, as #rrggbb.
+        label_colors: colours of the labels, as #rrggbb.
     """
-    height = band_height(picture_height)
+    height = label_band_height(picture_height)
     width = width or picture_width * len(labels)
     left = _left_edge(len(labels), picture_width, width)
     band = Image.new("RGB", (width, height), _PAPER)
@@ -311,15 +319,21 @@ def label_band(
             num_letters -= 1
             label = label[:num_letters] + "..."
         middle = (left + picture_width * (index + 0.5), height / 2)
-        draw.text(middle, label, fill=inks[index] if inks else _INK, font=font, anchor="mm")
+        draw.text(
+            middle,
+            label,
+            fill=label_colors[index] if label_colors else _INK,
+            font=font,
+            anchor="mm",
+        )
     return np.asarray(band)
 
 
 def contact_sheet(pictures: UInt8[np.ndarray, "N H W C"], frames: Sequence[int]) -> Image.Image:
     """Draw all pictures in rows that fit a screen, on white, or transparent if they have alpha."""
     _, height, width, channels = pictures.shape
-    rows = rows_of(len(pictures), width)
-    band = band_height(height)
+    rows = split_into_rows(len(pictures), width)
+    band = label_band_height(height)
     size = (width * len(rows[0]), (height + band) * len(rows))
     has_alpha = channels == 4
     sheet = Image.new("RGBA" if has_alpha else "RGB", size, (255, 255, 255, 0)[:channels])

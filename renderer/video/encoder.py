@@ -38,7 +38,7 @@ def partial_path(out: Path, process_id: int) -> Path:
     return out.with_name(f".{out.stem}.{process_id}.part{out.suffix}")
 
 
-def check_size(width: int, height: int) -> None:
+def check_video_size(width: int, height: int) -> None:
     """Check that both sizes are even, as yuv420p halves both axes.
 
     Raises:
@@ -70,14 +70,14 @@ def ffmpeg_path() -> str:
     return path
 
 
-def run_ffmpeg(*arguments: str, log: str = "error") -> str:
-    """Run ffmpeg and return its standard output, or its messages if ``log`` is "info".
+def run_ffmpeg(*arguments: str, log_level: str = "error") -> str:
+    """Run ffmpeg and return its standard output, or its messages if ``log_level`` is "info".
 
     Raises:
         VideoError: if it fails, with its last message.
     """
     run = subprocess.run(
-        [ffmpeg_path(), "-hide_banner", "-nostats", "-loglevel", log, "-y", *arguments],
+        [ffmpeg_path(), "-hide_banner", "-nostats", "-loglevel", log_level, "-y", *arguments],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         check=False,
@@ -87,7 +87,7 @@ def run_ffmpeg(*arguments: str, log: str = "error") -> str:
         last = " ".join(messages.split())[-300:] or "none"
         end = ExitReport(run.returncode).exit_text
         raise VideoError(f"ffmpeg ended {end}; its last message: {last}")
-    return messages if log == "info" else run.stdout.decode(errors="replace")
+    return messages if log_level == "info" else run.stdout.decode(errors="replace")
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def probe_video(video: Path) -> VideoInfo:
     """
     copied = ("-map", "0:v:0", "-c", "copy", "-f", "null", "-")
     try:
-        output = run_ffmpeg("-stats", "-i", str(video), *copied, log="info")
+        output = run_ffmpeg("-stats", "-i", str(video), *copied, log_level="info")
     except VideoError as error:
         raise VideoError(f"{video} cannot be read as a video: {error}") from error
     size = re.search(r"Video: .*?, (\d+)x(\d+)[ ,]", output)
@@ -205,7 +205,7 @@ class Encoder:
                 fcntl.fcntl(self._process.stdin, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         return self
 
-    def follow(
+    def wait_with_progress(
         self, on_progress: Callable[[float], None], should_cancel: Callable[[], bool]
     ) -> None:
         """Report the finished share several times a second, until ffmpeg ends.

@@ -49,9 +49,9 @@ class Trail:
     """Mask (T,) of frames with a dot."""
     legend: str = ""
     """Legend of colours and dots, in one line."""
-    close_up: str = ""
+    close_up_view: str = ""
     """View of the close-up that also shows the trail; empty for none."""
-    is_on_body: bool = True
+    is_in_body_panel: bool = True
     """True if the body's own panel shows the trail."""
     num_frames: int = TRAIL_FRAMES
     """Length of the trail in frames before the current one."""
@@ -61,7 +61,7 @@ class Trail:
 class HeatMap:
     """Jerk of each joint, shown as colour of the vertices that follow it."""
 
-    shares: Float[np.ndarray, "T J"]
+    normalized_jerk: Float[np.ndarray, "T J"]
     """Jerk as a share of the end of the scale, 0 to 1."""
     legend: str = ""
     """Legend of the end of the scale."""
@@ -80,10 +80,10 @@ class Overlays:
 
 
 def heat_colors(
-    body: Body, shares: Float[np.ndarray, "T J"]
+    body: Body, normalized_jerk: Float[np.ndarray, "T J"]
 ) -> Iterator[Float32[np.ndarray, "V 3"]]:
     """Yield the linear RGB of each vertex, from its joints' shares and skinning weights."""
-    for of_joint in shares:
+    for of_joint in normalized_jerk:
         yield (_along(HEAT_COLORS, body.weights @ of_joint) ** 2).astype(np.float32)
 
 
@@ -101,7 +101,9 @@ class OverlayPainter:
         self._panels = panels
         self._with_trail: list[int] = []
         if marks.trail is not None:
-            shown = {marks.trail.close_up} | ({panels[0].view} if marks.trail.is_on_body else set())
+            shown = {marks.trail.close_up_view} | (
+                {panels[0].view} if marks.trail.is_in_body_panel else set()
+            )
             self._with_trail = [i for i, panel in enumerate(panels) if panel.view in shown]
         self._plates = _static_images(marks, panels)
 
@@ -178,7 +180,7 @@ def _static_images(marks: Overlays, panels: Sequence[Panel]) -> list[PlacedImage
     legends = []
     if marks.heat is not None:
         legends.append(_legend(HEAT_COLORS * 255, marks.heat.legend, size, body.width))
-    if marks.trail is not None and marks.trail.is_on_body:
+    if marks.trail is not None and marks.trail.is_in_body_panel:
         legends.append(_legend(SPEED_COLORS, marks.trail.legend, size, body.width))
     for legend in legends:
         bottom -= legend.height + 4

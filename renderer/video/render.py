@@ -22,7 +22,7 @@ from renderer.scene.camera_setup import (
     select_frames,
 )
 from renderer.scene.studio import FramePreparer, PosedFrame, Subject
-from renderer.video.encoder import DEFAULT_CRF, check_size
+from renderer.video.encoder import DEFAULT_CRF, check_video_size
 from renderer.video.overlays import OverlayPainter, Overlays, heat_colors
 
 MIN_SIZE_PX, MAX_SIZE_PX = 64, 2160
@@ -51,13 +51,13 @@ class RenderSettings:
     """True for pictures of the body alone with an alpha channel; not for videos."""
 
     def __post_init__(self) -> None:
-        check_size(self.width, self.height)
+        check_video_size(self.width, self.height)
         if min(self.width, self.height) < MIN_SIZE_PX or max(self.width, self.height) > MAX_SIZE_PX:
             raise ValueError(
                 f"A picture of {self.width} x {self.height} pixels is outside the limits; "
                 f"each side must have {MIN_SIZE_PX} to {MAX_SIZE_PX} pixels."
             )
-        check_size(*self.picture_size)
+        check_video_size(*self.picture_size)
 
     @property
     def aspect(self) -> float:
@@ -123,22 +123,25 @@ def draw_frames(
     if not len(numbers):
         return
     stage, panels = stage or camera_setup_for(body, [motion], settings), settings.panels
-    if [shot.view for shot in stage.shots[1:]] != [panel.view for panel in panels[1:]]:
+    if [shot.view for shot in stage.panel_cameras[1:]] != [panel.view for panel in panels[1:]]:
         raise ValueError("The camera setup and the settings have different close-ups.")
     meshes = [
-        select_panel_mesh(body, stage, *each) for each in zip(stage.shots, panels, strict=True)
+        select_panel_mesh(body, stage, *each)
+        for each in zip(stage.panel_cameras, panels, strict=True)
     ]
-    ways = [track[frames] for track in stage.tracks(body, motion)]
+    ways = [track[frames] for track in stage.followed_positions(body, motion)]
     heat, painter = marks and marks.heat, OverlayPainter(marks, panels) if marks else None
     chosen = select_frames(motion, frames)
     vertices = [chain.from_iterable(mesh.vertices(chosen)) for mesh in meshes]
-    colors = [heat_colors(mesh, heat.shares[frames]) if heat else repeat(None) for mesh in meshes]
+    colors = [
+        heat_colors(mesh, heat.normalized_jerk[frames]) if heat else repeat(None) for mesh in meshes
+    ]
     prepare = [FramePreparer(m.faces, m.num_vertices, stage, m.texture) for m in meshes]
     corners = prepare[0].ground.corners()
     whole = np.full(settings.picture_shape, _LINE, np.uint8)
     with OffscreenRenderer(settings.backend or choose_backend()) as renderer:
         canvases = [
-            renderer.canvas(
+            renderer.make_canvas(
                 Subject(
                     mesh.faces, mesh.vertex_colors, corners, settings.is_transparent, mesh.texture
                 ),
@@ -154,7 +157,7 @@ def draw_frames(
             _draw_panel_borders(whole, panels)
 
         def cameras(index: int) -> list[Camera]:
-            each = zip(stage.shots, ways, strict=True)
+            each = zip(stage.panel_cameras, ways, strict=True)
             return [shot.camera.translated(way[index]) for shot, way in each]
 
         def painted(index: int) -> UInt8[np.ndarray, "H W C"]:
@@ -170,18 +173,20 @@ def draw_frames(
             if index:
                 fetch()
             for frame, canvas, camera in zip(posed, canvases, cameras(index), strict=True):
-                canvas.begin(frame, camera)
+                canvas.begin_frame(frame, camera)
             if index:
                 yield painted(index - 1)
         fetch()
         yield painted(len(numbers) - 1)
 
 
-def select_panel_mesh(body: Body, stage: CameraSetup, shot: PanelCamera, panel: Panel) -> Body:
+def select_panel_mesh(
+    body: Body, stage: CameraSetup, panel_camera: PanelCamera, panel: Panel
+) -> Body:
     """Return the part of a body that a panel shows, with a level of detail for its pixels."""
-    pixel_m = stage.pixel_m(shot, panel.height)
-    mesh = select_lod(body, body.height_m / pixel_m) if pixel_m > 0.0 else body
-    if shot is stage.shots[0]:
+    pixel_size_m = stage.pixel_size_m(panel_camera, panel.height)
+    mesh = select_lod(body, body.height_m / pixel_size_m) if pixel_size_m > 0.0 else body
+    if panel_camera is stage.panel_cameras[0]:
         return mesh
     part = close_up_mesh(mesh, panel.view)
     return mesh.submesh(part.vertices, part.faces)
@@ -231,7 +236,7 @@ def projected_joints(
     """
     chosen = list(frames)
     joints = body.joint_positions(select_frames(motion, chosen))
-    track = stage.tracks(body, motion)[0][chosen]
+    track = stage.followed_positions(body, motion)[0][chosen]
     size = (settings.width, settings.height)
     return np.stack(
         [

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
 from conventions.views import VIEWS
-from renderer.draw.lighting import lighting_source
+from renderer.draw.lighting import lighting_shader_source
 from renderer.scene import camera, camera_setup, studio
 from renderer.scene.camera_setup import CLOSE_UP_VIEWS, close_up_joints
 from renderer.scene.studio import ROUGHNESS, STUDIO
@@ -15,7 +15,7 @@ def render_constants() -> dict:
     """Return the shared constants as JSON types: metres, radians, colours 0 to 1."""
     views = {view: camera.view_axes(view).tolist() for view in VIEWS}
     return {
-        "lighting": lighting_source(),
+        "lighting": lighting_shader_source(),
         "studio": asdict(STUDIO),
         "roughness": ROUGHNESS,
         "camera": {"yfov": camera.YFOV_RAD, "near": camera.Z_NEAR_M, "margin": camera.MARGIN},

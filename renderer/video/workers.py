@@ -61,16 +61,16 @@ class RenderJob:
     """Frames to return as pictures, in this order."""
 
 
-def draw_jobs(
+def run_render_jobs(
     jobs: Mapping[Key, RenderJob],
     on_progress: Callable[[float], None] = lambda share: None,
     on_done: Callable[[Key], None] = lambda name: None,
     should_cancel: Callable[[], bool] = lambda: False,
-    parallel: int = PARALLEL_JOBS,
+    num_parallel: int = PARALLEL_JOBS,
 ) -> dict[Key, UInt8[np.ndarray, "N H W C"]]:
     """Run all jobs, and return the stills of each by its name.
 
-    ``parallel`` jobs run at once. If there are no more cores than that, the last jobs are run
+    ``num_parallel`` jobs run at once. If there are no more cores than that, the last jobs are run
     together so that no core is idle while one job runs alone: of five by two, the last three.
 
     Args:
@@ -84,8 +84,8 @@ def draw_jobs(
     """
     shares = dict.fromkeys(jobs, 0.0)
     weights = {name: job.motion.num_frames for name, job in jobs.items()}
-    has_idle_core = len(os.sched_getaffinity(0)) > parallel
-    last = min(len(jobs), parallel + (0 if has_idle_core else len(jobs) % parallel))
+    has_idle_core = len(os.sched_getaffinity(0)) > num_parallel
+    last = min(len(jobs), num_parallel + (0 if has_idle_core else len(jobs) % num_parallel))
     waiting = list(jobs)
     done: dict[Key, UInt8[np.ndarray, "N H W C"]] = {}
     busy: dict[Key, _Worker] = {}
@@ -94,12 +94,12 @@ def draw_jobs(
         while len(done) < len(jobs):
             if should_cancel():
                 raise Cancelled("Rendering was cancelled.")
-            at_once = last if len(jobs) - len(done) <= last else parallel
+            at_once = last if len(jobs) - len(done) <= last else num_parallel
             while waiting and len(busy) < at_once:
                 worker = next((each for each in idle if each.is_alive()), None) or _Worker()
                 idle = [each for each in idle if each is not worker]
                 busy[waiting[0]] = worker
-                worker.begin(_resolved_job(jobs[waiting.pop(0)]))
+                worker.start_job(_resolved_job(jobs[waiting.pop(0)]))
             for name, worker in [*busy.items()]:
                 shares[name] = worker.progress()
                 if worker.stills is not None:
@@ -140,7 +140,7 @@ class _Worker:
     def is_alive(self) -> bool:
         return self._child.is_alive()
 
-    def begin(self, job: RenderJob) -> None:
+    def start_job(self, job: RenderJob) -> None:
         self._out, self._share, self.stills = job.out, 0.0, None
         self._child.clear_log()
         self._child.send(job)
@@ -149,8 +149,8 @@ class _Worker:
         """Return the finished share of the job, from the child's messages.
 
         Raises:
-            BodyError, GLError, ValueError, VideoError: as for `draw_jobs`; GLError also if the
-                child died.
+            BodyError, GLError, ValueError, VideoError: as for `run_render_jobs`; GLError also if
+                the child died.
         """
         try:
             while self.stills is None and self._child.has_message(0.0):
@@ -163,7 +163,7 @@ class _Worker:
                     case _:
                         raise value
         except ChildExited as error:
-            raise worker_failure(self._child.exit_report()) from error
+            raise worker_error(self._child.exit_report()) from error
         return self._share
 
     def close(self) -> None:
@@ -173,15 +173,15 @@ class _Worker:
             partial_path(self._out, self._child.pid).unlink(missing_ok=True)
 
 
-def worker_failure(ended: ExitReport) -> RuntimeError:
+def worker_error(report: ExitReport) -> RuntimeError:
     """Return the error for a drawing process that died: a driver's crash, or a bug."""
-    message = ended.user_message(
+    message = report.user_message(
         "The rendering process",
         "draw smaller or fewer videos at once",
         "start the rendering again (in a new process)",
         "The most likely cause is the OpenGL driver.",
     )
-    return GLError(message) if ended.signal is not None else RuntimeError(message)
+    return GLError(message) if report.signal is not None else RuntimeError(message)
 
 
 def main() -> int:

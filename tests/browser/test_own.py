@@ -23,7 +23,7 @@ from model.formats.convention_detection import RELAXED_HANDS
 from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import Interval, NamedTier, format_textgrid
 from model.speech.audio import write_wav
-from renderer.video.compose import band_height
+from renderer.video.compose import label_band_height
 from tests.browser.conftest import (
     AT_REST,
     LOCKSTEP,
@@ -108,7 +108,7 @@ def away(canvas: np.ndarray, video: np.ndarray, page: Page) -> float:
     seen = canvas[TAG_PX : TAG_PX + round(height), : round(columns * width)]
     band = video.shape[0] - round(video.shape[1] * seen.shape[0] / seen.shape[1])
     shorter = video.shape[1] // (columns if told["mode"] == "grid" else 2)
-    assert abs(band - band_height(min(shorter, video.shape[0] - band))) < 8
+    assert abs(band - label_band_height(min(shorter, video.shape[0] - band))) < 8
     return float(np.abs(coarse(seen) - coarse(video[band:])).mean())
 
 

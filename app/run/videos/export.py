@@ -35,7 +35,7 @@ from renderer.files.exports import (
 )
 from renderer.files.vrma import vrma_bytes
 from renderer.video.compose import contact_sheet
-from renderer.video.workers import draw_jobs
+from renderer.video.workers import run_render_jobs
 
 
 def render_motion(
@@ -138,7 +138,7 @@ def _draw(
         on_progress,
         speech=request.speech,
         frames=(*stills, *sheet),
-        draw=partial(draw_jobs, parallel=1),
+        draw=partial(run_render_jobs, num_parallel=1),
         is_transparent=request.stills.background == "transparent",
     )
     files: list[Path] = []

@@ -43,7 +43,7 @@ from renderer.video.render import (
     projected_joints,
     stack_pictures,
 )
-from renderer.video.workers import RenderJob, draw_jobs
+from renderer.video.workers import RenderJob, run_render_jobs
 
 FileCallback = Callable[..., None]
 """Callback with the signature of `app.run.run_writer.RunWriter.add_files`."""
@@ -51,7 +51,7 @@ PictureKey = tuple[str, View]
 """Name of a motion, and view."""
 Jobs = dict[PictureKey, RenderJob]
 Draw = Callable[..., dict[PictureKey, np.ndarray]]
-"""Function with the parameters of `renderer.video.workers.draw_jobs`."""
+"""Function with the parameters of `renderer.video.workers.run_render_jobs`."""
 
 
 def render_settings(
@@ -122,7 +122,7 @@ def draw_videos(
 
     Raises:
         RunError: if the size cannot be rendered or encoded.
-        BodyError, GLError, VideoError: as `draw_jobs`.
+        BodyError, GLError, VideoError: as `run_render_jobs`.
     """
     posed = [body_motion(motion) for motion in framed or motions.values()]
     looks = {
@@ -148,7 +148,7 @@ def draw_videos(
             stage=cameras[how],
             still_frames=frames,
         )
-    return (draw or draw_jobs)(move_cameras(jobs), on_progress=on_progress, on_done=on_done)
+    return (draw or run_render_jobs)(move_cameras(jobs), on_progress=on_progress, on_done=on_done)
 
 
 def draw_rows(
@@ -212,7 +212,7 @@ def draw_poses(
             part: np.concatenate([getattr(each, part) for each in still])
             for part in ("poses", "trans", "expressions")
         }
-        ways = [stage.tracks(body, posed[name])[0][list(frames)] for name in names]
+        ways = [stage.followed_positions(body, posed[name])[0][list(frames)] for name in names]
         looks = (
             body,
             replace(still[0], **parts),
@@ -268,7 +268,7 @@ def _trail(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> T
         speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
         is_spike=jerk > display.jerk_m_s3,
         legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {display.jerk_m_s3:g} m/s³",
-        close_up=f"{side}_hand" if side in ("left", "right") else "",
+        close_up_view=f"{side}_hand" if side in ("left", "right") else "",
         num_frames=display.trail_frames,
     )
 

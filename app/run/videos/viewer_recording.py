@@ -25,7 +25,13 @@ from model.motion.transforms import smooth_motion
 from renderer.body.body import Body, BodyMotion
 from renderer.scene.camera import Orbit
 from renderer.scene.camera_setup import Panel
-from renderer.video.compose import MAX_HEIGHT_PX, MAX_WIDTH_PX, Pair, band_height, compose_videos
+from renderer.video.compose import (
+    MAX_HEIGHT_PX,
+    MAX_WIDTH_PX,
+    OverlayPair,
+    compose_videos,
+    label_band_height,
+)
 from renderer.video.workers import RenderJob
 
 NAME = "stage.mp4"
@@ -134,12 +140,12 @@ def _move_cameras(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, viewer: Vi
     for key, job in jobs.items():
         assert job.stage is not None
         stage, (name, _) = job.stage.with_orbit(Orbit(*viewer.camera)), key
-        ways = stage.tracks(body, raw[name])
+        ways = stage.followed_positions(body, raw[name])
         if viewer.mode != "grid":
-            way, *_ = stage.tracks(body, raw["0"])
+            way, *_ = stage.followed_positions(body, raw["0"])
             ways[0] = way[np.minimum(np.arange(raw[name].num_frames), len(way) - 1)]
         if viewer.mode == "ghost" and job.marks is not None and job.marks.trail is not None:
-            trail = replace(job.marks.trail, is_on_body=False)
+            trail = replace(job.marks.trail, is_in_body_panel=False)
             job = replace(job, marks=replace(job.marks, trail=trail))
         jobs[key] = replace(job, stage=stage.with_camera_paths(ways))
     return jobs
@@ -173,7 +179,7 @@ class _Room:
         columns = min(viewer.columns, len(viewer.visible)) if viewer.mode == "grid" else 1
         rows = -(-len(viewer.visible) // columns) if viewer.mode == "grid" else 1
         scale = min(MAX_WIDTH_PX / (columns * width), MAX_HEIGHT_PX / (rows * height), MAX_ENLARGED)
-        band = band_height(round(scale * min(width, height)))
+        band = label_band_height(round(scale * min(width, height)))
         scale *= min(1.0, (MAX_HEIGHT_PX / rows - band) / (scale * height))
 
         def even(value: float) -> int:
@@ -209,7 +215,7 @@ def _compose(
         body, *beside = room.pictures[1]
         edge = round(request.viewer.wipe * body.width)
         inks = [request.viewer.bodies[number].color for number in request.viewer.visible]
-        pair = Pair(mode, room.width, room.height, body, tuple(beside), edge, inks)
+        pair = OverlayPair(mode, room.width, room.height, body, tuple(beside), edge, inks)
         labels = [
             f"{label}{caption}" for label, caption in zip(labels, _MODE_CAPTIONS[mode], strict=True)
         ]

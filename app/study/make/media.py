@@ -85,7 +85,7 @@ def measure_loudness(path: Path) -> float:
     """Measure the integrated loudness of a file by EBU R128, in LUFS; -70 is silence."""
     log = run_ffmpeg(
         "-i", str(path), "-map", "0:a:0", "-af", "ebur128=framelog=quiet", "-f", "null", "-",
-        log="info",
+        log_level="info",
     )  # fmt: skip
     loudness = re.findall(r"I:\s+(-?[\d.]+) LUFS", log)
     if not loudness:

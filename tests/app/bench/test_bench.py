@@ -37,7 +37,7 @@ def test_the_naive_loop_draws_the_same_body():
     prepare = FramePreparer(body.faces, body.num_vertices, stage)
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(choose_backend()) as renderer:
-        canvas = renderer.canvas(subject, drawing.SIZE_PX, drawing.SIZE_PX)
+        canvas = renderer.make_canvas(subject, drawing.SIZE_PX, drawing.SIZE_PX)
         ours = [canvas.draw(prepare(each), stage.camera).copy() for each in frames]
     for naive, our in zip(
         draw_baseline(list(frames), body, stage, drawing.SIZE_PX), ours, strict=True

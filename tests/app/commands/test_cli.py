@@ -22,7 +22,7 @@ from app.commands.cli import COMMANDS, main, parse
 from app.run.display import Display
 from model.motion.motion import save_motion
 from model.plan.annotation_files import Interval, NamedTier, format_textgrid
-from renderer.video.compose import band_height
+from renderer.video.compose import label_band_height
 from tests.helpers import ROOT, smooth_motion_example
 
 FRAMES = 16
@@ -237,7 +237,7 @@ def test_stills_and_a_sheet_beside_a_video_and_for_each_view(motion, tmp_path):
     front, side = (np.asarray(Image.open(tmp_path / f"a{v}.1.png")) for v in ("", ".side"))
     assert front.shape == side.shape == (256, 256, 3) and (front != side).any()
     sheet = np.asarray(Image.open(tmp_path / "a.sheet.png")).astype(int)
-    assert sheet.shape == (256 + band_height(256), 2 * 256, 3)
+    assert sheet.shape == (256 + label_band_height(256), 2 * 256, 3)
     for tile in np.hsplit(sheet, 2):
         assert tile[:256].std() > 5, "an empty picture"
         assert tile[256:].max() == 255 and tile[256:].min() < 120, "no time"
@@ -252,7 +252,7 @@ def test_a_transparent_still_shows_the_body_of_the_look_and_nothing_else(motion,
         out = tmp_path / f"{look}.png"
         assert render(motion, out, "--background", "transparent", "--look", look, *flags) == [out]
         sheet = np.asarray(Image.open(out)).astype(int)
-        high = 256 + band_height(256)
+        high = 256 + label_band_height(256)
         assert sheet.shape == ((256, 256, 4) if flags else (2 * high, 4 * 256, 4))
         picture = sheet[:256, :256]
         is_body = picture[..., 3] == 255

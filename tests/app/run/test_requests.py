@@ -52,7 +52,7 @@ def test_the_trail_has_dots_where_the_point_jerks():
     frames = np.flatnonzero(trail.is_spike)
     assert len(frames) and 27 <= frames.min() <= 30 <= frames.max() <= 32
     assert trail.points.shape == (60, 3) and trail.speeds.shape == trail.is_spike.shape == (60,)
-    assert trail.close_up == "right_hand"
+    assert trail.close_up_view == "right_hand"
     assert trail_of(made_motion(60, 0.5), Display(has_trail=True)).is_spike.any()
     for still in (made_motion(60, 0.0), made_motion(2)):  # a clip too short for jerk has none
         assert not trail_of(still, Display(has_trail=True)).is_spike.any()
@@ -62,15 +62,15 @@ def test_the_trail_has_dots_where_the_point_jerks():
 
 def test_colours_follow_the_jerk_of_each_joint_on_a_fixed_scale():
     heat = heat_of(made_motion(60, 0.5), Display(coloring="jerk"))
-    shares = heat.shares
+    shares = heat.normalized_jerk
     assert shares.shape == (60, 55) and shares.min() >= 0 and shares.max() <= 1
     assert shares[:, JOINT_INDEX["right_wrist"]].mean() > 0.5
     assert shares[:, JOINT_INDEX["left_wrist"]].max() < 1e-3
     assert "500 m/s³" in heat.legend
     wider = heat_of(made_motion(60, 0.5), Display(coloring="jerk", jerk_m_s3=2000.0))
     assert "2000" in wider.legend
-    assert np.allclose(wider.shares[shares < 1], shares[shares < 1] / 4)
-    assert not heat_of(made_motion(2), Display(coloring="jerk")).shares.any()
+    assert np.allclose(wider.normalized_jerk[shares < 1], shares[shares < 1] / 4)
+    assert not heat_of(made_motion(2), Display(coloring="jerk")).normalized_jerk.any()
 
 
 def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
@@ -81,7 +81,9 @@ def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
     assert marks.notice.startswith("EXAGGERATED x20") and marks.close_up_notice == "x20"
     drawn, kept = trail_of(motion, large), trail_of(motion, plain)
     assert np.array_equal(drawn.is_spike, kept.is_spike)
-    assert np.array_equal(heat_of(motion, large).shares, heat_of(motion, plain).shares)
+    assert np.array_equal(
+        heat_of(motion, large).normalized_jerk, heat_of(motion, plain).normalized_jerk
+    )
     ratio = np.ptp(drawn.points, axis=0).max() / np.ptp(kept.points, axis=0).max()
     assert 8 < ratio < 30
 

@@ -36,7 +36,7 @@ from model.motion.tracks import track_points
 from model.speech.audio import write_wav
 from renderer.body.body import load_body
 from renderer.scene.camera_setup import make_camera_setup
-from renderer.video.compose import band_height
+from renderer.video.compose import label_band_height
 from renderer.video.render import RenderSettings, camera_setup_for, draw_frames
 from renderer.video.workers import RenderJob
 from tests.app.fakes import made_motion
@@ -125,7 +125,7 @@ def test_all_bodies_of_a_run_are_in_register(
         jobs.update(given)
         raise _Drawing
 
-    monkeypatch.setattr(videos, "draw_jobs", begin)
+    monkeypatch.setattr(videos, "run_render_jobs", begin)
     body = load_body()
     motion = load_motion(CLEAN).part(slice(40))
     elsewhere = moved(motion, 120.0)
@@ -276,7 +276,7 @@ def drawn(request: ViewerVideoRequest) -> np.ndarray:
     room = viewer_recording._Room.of(request.viewer)
     high = room.height
     wide = room.width if request.viewer.mode == "grid" else room.width // 2
-    assert high - 2 <= frames.shape[1] - band_height(min(wide, high)) <= high + 2
+    assert high - 2 <= frames.shape[1] - label_band_height(min(wide, high)) <= high + 2
     return frames[:, -high:].astype(int)
 
 
@@ -340,7 +340,7 @@ def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_l
         room = viewer_recording._Room.of(changed(GRID, size=size, panels=panels, **shown))
         assert room.width % 2 == room.height % 2 == 0
         assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)
-        rows, band = -(-count // columns), band_height(min(room.width, room.height))
+        rows, band = -(-count // columns), label_band_height(min(room.width, room.height))
         wide, tall = columns * room.width, rows * (room.height + band)
         assert wide <= 1920 + 2 * columns and tall <= 1080 + 2 * rows
         assert wide > 1800 or tall > 980

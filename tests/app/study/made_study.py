@@ -71,7 +71,7 @@ def draw_noise(
     on_start: Callable[[str], None] = bool,
     seeds: Sequence[int] = (),
 ) -> None:
-    """In place of `renderer.video.workers.draw_jobs`: noise, as much as each motion decides.
+    """In place of `renderer.video.workers.run_render_jobs`: noise, as much as each motion decides.
 
     Args:
         seeds: by number of the motion, in place of what it decides.

@@ -56,7 +56,7 @@ def draw() -> Callable[..., list[np.ndarray]]:
         prepare = FramePreparer(faces, len(vertices[0]), STAGE)
         subject = Subject(faces, colors, prepare.ground.corners())
         with OffscreenRenderer(backend) as renderer:
-            canvas = renderer.canvas(subject, *SIZE)
+            canvas = renderer.make_canvas(subject, *SIZE)
             return [canvas.draw(prepare(each), CAMERA).copy() for each in vertices]
 
     return draw
@@ -205,11 +205,11 @@ def test_a_second_opengl_renderer_is_refused_in_any_thread_until_the_first_has_e
 
     def attempt() -> np.ndarray:
         with OffscreenRenderer(backend) as renderer:
-            return renderer.canvas(subject, *SIZE).draw(frame, CAMERA).copy()
+            return renderer.make_canvas(subject, *SIZE).draw(frame, CAMERA).copy()
 
     with ThreadPoolExecutor(1) as thread:
         with OffscreenRenderer(backend) as first:
-            canvas = first.canvas(subject, *SIZE)
+            canvas = first.make_canvas(subject, *SIZE)
             before = canvas.draw(frame, CAMERA).copy()
             for refused in (attempt, thread.submit(attempt).result):
                 with pytest.raises(GLError, match=r"one at a time.*separate processes"):
@@ -231,4 +231,4 @@ def test_a_context_that_cannot_be_had_gives_one_sentence(monkeypatch):
         ):
             OffscreenRenderer(backend).__enter__()
     with OffscreenRenderer(backend) as renderer:  # nothing stays claimed
-        assert renderer.canvas(subject, *SIZE).draw(frame, CAMERA).shape == (120, 160, 3)
+        assert renderer.make_canvas(subject, *SIZE).draw(frame, CAMERA).shape == (120, 160, 3)

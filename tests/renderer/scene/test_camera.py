@@ -172,7 +172,10 @@ def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side
 
     def shown(motion: BodyMotion) -> np.ndarray:
         stage = make_camera_setup(body, [motion], close_ups=panels)
-        shot, track = stage.shots[1 + place], stage.tracks(body, motion)[1 + place]
+        shot, track = (
+            stage.panel_cameras[1 + place],
+            stage.followed_positions(body, motion)[1 + place],
+        )
         chunks = np.concatenate([chunk[:, tips] for chunk in body.vertices(motion)])
         cameras = [shot.camera.translated(offset) for offset in track]
         assert all(
@@ -197,10 +200,12 @@ def test_the_face_fills_its_close_up_and_the_camera_follows_it():
     head = body.template[:, 1] > body.rest_joints[JOINT_INDEX["head"], 1] + 0.05
     stage = make_camera_setup(body, [still, walking], "face")
     (heads,) = (chunk[:, head] for chunk in body.vertices(select_frames(walking, some)))
-    for vertices, offset in zip(heads, stage.tracks(body, walking)[0][some], strict=True):
+    for vertices, offset in zip(
+        heads, stage.followed_positions(body, walking)[0][some], strict=True
+    ):
         assert sees(stage.camera.translated(offset), vertices, 400, 400).all()
     stage = make_camera_setup(body, [still], "face")
-    camera = stage.camera.translated(stage.tracks(body, still)[0][0])
+    camera = stage.camera.translated(stage.followed_positions(body, still)[0][0])
     pixels = camera.project(body.template[head], 400, 400)
     assert np.ptp(pixels[:, 1]) > 130
 
@@ -215,7 +220,7 @@ def test_a_body_that_wanders_far_stays_large_and_whole(view):
     stage = make_camera_setup(body, motions, view)
     heights = []
     for motion in motions:
-        track, some = stage.tracks(body, motion)[0], slice(0, 120, 14)
+        track, some = stage.followed_positions(body, motion)[0], slice(0, 120, 14)
         (posed,) = body.vertices(select_frames(motion, some))
         for vertices, offset in zip(posed, track[some], strict=True):
             camera = stage.camera.translated(offset)
@@ -233,7 +238,10 @@ def test_one_stage_shows_all_of_all_motions_of_a_comparison_and_stands_still(vie
     motions = [waving_motion(walk_m=0.7), waving_motion(walk_m=-0.7), BodyMotion.zero_pose(3)]
     stage = make_camera_setup(body, motions, view, size[0] / size[1])
     assert stage == make_camera_setup(body, motions[::-1], view, size[0] / size[1])
-    assert not stage.shots[0].is_following and not stage.tracks(body, motions[0])[0].any()
+    assert (
+        not stage.panel_cameras[0].is_following
+        and not stage.followed_positions(body, motions[0])[0].any()
+    )
     for motion in motions:
         for chunk in body.vertices(select_frames(motion, slice(0, None, 3))):
             assert sees(stage.camera, chunk, *size).all()
@@ -315,7 +323,7 @@ def test_cameras_follow_the_motion_they_are_told_to_and_no_other():
     body = load_body()
     calm, other = waving_motion(20), waving_motion(20, walk_m=3.0)
     stage = make_camera_setup(body, [calm, other], close_ups=[Panel("right_hand", 0, 0, 40, 40)])
-    assert stage.shots[0].is_following
-    ways = stage.tracks(body, calm)
-    assert np.array_equal(stage.with_camera_paths(ways).tracks(body, other), ways)
-    assert not np.allclose(stage.tracks(body, other)[0], ways[0])
+    assert stage.panel_cameras[0].is_following
+    ways = stage.followed_positions(body, calm)
+    assert np.array_equal(stage.with_camera_paths(ways).followed_positions(body, other), ways)
+    assert not np.allclose(stage.followed_positions(body, other)[0], ways[0])

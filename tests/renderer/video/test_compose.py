@@ -10,14 +10,14 @@ from processes.job import Cancelled
 from renderer.scene.camera_setup import Panel
 from renderer.video.compose import (
     FLICKER_FRAMES,
-    OVERLAYS,
-    Overlay,
-    Pair,
-    band_height,
+    OVERLAY_MODES,
+    OverlayMode,
+    OverlayPair,
     compose_videos,
+    draw_label_band,
     fit_grid,
-    label_band,
-    rows_of,
+    label_band_height,
+    split_into_rows,
 )
 from renderer.video.encoder import VideoError
 from tests.renderer.video.test_encoder import (
@@ -44,7 +44,7 @@ def test_videos_run_in_lock_step_under_their_labels(tmp_path, count):
     out = tmp_path / "all.mp4"
     compose_videos(videos, [f"name/{i}" for i in range(count)], out, wav, on_progress=shares.append)
     frames = decoded_frames(out).astype(float)
-    band = band_height(96)
+    band = label_band_height(96)
     assert frames.shape == (12, 96 + band, 128 * count, 3)
     for i in range(count):
         picture = frames[:, band + 8 : -8, 128 * i + 8 : 128 * (i + 1) - 8].mean(axis=(1, 2))
@@ -64,10 +64,13 @@ def test_videos_run_in_lock_step_under_their_labels(tmp_path, count):
 def test_a_comparison_fits_a_screen_with_pictures_as_large_as_can_be(count, width, height):
     grid = fit_grid(count, width, height)
     assert [i for row in grid.rows for i in row] == list(range(count))
-    assert grid.width <= 1920 and len(grid.rows) * (grid.picture_height + grid.band) <= 1080
+    assert (
+        grid.width <= 1920
+        and len(grid.rows) * (grid.picture_height + grid.label_band_height_px) <= 1080
+    )
     others = [fit_grid(count, width, height, columns) for columns in range(1, count + 1)]
     assert grid.picture_width == max(other.picture_width for other in others) <= width
-    rows = rows_of(count, width)
+    rows = split_into_rows(count, width)
     assert [i for row in rows for i in row] == list(range(count))
     assert len(rows[0]) == 1 or len(rows[0]) * width <= 1920
 
@@ -82,7 +85,7 @@ def test_rows_stand_below_one_another_each_under_its_labels(tmp_path, monkeypatc
     out = tmp_path / "all.mp4"
     compose_videos(videos, [f"name {i}" for i in range(5)], out)
     frames = decoded_frames(out).astype(float)
-    band = band_height(96)
+    band = label_band_height(96)
     assert frames.shape == (4, 2 * (96 + band), 3 * 126, 3)
     places = [(0, 0), (0, 126), (0, 252), (1, 62), (1, 188)]  # the short row in the middle
     for tint, (row, left) in zip(TINTS, places, strict=False):
@@ -97,7 +100,7 @@ def test_rows_stand_below_one_another_each_under_its_labels(tmp_path, monkeypatc
     compose_videos(videos[:2], ["a", "b"], out)
     frames = decoded_frames(out).astype(float)
     height = 2 * int(64 / 126 * 96 / 2)
-    band = band_height(min(64, height))
+    band = label_band_height(min(64, height))
     assert frames.shape == (4, height + band, 128, 3), "made smaller"
     for i in range(2):
         picture = frames[:, band + 8 : -8, 64 * i + 8 : 64 * (i + 1) - 8].mean(axis=(1, 2))
@@ -115,14 +118,14 @@ def test_a_shorter_video_holds_its_last_frame(tmp_path):
 
 
 def test_labels_stay_within_their_picture():
-    band = label_band(["short", "a label that is far too long for its picture " * 3], 200, 200)
-    assert band.shape == (band_height(200), 400, 3)
+    band = draw_label_band(["short", "a label that is far too long for its picture " * 3], 200, 200)
+    assert band.shape == (label_band_height(200), 400, 3)
     dark = (band.astype(int).sum(axis=2) < 380).any(axis=0)
     assert dark[:200].any() and dark[200:].any()
     assert not dark[196:203].any() and not dark[-3:].any()
-    one, several = (label_band([text], 300, 400) for text in ("a b c", "a\n b\r\n\tc"))
+    one, several = (draw_label_band([text], 300, 400) for text in ("a b c", "a\n b\r\n\tc"))
     np.testing.assert_array_equal(one, several)
-    assert label_band(["\n"], 300, 400).min() == 255
+    assert draw_label_band(["\n"], 300, 400).min() == 255
 
 
 def test_what_cannot_be_composed_is_refused_and_composing_can_be_cancelled(tmp_path):
@@ -143,11 +146,11 @@ HAND = Panel("left_hand", WIDTH - SIDE, 0, SIDE, HEIGHT)
 LIGHT, DARK = 200, 60
 
 
-def pair_of(overlay: Overlay) -> Pair:
-    return Pair(overlay, WIDTH, HEIGHT, BODY, (HAND,), edge=20)
+def pair_of(overlay: OverlayMode) -> OverlayPair:
+    return OverlayPair(overlay, WIDTH, HEIGHT, BODY, (HAND,), wipe_edge_px=20)
 
 
-def laid(tmp_path: Path, overlay: Overlay) -> np.ndarray:
+def laid(tmp_path: Path, overlay: OverlayMode) -> np.ndarray:
     """Frames under the band: the first light and without its right side, the second dark."""
     first = write_video(tmp_path / "a.mp4", np.full(40, LIGHT), size=(WIDTH - SIDE, HEIGHT))
     second = write_video(tmp_path / "b.mp4", np.full(31, DARK), size=(WIDTH, HEIGHT))
@@ -155,7 +158,7 @@ def laid(tmp_path: Path, overlay: Overlay) -> np.ndarray:
     out = tmp_path / "pair.mp4"
     compose_videos([first, second], ["one", "two"], out, speech, pair=pair_of(overlay))
     frames = decoded_frames(out).astype(int)
-    band = band_height(WIDTH // 2)
+    band = label_band_height(WIDTH // 2)
     assert frames.shape == (40, HEIGHT + band, WIDTH, 3), "as long as the longer"
     names = frames[0, : band - 2].min(axis=(0, 2)) < 120
     assert names[: WIDTH // 2].any() and names[WIDTH // 2 :].any(), "each has its name above"
@@ -166,7 +169,7 @@ def colour(frames: np.ndarray, frame: int, column: int) -> np.ndarray:
     return frames[frame, 20:-20, column - 3 : column + 3].mean(axis=(0, 1))
 
 
-@pytest.mark.parametrize("overlay", OVERLAYS)
+@pytest.mark.parametrize("overlay", OVERLAY_MODES)
 def test_close_ups_stand_on_their_own_side_of_what_is_laid_over(tmp_path, overlay):
     frames = laid(tmp_path, overlay)
     for frame in (0, 20, 39):
@@ -187,9 +190,9 @@ def test_close_ups_stand_on_their_own_side_of_what_is_laid_over(tmp_path, overla
 
 def test_two_that_agree_are_dark_in_both_inks_of_a_ghost(tmp_path):
     videos = [write_video(tmp_path / f"{i}.mp4", np.full(4, 140), size=(64, 64)) for i in (0, 1)]
-    pair = Pair("ghost", 64, 64, Panel("front", 0, 0, 64, 64))
+    pair = OverlayPair("ghost", 64, 64, Panel("front", 0, 0, 64, 64))
     compose_videos(videos, ["a", "b"], tmp_path / "out.mp4", pair=pair)
-    frames = decoded_frames(tmp_path / "out.mp4").astype(int)[:, band_height(32) :]
+    frames = decoded_frames(tmp_path / "out.mp4").astype(int)[:, label_band_height(32) :]
     light = 140
     both = [light, 0x5E + (1 - 0x5E / 255) * light, light]  # what either ink leaves least of
     assert colour(frames, 2, 32) == pytest.approx(both, abs=8)

@@ -27,7 +27,7 @@ def test_a_trail_is_where_the_point_was_within_the_last_second():
     way = joints[:, JOINT_INDEX["head"]] + np.array([0.4, -1.2, 0.0])  # beside the legs
     way[:, 1] += np.linspace(0.0, 0.4, 40)
     is_spike = np.arange(40) == 25
-    trail = Trail(way, np.linspace(0.0, 1.0, 40), is_spike, close_up="")
+    trail = Trail(way, np.linspace(0.0, 1.0, 40), is_spike, close_up_view="")
     with_trail, without = drawn(Overlays(trail=trail)), drawn(None)
     panel = SETTINGS.panels[0]
     changed = np.abs(with_trail - without).max(axis=2) > 40
@@ -45,7 +45,7 @@ def test_a_trail_is_in_the_close_up_of_its_hand():
     body, motion = load_body(), BodyMotion.zero_pose(40)
     way = body.joint_positions(motion)[:, JOINT_INDEX["right_middle3"]].copy()
     way[:, 1] += np.linspace(-0.03, 0.03, 40)
-    trail = Trail(way, np.ones(40), np.zeros(40, bool), close_up="right_hand")
+    trail = Trail(way, np.ones(40), np.zeros(40, bool), close_up_view="right_hand")
     changed = np.abs(drawn(Overlays(trail=trail)) - drawn(None)).max(axis=2) > 40
     _, right, left = SETTINGS.panels
     assert changed[right.box].sum() > 20
@@ -91,7 +91,7 @@ def test_marks_beyond_the_picture_are_cut_off():
     far = np.tile(np.array([[50.0, 0.0, 0.0]]), (4, 1))
     behind = np.tile(np.array([[0.0, 0.0, 50.0]]), (4, 1))
     for way in (far, behind):
-        marks = Overlays(trail=Trail(way, np.ones(4), np.ones(4, bool), close_up="right_hand"))
+        marks = Overlays(trail=Trail(way, np.ones(4), np.ones(4, bool), close_up_view="right_hand"))
         assert render_stills(body, motion, [3], SETTINGS, stage=stage, marks=marks).any()
 
 

@@ -17,7 +17,7 @@ from renderer.draw.offscreen import GLError
 from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.encoder import VideoError
 from renderer.video.render import RenderSettings
-from renderer.video.workers import RenderJob, draw_jobs, worker_failure
+from renderer.video.workers import RenderJob, run_render_jobs, worker_error
 from tests.renderer.drawn import children_that_draw, render_stills
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import (
@@ -91,7 +91,7 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
         whole.append((place, (tmp_path / f"{place}.mp4").exists()))
         alive.append(len(children_that_draw()))
 
-    results = draw_jobs(jobs, shares.append, on_done)
+    results = run_render_jobs(jobs, shares.append, on_done)
     assert shares == sorted(shares) and shares[-1] == 1.0
     assert sorted(whole) == [(0, True), (1, True), (2, False), (3, False)]
     assert max(alive) == 2
@@ -121,7 +121,7 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
 def test_errors_come_back_as_they_were_raised_and_end_the_others(tmp_path, changes, error, message):
     bad = RenderJob(waving_motion(2), tmp_path / "b.mp4", settings=settings(), still_frames=(1,))
     with pytest.raises(error, match=message):
-        draw_jobs({"long": long_job(tmp_path), "bad": replace(bad, **changes)})
+        run_render_jobs({"long": long_job(tmp_path), "bad": replace(bad, **changes)})
     check_nothing_is_left(tmp_path)
 
 
@@ -133,23 +133,23 @@ def test_a_crash_is_an_error_here_and_one_while_idle_is_made_good(tmp_path):
         os.kill(child, signal.SIGKILL)
         wait_for(lambda: has_ended(child))
 
-    assert len(draw_jobs({"a": good, "b": good}, on_done=end_it, parallel=1)) == 2
+    assert len(run_render_jobs({"a": good, "b": good}, on_done=end_it, num_parallel=1)) == 2
     with pytest.raises(GLError, match=r"\(SIGSEGV\)\. .*a new process") as told:
-        draw_jobs({"v": long_job(tmp_path)}, killed(signal.SIGSEGV))
+        run_render_jobs({"v": long_job(tmp_path)}, killed(signal.SIGSEGV))
     assert "Fatal Python error: Segmentation fault" in str(told.value)
     assert "memory" not in str(told.value) and "\n" not in str(told.value)
     check_nothing_is_left(tmp_path)
 
 
 def test_a_crash_is_the_drivers_where_there_is_one():
-    crash = worker_failure(ExitReport(-signal.SIGSEGV))
+    crash = worker_error(ExitReport(-signal.SIGSEGV))
     assert "most likely cause is the OpenGL driver" in str(crash) and isinstance(crash, GLError)
-    left = worker_failure(ExitReport(1, ("KeyError: 'x'",)))
+    left = worker_error(ExitReport(1, ("KeyError: 'x'",)))
     assert not isinstance(left, GLError) and "KeyError" in str(left) and "driver" not in str(left)
 
 
 def test_whoever_cancels_ends_what_runs_and_what_waits(tmp_path):
     jobs = dict.fromkeys("ab", long_job(tmp_path))
     with pytest.raises(Cancelled):  # once ffmpeg has begun the partial file
-        draw_jobs(jobs, should_cancel=lambda: any(tmp_path.iterdir()), parallel=1)
+        run_render_jobs(jobs, should_cancel=lambda: any(tmp_path.iterdir()), num_parallel=1)
     check_nothing_is_left(tmp_path)
