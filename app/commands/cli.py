@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         command()
     except (KeyboardInterrupt, Cancelled):
-        print_message("stopped; nothing was kept.")
+        print_message("Stopped. Nothing was saved.")
         return 1
     except Exception as error:
         sentence = message_for_user(error)
@@ -102,7 +102,7 @@ def _with_current_names(argv: Sequence[str]) -> list[str]:
         renamed = RENAMED_FLAGS if number else RENAMED_COMMANDS
         if name in renamed:
             new = renamed[name]
-            print_message(f"{PROGRAM}: {name} is now {new}; the former name will be removed.")
+            print_message(f"{PROGRAM}: {name} was renamed to {new}. The old name will be removed.")
         current.append(f"{renamed.get(name, name)}{equals}{value}")
     return current
 
@@ -119,8 +119,9 @@ def _overview(argv: Sequence[str]) -> NoReturn:
         name: does for name, does in COMMANDS.items() if name.split()[: len(begun)] == begun
     }
     if not rest or rest[0] not in ("-h", "--help"):
-        problem = f"There is no {' '.join([*begun, rest[0]])!r}" if rest else "A command is missing"
-        print_message(f"{PROGRAM}: {problem}; there are {', '.join(commands)}.")
+        command = " ".join([*begun, *rest[:1]])
+        problem = f"There is no command {command!r}." if rest else "A command is missing."
+        print_message(f"{PROGRAM}: {problem} The commands are: {', '.join(commands)}.")
         raise SystemExit(2)
     width = max(map(len, commands))
     lines = [

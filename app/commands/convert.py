@@ -44,10 +44,10 @@ class ConvertRequest:
     """File format for a folder of outputs."""
     import_overrides: OverridesFlag = field(default_factory=ImportOverrides)
     body: File = field(default_factory=default_body)
-    """A character (.vrm, .glb), written with the motion in it as .glb; or a licensed
-    SMPLX_NEUTRAL*.npz, whose mean hand pose is used, and its bones in .bvh and .glb."""
+    """A character (.vrm, .glb), into which .glb output is written; or a licensed
+    SMPLX_NEUTRAL*.npz, which gives the mean hand pose, and the skeleton of .bvh and .glb."""
     flame_to_arkit: File = None
-    """BEAT2's mat_final.npy, by which FLAME coefficients of the face become ARKit weights."""
+    """BEAT2's mat_final.npy, to convert FLAME face coefficients to ARKit weights."""
     is_json: Annotated[bool, arg(name="json")] = False
     """Write the assumptions made for each file as JSON."""
 
@@ -97,10 +97,10 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory(dir=beside) as staging:
         folders = unpack_archives(packed, Path(staging))
         paths = list(_motion_paths(request.files, folders, ENDINGS))
-        if is_file and len(paths) != 1:
-            raise RunError(f"{len(paths)} motions do not fit into one file; give --out a folder.")
         if not paths:
-            raise RunError(f"There is no motion file ({', '.join(ENDINGS)}) in what was given.")
+            raise RunError(f"The inputs contain no motion file ({', '.join(ENDINGS)}).")
+        if is_file and len(paths) != 1:
+            raise RunError(f"--out is one file for {len(paths)} motions; name a folder instead.")
         request.import_overrides.check(
             [path for path, _ in paths], *(str(name) for _, name in paths)
         )
@@ -143,7 +143,7 @@ def _convert_record(path: Path, name: Path, out: Path, request: ConvertRequest) 
     record: dict[str, Any] = {"file": printable(str(name))}
     try:
         if out.resolve() in {each.resolve() for each in request.files}:
-            raise RunError(f"{out} would be written over; give another --out.")
+            raise RunError(f"{out} would overwrite an input file; choose another --out.")
         reading = _written(path, str(name), out, request)
     except Exception as error:
         sentence = message_for_user(error)

@@ -56,7 +56,7 @@ def doctor(files: Files, body: FileOrDefault = None, weights: Path = BUNDLED_WEI
     sys.stdout.write(report(findings))
     broken = [finding.name for finding in findings if finding.is_broken]
     if broken:
-        raise RunError(f"not everything works: {', '.join(broken)}; see what to do above.")
+        raise RunError(f"Checks failed: {', '.join(broken)}. See the advice above.")
 
 
 def examine(weights: Path, body: Path | None) -> list[CheckResult]:
@@ -93,7 +93,7 @@ def _python() -> CheckResult:
         "Python",
         tested,
         version + ("" if tested else " (untested)"),
-        "this project is made for Python 3.11",
+        "install Python 3.11, the version that this project is tested with",
         is_needed=False,
     )
 
@@ -111,8 +111,8 @@ def _backends() -> list[CheckResult]:
     for report in map(probe_backend, BACKENDS):
         detail = report.error
         if report.works:
-            detail = f"pyrender draws by {report.driver}"
-            detail += ", used" if report.name == used else ""
+            detail = f"pyrender renders with {report.driver}"
+            detail += " (selected)" if report.name == used else ""
         advice = f"apt-get install {DEBIAN_PACKAGES[report.name]}"
         findings.append(
             CheckResult(
@@ -138,11 +138,11 @@ def _video_rate() -> CheckResult:
             job = RenderJob(motion, Path(folder) / "rate.mp4")
             run_render_jobs({"rate": job}, lambda share: times.append((time.perf_counter(), share)))
     except Exception as error:
-        advice = "see OpenGL above and ffmpeg below"
+        advice = "see the results for OpenGL above and ffmpeg below"
         return CheckResult("videos", False, _error_text(error), advice, is_needed=False)
     (began, before), (ended, _) = [each for each in times if each[1] > 0.0][:1] + times[-1:]
     rate = RATE_FRAMES * (1.0 - before) / max(ended - began, 1e-3)
-    return CheckResult("videos", True, f"{rate:.0f} frames of 512 x 512 a second")
+    return CheckResult("videos", True, f"{rate:.0f} frames of 512 x 512 pixels per second")
 
 
 def _body(path: Path | None) -> CheckResult:
@@ -151,9 +151,8 @@ def _body(path: Path | None) -> CheckResult:
     try:
         body = load_body(path)
     except Exception as error:
-        return CheckResult(
-            "body", False, _error_text(error), "name another with --body FILE, or none"
-        )
+        advice = "choose another file with --body FILE, or leave --body and $SMPLX_MODEL out"
+        return CheckResult("body", False, _error_text(error), advice)
     detail = f"{body.name}, {body.num_vertices} vertices, {body.expression_basis} expressions"
     return CheckResult("body", True, detail)
 
@@ -166,12 +165,11 @@ def _weights(folder: Path) -> CheckResult:
         for name in names:
             load_system(name, folder)
     except Exception as error:
-        return CheckResult(
-            "weights", False, _error_text(error), "restore them, or use --weights DIR"
-        )
+        advice = "restore the files, or choose another folder with --weights DIR"
+        return CheckResult("weights", False, _error_text(error), advice)
     if not names:
-        advice = "name a folder of weights with --weights DIR"
-        return CheckResult("weights", False, f"no system in {folder}", advice)
+        advice = "choose a folder of trained systems with --weights DIR"
+        return CheckResult("weights", False, f"no trained system in {folder}", advice)
     return CheckResult("weights", True, ", ".join(names))
 
 
@@ -179,7 +177,7 @@ def _family_files() -> list[CheckResult]:
     """Check family packages that failed to load, and the files that users provide for families."""
     from model.systems.registry import families, unavailable_families
 
-    advice = "repair the package, or pip uninstall it"
+    advice = "reinstall the package, or remove it with pip uninstall"
     broken = [
         CheckResult("family", False, message, advice, is_needed=False)
         for message in unavailable_families()
@@ -217,7 +215,7 @@ def _matplotlib() -> list[CheckResult]:
     if not REQUESTED_BACKEND:
         return []
     fault = backend_fault()
-    advice = "nothing; figures are drawn without it (unset MPLBACKEND)"
+    advice = "unset MPLBACKEND; no figure needs it"
     return [
         CheckResult("MPLBACKEND", not fault, fault or REQUESTED_BACKEND, advice, is_needed=False)
     ]
@@ -236,7 +234,7 @@ def _memory() -> CheckResult:
         "memory",
         free_gb >= MIN_MEMORY_GB,
         f"{free_gb:.1f} GB free, {cores} cores",
-        f"{MIN_MEMORY_GB:g} GB are needed; close other programs",
+        f"at least {MIN_MEMORY_GB:g} GB of free memory are needed; close other programs",
     )
 
 
@@ -247,7 +245,10 @@ def _disk() -> CheckResult:
         "disk",
         free_gb >= MIN_DISK_GB,
         f"{free_gb:.1f} GB free in {folder}",
-        f"{MIN_DISK_GB:g} GB are needed; free some, or set TMPDIR to another disk",
+        (
+            f"at least {MIN_DISK_GB:g} GB of free space is needed; delete files, or set TMPDIR "
+            "to another disk"
+        ),
     )
 
 

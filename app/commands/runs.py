@@ -132,11 +132,11 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
     for clip, sentence in done.failed.items():
         print_message(f"{clip}: {sentence}")
     if done.num_reused:
-        print_message(f"{done.num_reused} clips were already complete and were reused.")
+        print_message(f"{done.num_reused} clips were already finished and were reused.")
     if done.failed:
         raise RunError(
-            f"{len(done.failed)} of {len(done.failed) + len(done.clips)} clips could not be made; "
-            "the same command tries these again."
+            f"{len(done.failed)} of {len(done.failed) + len(done.clips)} clips failed. Run the "
+            "same command again to retry them."
         )
 
 
@@ -168,9 +168,9 @@ def diagnose(
         _diagnose_folders(request, pool.jobs())
         return
     if request.metrics.emage_weights is not None or request.metrics.genea_weights:
-        raise RunError("FGD is a measure of many clips; encoders of FGD go with folders.")
+        raise RunError("FGD is computed over many clips; encoders of FGD need a folder of clips.")
     if request.metrics.expected:
-        raise RunError("Papers report values of many clips; --expect goes with folders.")
+        raise RunError("Papers report values over many clips; --expect needs a folder of clips.")
     _run(DIAGNOSE, request, request.output.out)
 
 
@@ -178,7 +178,7 @@ def _check_sets(request: DiagnoseRequest) -> None:
     from app.run.batch.submission_check import check_sets
 
     ignored = (*_OF_ONE, "speech", "import_overrides", "channel", *_METRICS)
-    refuse_ignored(request, ignored, "--check genea measures nothing")
+    refuse_ignored(request, ignored, "--check genea computes no metrics")
     out = request.output.out
     checks = check_sets(request.motions.motions, request.imports.reference, out)
     for checked in checks.values():
@@ -187,21 +187,23 @@ def _check_sets(request: DiagnoseRequest) -> None:
     print_path(out / "check.md")
     wrong = [name for name, checked in checks.items() if not checked.is_valid]
     if wrong:
-        raise RunError(f"Not as the leaderboard requires: {', '.join(wrong)}; see above.")
+        raise RunError(
+            f"These sets break rules of the leaderboard (see above): {', '.join(wrong)}."
+        )
 
 
 def _diagnose_folders(request: DiagnoseRequest, pool: JobPool) -> None:
     from app.run.batch.motion_sets import diagnose_folders
 
-    refuse_ignored(request, _OF_ONE, "Of folders only numbers over clips are made")
+    refuse_ignored(request, _OF_ONE, "For folders, only metrics over clips are computed")
     with ProgressBars() as shown, _report_interruption():
         result = diagnose_folders(request, partial(shown.update, "measure clips"), pool)
     _finish(result.files, result.notes)
     left_out, clips = result.summary["left_out"], result.summary["clips"]
     if left_out:
         raise RunError(
-            f"{len(left_out)} of {len(left_out) + len(clips)} clips could not be measured; the "
-            "tables contain the others."
+            f"{len(left_out)} of {len(left_out) + len(clips)} clips could not be measured. The "
+            "tables contain only the others."
         )
 
 
@@ -225,7 +227,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
     set_family_files(vars(files))
     if request.is_of_motions:
         ignored = ("weights", "speaker", "systems", "guidance", "seeds")
-        refuse_ignored(request, ignored, "The motions of a folder are compared as they are")
+        refuse_ignored(request, ignored, "With a folder of motions, nothing is generated")
     _run(MEASURE_SPEECH_EFFECT, request, request.output.out)
 
 
@@ -252,18 +254,18 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
 
     source = request.speech.path
     if is_motion(source):
-        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "The plan of a motion is detected")
+        refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "The plan of a motion file is detected")
         if request.is_empty:
-            raise RunError("The plan of a motion is detected; remove --empty.")
+            raise RunError("The plan of a motion file is detected; remove --empty.")
         _finish(
             [request.out], write_plan_from_motion(source, request.out, request.import_overrides)
         )
         return
-    what = "Assumptions are of motion files, and this is speech"
+    what = "Import settings are for motion files, and the input is speech"
     refuse_ignored(request, ("import_overrides",), what)
     if request.is_empty:
         ignored = tuple(name for name in _DRAWS_PLANS if name != "style")
-        refuse_ignored(request, ignored, "An empty plan is not drawn")
+        refuse_ignored(request, ignored, "An empty plan is not sampled")
     _finish([request.out], make_plan(request).notes)
 
 
@@ -278,9 +280,9 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
 
     if not request.is_picture:
         ignored = ("speech", "views", "close_ups", "framing", "joint")
-        refuse_ignored(request, ignored, f"A {request.suffix} file holds the body alone")
+        refuse_ignored(request, ignored, f"A {request.suffix} file contains only the body")
     if request.suffix not in (".obj", ".ply"):
-        refuse_ignored(request, ("frame",), f"A {request.suffix} file holds all frames")
+        refuse_ignored(request, ("frame",), f"A {request.suffix} file contains all frames")
     if request.is_picture or request.suffix in (".obj", ".ply"):
         refuse_ignored(request, ("plan",), f"A {request.suffix} file cannot contain a plan")
     with ProgressBars() as shown:
@@ -318,13 +320,15 @@ def leaderboard_add(
         board: Leaderboard file; it is created if it does not exist.
         results: Output folders of `diagnose`.
         systems: Systems to add.
-        note: Text shown next to the numbers.
+        note: Text to show next to the numbers.
     """
     old_entries = read_leaderboard(board) if board.exists() else []
     new = [entries_of(folder, note, list(systems)) for folder in results]
     entries = merge_entries([old_entries, *new])
     write_leaderboard(entries, board)
-    print_message(f"{len(entries) - len(old_entries)} of {len(entries)} entries are new.")
+    print_message(
+        f"The leaderboard has {len(entries)} entries; {len(entries) - len(old_entries)} are new."
+    )
     print_path(board)
 
 

@@ -49,8 +49,9 @@ def export(
             "continue."
         ) from None
     print_message(
-        f"{len(read.clips)} clips, {len(read.systems)} systems, {read.participants} lists; no leak "
-        "was found. Host the first folder; keep the second one to yourself."
+        f"Study of {len(read.clips)} clips and {len(read.systems)} systems with "
+        f"{read.participants} lists; no leak was found. Host the first of these folders; keep the "
+        "second one private."
     )
     print_path(workspace.bundle)
     print_path(workspace.private)
@@ -98,7 +99,7 @@ def links(
     key = read_key(path)
     count = key.participants if participants is None else participants
     if not 1 <= count <= MAX_LINKS:
-        raise RunError(f"--participants must be 1 to {MAX_LINKS}; got {count}.")
+        raise RunError(f"--participants must be from 1 to {MAX_LINKS}; got {count}.")
     is_new = key.link_secret is None
     key = replace(key, link_secret=key.link_secret or secrets.token_hex(32))
     rows = [(n, key.list_of(n), key.link(n, address)) for n in range(count)]
@@ -143,7 +144,7 @@ def _strengths(flag: str) -> dict[str, float]:
         except ValueError:
             separator = ""
         if not separator or not name.strip():
-            raise RunError(f"{part!r} is not NAME=NUMBER")
+            raise RunError(f"{part!r} is not of the form NAME=NUMBER")
     return strengths
 
 

@@ -39,10 +39,13 @@ OTHER_VERSION = (
     "Gradio {installed} is installed; this page was written for Gradio {major}.{minor}. If "
     "something does not work, install the version in locks/run.txt."
 )
-DOES_NOT_FIT = "Gradio {installed} lacks what the page changes in it ({reason}): {without}."
+DOES_NOT_FIT = "This page could not adapt Gradio {installed} ({reason}). As a result, {without}."
 POLL_S = 0.02
 """Interval (s) between two checks of the queue."""
-UNKNOWN_FUNCTION = "Unknown function. Reload the page, or see /gradio_api/info for the list."
+UNKNOWN_FUNCTION = (
+    "There is no such function. Reload the page; for programs, /gradio_api/info lists all "
+    "functions."
+)
 WRONG_CALL = "Invalid call: {why}"
 _NAMED_CALL = "/call/v2/"
 _MAX_WHY, _MAX_READ = 300, 3000
@@ -89,11 +92,13 @@ def change_routes(root: Path, min_free_bytes: int, quota: Quota, proxies: Collec
     def limit() -> None:
         _limit_connections(proxies)
 
-    _attempt(limit, "connections of one address have no limit, and stalled ones stay")
-    _attempt(parse, "uploads have no limits but 250 MB a file, and interrupted ones stay")
-    _attempt(_make_no_empty_files, "each file of a call leaves an empty file for an hour")
-    _attempt(_find_functions, "calls of unknown functions end in an error of the server")
-    _attempt(_explain_wrong_calls, "wrong calls end in messages of Python")
+    _attempt(limit, "an address may open any number of connections, and stalled ones stay open")
+    _attempt(
+        parse, "uploads are limited only to 250 MB per file, and interrupted ones are not deleted"
+    )
+    _attempt(_make_no_empty_files, "each file in an API call leaves an empty file for an hour")
+    _attempt(_find_functions, "API calls of unknown functions end in a server error")
+    _attempt(_explain_wrong_calls, "invalid API calls are answered with Python errors")
 
 
 def change_queue(page: gr.Blocks, jobs: Jobs, max_waiting: int) -> None:
@@ -102,8 +107,10 @@ def change_queue(page: gr.Blocks, jobs: Jobs, max_waiting: int) -> None:
     def replace_queue() -> None:
         _replace_queue(page, jobs, max_waiting)
 
-    _attempt(replace_queue, "the queue has no limits, and no run survives a lost connection")
-    _attempt(lambda: _poll_less(page), "the page uses a tenth of a core when idle")
+    _attempt(
+        replace_queue, "the queue has no limits, and runs end when a page loses its connection"
+    )
+    _attempt(lambda: _poll_less(page), "the idle page uses a tenth of a processor core")
 
 
 def _attempt(change: Callable[[], None], without: str) -> None:
@@ -209,7 +216,7 @@ def _wrong_call(reason: str) -> gr.Error:
     import gradio as gr
 
     shortened = printable(without_folders(reason[:_MAX_READ]))[:_MAX_WHY]
-    log.warning("a wrong call: %s", shortened)
+    log.warning("an invalid API call: %s", shortened)
     return gr.Error(WRONG_CALL.format(why=shortened), print_exception=False)
 
 

@@ -30,7 +30,9 @@ WEB = Path(__file__).resolve().parent / "web"
 ENTRY_MODULE = "player/player.js"
 """Module that the file starts."""
 _PLAYED: tuple[RowFileKind, ...] = ("frames", "plan", "input_plan")
-NOTHING_TO_PLAY = "There is no motion to be shown, of at most {frames} frames; give at least one."
+NOTHING_TO_PLAY = (
+    "The run contains no motion of at most {frames} frames, so the file would show nothing."
+)
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 """Pattern of relative imports in the modules; a test checks that there are no others."""
 _STYLE = """

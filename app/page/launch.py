@@ -133,7 +133,7 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
         log.warning("%s", sentence)
     for family in families():
         if (reason := family.single_speech_reason()) is not None:
-            raise RunError(f"The page takes any speech, but {reason}")
+            raise RunError(f"The page cannot start: it must accept any speech, but {reason}")
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     proxies = (*LOCAL_PROXIES, *config.proxies)
     quota = Quota(config.max_stored_bytes, config.result_lifetime_s, proxies)
@@ -322,4 +322,6 @@ def _warm_up(worker: Worker) -> None:
         worker.start()
     except Exception:
         if not _is_ending.is_set():  # otherwise threads and processes cannot be started
-            log.exception("the warm-up failed; the first run will say why")
+            log.exception(
+                "loading the models in advance failed; the first run will report the error"
+            )

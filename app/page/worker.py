@@ -45,7 +45,7 @@ TOO_LONG = (
     "fewer samples."
 )
 SILENT = (
-    "This run made no progress for {seconds:.0f} s and was stopped. Start it again; if that "
+    "This run made no progress for {seconds:.0f} s and was stopped. Start it again; if this "
     "happens again, use shorter speech or fewer systems."
 )
 ENDED = "The process of this run"

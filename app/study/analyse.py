@@ -12,8 +12,8 @@ from app.study.design.key import read_key
 
 MAX_LISTED_ERRORS = 3
 NO_KEY = (
-    "Without a key only a table of battles in the GENEA leaderboard's form can be analysed: name "
-    "one .csv, or give the key.json of `researcher_only`."
+    "Give the study's key with --key: it is key.json in the folder `researcher_only`. Without a "
+    "key, only one .csv table of battles in the format of the GENEA leaderboard can be analysed."
 )
 
 
@@ -51,7 +51,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
         screened = screen(collected.participants, key)
     elif [path.suffix for path in request.answers] == [".csv"]:
         key, raters = read_battles(request.answers[0])
-        note = f"{key.title} is a table of battles: checks, times and files are not in it."
+        note = f"{key.title} is a table of battles, without attention checks and response times."
         collected, screened = Collected(tuple(raters), (note,)), Screened(tuple(raters))
     else:
         raise RunError(NO_KEY)
@@ -61,7 +61,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
         left = (*screened.excluded, *screened.set_aside)
         sentences = [f"{one.participant.source}: {one.why}." for one in left]
         reasons = [*collected.left_out, *sentences][:MAX_LISTED_ERRORS]
-        raise RunError(" ".join(["No answers are left to analyse.", *reasons]))
+        raise RunError(" ".join(["There are no valid answers to analyse.", *reasons]))
     balance = balance_reached(screened.included, key)
     everyone = [*screened.included, *(one.participant for one in screened.set_aside)]
     with_all = analyse_participants(everyone, key) if screened.set_aside else []

@@ -83,7 +83,7 @@ def export_study(
         workspace.clean()
         leaks = check_study(out)
     if leaks:
-        raise RunError(f"The export is not blind: {leaks[0]}")
+        raise RunError(f"The export reveals which system a video shows: {leaks[0]}")
     return workspace
 
 
@@ -93,8 +93,8 @@ def _key(plan: Plan, design: Design, workspace: Workspace, inputs_digest: str) -
         key = read_key(workspace.key)
         if key.inputs_digest != inputs_digest:
             raise RunError(
-                f"{workspace.private.parent} holds the export of another plan, or the plan or a "
-                "file that it names has changed; export to a new folder."
+                f"{workspace.private.parent} contains the export of another plan, or the plan or "
+                "one of its files was changed after that export. Export to a new folder."
             )
         return key
     key = replace(make_key(plan, design), inputs_digest=inputs_digest)

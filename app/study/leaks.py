@@ -86,7 +86,7 @@ class Study:
             path, file = self.workspace.video(blind), self.files[stimulus]
             picture = file.track("vide")
             if picture is None or picture.duration <= 0:
-                raise RunError("A video of the bundle has no picture.")
+                raise RunError("A video of the bundle contains no frames.")
             stream = media.picture_stream(path)
             rows.append(
                 {
@@ -111,11 +111,13 @@ class Study:
         """JSON that the page's script reads."""
         text = (self.workspace.bundle / DATA).read_text("utf-8")
         if not text.startswith(DATA_START):
-            raise RunError(f"{DATA} is not what the export wrote.")
+            raise RunError(f"{DATA} was changed after the export.")
         try:
             return json.loads(text.removeprefix(DATA_START).rstrip().removesuffix(";"))
         except ValueError as error:
-            raise RunError(f"{DATA} is not what the export wrote: {error}.") from error
+            raise RunError(
+                f"{DATA} was changed after the export, or is damaged: {error}."
+            ) from error
 
 
 def check_study(folder: Path) -> list[str]:
@@ -132,7 +134,7 @@ def check_study(folder: Path) -> list[str]:
         raise RunError(f"There is no study in {folder}: {workspace.key} is missing.")
     key = read_key(workspace.key)
     if any(video.sha256 == NOT_RENDERED for video in key.videos.values()):
-        raise RunError(f"The export in {folder} is not finished; run it again first.")
+        raise RunError(f"The export in {folder} is not finished; run `study export` again first.")
     study = Study(workspace, key, stimulus_ids(key))
     leaks = list(_stray_files(study))
     if leaks:  # missing or foreign files cannot be tested further
@@ -150,13 +152,13 @@ def _stray_files(study: Study) -> Iterator[str]:
         if path.is_symlink() or not path.is_dir() or path != study.workspace.media
     }
     for name in sorted(files - wanted):
-        yield f"stray file: {name} does not belong into the bundle."
+        yield f"stray file: {name} is not part of the bundle."
     for name in sorted(wanted - files):
         yield f"missing file: {name} is not in the bundle."
     for name, video in study.key.videos.items():
         path = study.workspace.video(name)
         if path.is_file() and file_sha256(path) != video.sha256:
-            yield f"changed file: media/{name}.mp4 is not the file that the key names."
+            yield f"changed file: media/{name}.mp4 was changed after the export."
 
 
 def _names(study: Study) -> Iterator[str]:
@@ -183,18 +185,19 @@ def _metadata(study: Study) -> Iterator[str]:
         name = f"media/{study.stimuli[stimulus]}.mp4"
         telling = sorted(_METADATA_BOXES & set(file.boxes))
         if telling:
-            yield f"metadata: {name} has a `{telling[0]}` box."
+            yield f"metadata: {name} contains a `{telling[0]}` box, which may hold metadata."
         if file.has_times:
             yield f"metadata: {name} contains its creation time."
         if set(file.names) - _NEUTRAL_HANDLERS:
-            yield f"metadata: {name} names its streams {b', '.join(file.names).decode('latin-1')}."
+            names = b", ".join(file.names).decode("latin-1")
+            yield f"metadata: the streams of {name} have unusual names ({names})."
         data = study.workspace.video(study.stimuli[stimulus]).read_bytes()
         for note in _ENCODER_NOTES:
             if note in data:
-                yield f"metadata: {name} holds an encoder's note ({note.decode()})."
+                yield f"metadata: {name} contains text of the encoder ({note.decode()})."
         for secret in secrets:
             if secret.encode().lower() in data.lower():
-                yield f"metadata: {name} holds the name {secret!r}."
+                yield f"metadata: {name} contains the name {secret!r}."
 
 
 def _videos(study: Study) -> Iterator[str]:
@@ -203,7 +206,7 @@ def _videos(study: Study) -> Iterator[str]:
         clip = scene["clip"].iloc[0]
         for what in _EQUAL:
             if len(set(scene[what])) > 1:
-                yield f"{what}: the videos of clip {clip!r} differ in it."
+                yield f"{what}: not the same in all videos of clip {clip!r}."
         for what, most in _SIZE_SPREAD.items():
             least, largest = min(scene[what]), max(scene[what])
             spread = (largest - least - _SIZE_CHANCE[what]) / max(least, 1)
@@ -225,8 +228,8 @@ def _sounds(study: Study) -> Iterator[str]:
     for stimulus, blind in study.stimuli.items():
         digest = media.sound_digest(study.workspace.video(blind))
         if (digest is None) != (stimulus.speech is None):
-            state = "no sound" if digest is None else "sound"
-            yield f"sound: media/{blind}.mp4 has {state}, unlike the others."
+            state = "no sound" if digest is None else "sound in a study without sound"
+            yield f"sound: media/{blind}.mp4 has {state}."
         elif digest is not None and stimulus.speech is not None:
             track = study.files[stimulus].track("soun")
             stream = f"{digest} {track.description.hex() if track else ''}"
@@ -254,8 +257,8 @@ def _lists(study: Study) -> Iterator[str]:
     for (system, _), cells in sorted(excess.items()):
         if abs(sum(cells)) > 1 + _MAX_FIRST_SHARE_ERROR * len(cells):
             yield (
-                f"order on the screen: {system!r} stands first {sum(c > 0 for c in cells)} times "
-                f"in {len(cells)}."
+                f"order on the screen: {system!r} is first in {sum(c > 0 for c in cells)} of "
+                f"{len(cells)} trials; {sum(c > 0 for c in cells) - sum(cells):.1f} is balanced."
             )
 
 
@@ -269,11 +272,11 @@ def _texts(study: Study) -> Iterator[str]:
     bundle, data = study.workspace.bundle, study.data
     for name, source in SHARED_FILES.items():
         if (bundle / name).read_bytes() != source.read_bytes():
-            yield f"page: {name} is not the file of this program."
+            yield f"page: {name} differs from the file of this program."
     if (bundle / INDEX).read_text("utf-8") != index_html(data.get("title", ""), data.get("postTo")):
-        yield f"page: {INDEX} is not the file of this program."
+        yield f"page: {INDEX} differs from the file of this program."
     for key in sorted(set(data) - _ALLOWED_KEYS):
-        yield f"JSON: the field `{key}` is unknown."
+        yield f"JSON: the page's data contain the unknown field `{key}`."
     standard = {**shared_wording(study.key.protocol), "reasons": load_wording()["reasons"]}
     parts = [data.get(key) for key in ("study", "trials", "lists")]
     parts += [data.get(key) for key in standard if data.get(key) not in (None, standard[key])]
@@ -282,18 +285,18 @@ def _texts(study: Study) -> Iterator[str]:
     pieces = {part for name in names for part in re.split(r"[\s/_.,-]+", name)}
     for name in sorted(names | {part for part in pieces if len(part) >= _MIN_NAME_PART}):
         if _contains_word(structure, name):
-            yield f"JSON: the page's data hold {name!r}."
+            yield f"JSON: the page's data contain {name!r}, part of the name of a system or clip."
     for key in FREE_TEXTS:
         for name in (
             name for name in sorted(names) if _contains_word(str(data.get(key) or ""), name)
         ):
             what = "URL" if key == "postTo" else "text"
             yield (
-                f"{what}: `{key}` holds {name!r}, the name of a system or clip; reword it, or "
-                "rename the system or clip."
+                f"{what}: `{key}` contains {name!r}, the name of a system or clip; change the "
+                "text, or rename the system or clip."
             )
     if re.search(r"https?:", structure):
-        yield "URL: the page's data hold an address."
+        yield "URL: the page's data contain a URL."
 
 
 def _strings(value: Any) -> Iterator[str]:

@@ -68,12 +68,12 @@ def simulate(
     """
     key = read_key(study_dir / "researcher_only" / "key.json")
     if not 1 <= raters <= MAX_RATERS:
-        raise RunError(f"Raters must be 1 to {MAX_RATERS}; got {raters}.")
+        raise RunError(f"The number of raters must be from 1 to {MAX_RATERS}; got {raters}.")
     if seed < 0:
         raise RunError(f"The seed must not be negative; got {seed}.")
     if set(strengths) != set(key.systems):
         raise RunError(
-            f"Strengths are needed for exactly {', '.join(key.systems)}; "
+            f"--strengths must name exactly the systems {', '.join(key.systems)}; "
             f"got {', '.join(strengths) or 'none'}."
         )
     for name, value in strengths.items():

@@ -71,7 +71,7 @@ def test_the_page_needs_something_that_hears_every_speech(checkpoints, tmp_path)
     flags = ["--official", str(checkpoints), "--official-features", features, "--port", "0"]
     config = parse_config(flags)
     assert os.environ["OFFICIAL_DIR"] == str(checkpoints)
-    with pytest.raises(RunError, match="The page takes any speech, but prepared features"):
+    with pytest.raises(RunError, match="it must accept any speech, but prepared features"):
         launch(config, is_warmed_up=False)
 
 

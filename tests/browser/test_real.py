@@ -111,7 +111,7 @@ def add(page: Page, place: int, hands: str = "", kind: str = "you") -> None:
     editor(page).locator("summary", has_text="Add").click()
     editor(page).locator(f".kinds input[value={kind}]").check(force=True)
     editor(page).get_by_label("Where").select_option(str(place))
-    editor(page).get_by_label("With", exact=True).select_option(hands)
+    editor(page).get_by_label("Hands", exact=True).select_option(hands)
     expected = page.locator("#player .event.expected")
     expect(expected).to_have_text([kind])  # before it is performed
     press(editor(page), "Add")
@@ -437,7 +437,7 @@ def test_a_study_is_made_taken_part_in_and_analysed(page: Page, tmp_path: Path) 
         expect_fit(page, page.locator("#study-researcher"))
     expect(researcher).to_be_hidden()
     researcher.evaluate("button => button.form.submit()")
-    expect(page.get_by_text("Nothing to download here")).to_be_visible()
+    expect(page.get_by_text("There is nothing to download")).to_be_visible()
     page.go_back()
     ready(page)
 

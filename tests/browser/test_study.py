@@ -399,7 +399,7 @@ def test_speech_is_asked_about_and_answers_are_posted_again_when_the_network_ret
     for number, posted in enumerate(host.posted):
         (tmp_path / f"{number}.json").write_bytes(posted)
     found = host.collected("matched", tmp_path)
-    assert found.left_out == ("1 unfinished file ignored, as later ones hold all the answers.",)
+    assert found.left_out == ("1 unfinished file is left out: later files have the same answers.",)
     (participant,) = found.participants
     assert participant.headphones == "skipped" and is_whole(host, "matched", participant)
 

@@ -74,7 +74,9 @@ def read_catalogue(weights: Path, examples: tuple[Path, ...] = ()) -> Catalogue:
     """
     names = list_systems(weights)
     if not names:
-        raise RunError(f"No trained systems were found in {weights}; start with --weights DIR.")
+        raise RunError(
+            f"No trained systems were found in {weights}; choose another folder with --weights DIR."
+        )
     cards = [read_card(name, weights) for name in names]
     samplers = [sampler for name in names for sampler in family_of(name).samplers_of(name)]
     usual = [_usual_steps(name) for name in names]

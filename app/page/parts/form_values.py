@@ -85,7 +85,7 @@ def _has(hint: Any, kind: type) -> bool:
 def _whole(part: Any, value: float | None) -> int:
     least, most = int(part.minimum), int(part.maximum)
     if value is None or value != int(value) or not least <= value <= most:
-        shown = "nothing" if value is None else f"{value:.15g}"
+        shown = "no value" if value is None else f"{value:.15g}"
         raise RunError(f"{part.label} must be a whole number from {least} to {most}; got {shown}.")
     return int(value)
 

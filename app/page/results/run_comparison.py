@@ -194,9 +194,9 @@ def settings_sentence(a: RunRecord, b: RunRecord) -> str:
 
 def _against(differ: Mapping[str, tuple[str, str]]) -> str:
     listed = "; ".join(
-        f"{name} {first} against {second}" for name, (first, second) in differ.items()
+        f"{name} {first} (A) and {second} (B)" for name, (first, second) in differ.items()
     )
-    return f"{listed[:1].upper()}{listed[1:]}." if listed else ""
+    return f"Different settings: {listed}." if listed else ""
 
 
 def match_motions(a: Sequence[str], b: Sequence[str]) -> list[tuple[str, str]]:

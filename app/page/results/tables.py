@@ -231,7 +231,9 @@ def _finding(finding: FindingRecord, label: str) -> str:
     return f"<li>{who}{escape(finding.sentence)}{go}</li>"
 
 
-NORM = "Limits of the checks come from two recorded clips of one speaker and 90 procedural clips."
+NORM = (
+    "The limits for findings come from two recorded clips of one speaker and 90 procedural clips."
+)
 
 
 def _findings(run: RunRecord) -> str:
@@ -310,7 +312,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     ]
     cells = [ranged(*numbers, format_number) for numbers in means.values()]
     head = markup.table_head({name: names[name] for name in jerk})
-    title = f"{point_title(first.point)} jerk in m/s³, as generated, clip by clip"
+    title = f"{point_title(first.point)} jerk by clip (m/s³, as generated)"
     foot = f"<tfoot>{markup.table_row(text.CLIPS_MEAN, cells)}</tfoot>"
     is_done = all(run.state == "done" for run in runs.values())
     return (
@@ -328,8 +330,8 @@ def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
     return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
 
 
-COUNTED = "{clips} in {sets}, unfiltered. Means over clips with 95 % confidence intervals."
-WORST_FIRST = "Clips with the most kinds of findings first; ties are ordered by jerk"
+COUNTED = "Means over {clips} of {sets}, unfiltered, with 95 % confidence intervals."
+WORST_FIRST = "Clips with the most kinds of findings (equal numbers ordered by jerk)"
 SETS_TABLE = "Mean over clips [95 % confidence interval]"
 NUM_WORST_CLIPS = 5
 """Maximum number of worst clips that are not folded."""
@@ -344,7 +346,7 @@ def sets_html(summary: Mapping[str, Any], systems: Sequence[str], figure: str, l
     clips = summary["clips"]
     count = COUNTED.format(clips=pluralise(len(clips), "clip"), sets=pluralise(len(systems), "set"))
     return (
-        f'<div class="sets">{markup.heading("Results as sets", count)}'
+        f'<div class="sets">{markup.heading("Results for sets of clips", count)}'
         f"{_worst(summary['worst'])}{figure}{_sets_table(summary['measures'], systems, len(clips))}"
         f'<div class="downloads">{links}</div></div>'
     )

@@ -27,12 +27,16 @@ _MAX_DEPTH = 32
 _MAX_UNREAD_BYTES = 10**8
 """Number of bytes read of a body that is too large; a client that still sends would miss the
 answer."""
-TOO_LARGE = "A request may have {limit:,} bytes here; this one has more. Upload files as files."
-TOO_MANY_ITEMS = "A list may have {limit} items here; one of this request has {count}."
-TOO_MANY_FILES = "A request may name {limit} files; this one names more."
-TOO_MANY_VALUES = "A request may hold {limit:,} values; this one holds more."
-TOO_DEEP = "This request is nested too deeply."
-NOT_UPLOADED = "A file of this request is a URL or a stream; upload it as a file."
+TOO_LARGE = (
+    "This request is larger than {limit:,} bytes, which is the limit. Upload files separately."
+)
+TOO_MANY_ITEMS = "A list in this request has {count} items; the limit is {limit}."
+TOO_MANY_FILES = "This request names more than {limit} files, which is the limit."
+TOO_MANY_VALUES = "This request contains more than {limit:,} values, which is the limit."
+TOO_DEEP = (
+    f"Lists in this request are nested more than {_MAX_DEPTH} levels deep, which is the limit."
+)
+NOT_UPLOADED = "This request gives a file as a URL or a stream; upload the file instead."
 
 
 @dataclass

@@ -46,14 +46,14 @@ _LOCAL = ("localhost", "127.0.0.1", "::1")
 _ANYWHERE = ("0.0.0.0", "::")
 FOREIGN = "Request refused: it comes from another site."
 UNKNOWN_HOST = (
-    "This page is not served under the name {name}. Its operator can allow the name with "
+    "This page cannot be opened under the name {name}. Its operator can allow the name with "
     "--host-name {name}."
 )
 LOG_IN = "Log in first."
-UNUSED = "Uploads are accepted only through the forms of the page."
+UNUSED = "Files can be uploaded only with the forms of the page."
 LONG_NAME = "The file name is too long; at most {limit} bytes are allowed."
 WRONG_BODY = "Invalid request ({where}): {why}."
-NO_PROXY = "This server does not fetch pages of other sites."
+NO_PROXY = "This server does not load pages from other sites."
 
 
 class HostNames:

@@ -27,7 +27,7 @@ EXAMPLE_ROUTE = "/live/example"
 MAX_ASK_BYTES = 1000
 SILENT_S = 20.0
 """Time (s) without any message after which the browser counts as disconnected."""
-GONE = "No audio from the browser for {seconds:.0f} s. Start again."
+GONE = "The server received no audio for {seconds:.0f} s and ended the session. Start again."
 FOREIGN = 4403
 """Close code for a WebSocket that another site's page has opened."""
 Message = bytes | str | dict[str, Any]

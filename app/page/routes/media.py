@@ -69,7 +69,8 @@ PARTICIPANT_TYPES: Mapping[str, str] = {
 """MIME types of the files of a participants' page, which opens as a page."""
 MAX_EXPORTS = 8
 TOO_MANY_EXPORTS = (
-    f"{MAX_EXPORTS} of your downloads are still being made or sent; wait for one of them."
+    f"You already have {MAX_EXPORTS} downloads in progress, which is the limit. Wait until one is "
+    "finished."
 )
 Address = Callable[[Path], str]
 """Function from a file to its URL, relative to the page."""
@@ -310,11 +311,16 @@ def media_routes(
 
 
 CHARACTER_TOO_LARGE = (
-    "A character may have at most {limit:.0f} MB; export it with smaller textures."
+    "This file is larger than {limit:.0f} MB, which is the limit for a character; export it with "
+    "smaller textures."
 )
-TOO_MANY_CHARACTERS = "Several characters are being read; try again in a moment."
-CHARACTER_GONE = "Your character was deleted after a while without use; choose its file again."
-NO_COOKIE = "Allow this page's cookie; it makes your character available to your browser only."
+TOO_MANY_CHARACTERS = "The server is reading too many other characters now; try again in a moment."
+CHARACTER_GONE = (
+    "Your character was deleted because it was not used for a while; choose its file again."
+)
+NO_COOKIE = (
+    "Allow cookies for this page; they are needed to keep your character private to your browser."
+)
 _MAX_CHARACTERS_AT_ONCE, _MAX_OF_OWNER = 16, 4
 
 
@@ -374,8 +380,8 @@ RESEARCHER_ROUTE = "/study/researcher"
 RESEARCHER_FILE = "researcher_only.zip"
 _BLOCK_BYTES = 1 << 16
 FETCHED = (
-    "Nothing to download here. The researcher's files of a study can be downloaded once, in the "
-    "browser that created it."
+    "There is nothing to download. The researcher's files of a study can be downloaded only once, "
+    "and only in the browser that created the study."
 )
 
 

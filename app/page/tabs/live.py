@@ -43,8 +43,8 @@ class LiveRunner(RunRunner):
 
 TAB = "Live"
 INTRODUCTION = (
-    "Speak, and the body gestures about a second later. Audio is sent to the server of this page "
-    "only. The last minute is held in memory until ten minutes after you stop."
+    "Speak, and the body gestures about a second later. Audio is sent only to the server of this "
+    "page, which keeps the last minute in memory until ten minutes after you stop."
 )
 KEEP = "Save the last minute"
 SAVE_HELP = "Saves the last minute as a run with audio, video, figures, metrics and downloads."

@@ -167,7 +167,7 @@ def build_form(services: Services) -> FormParts:
         choices=catalogue.system_choices,
         value=default_systems(catalogue.systems),
         label="Systems to compare",
-        info="All systems have the same noise seed. The tab “Systems” describes them.",
+        info="All systems use the same noise seed. The tab “Systems” describes each of them.",
         elem_id="systems",
     )
     about, groups = system_descriptions(catalogue.systems), system_groups(catalogue.systems)
@@ -218,8 +218,8 @@ def build_form(services: Services) -> FormParts:
             "",
             label="Sampler steps",
             info=(
-                "Leave empty for each system's default. One number for all systems, or full=20, "
-                "local=5, …"
+                "Empty: the default of each system. A number applies to all systems; full=20, "
+                "local=5 sets the numbers of single systems."
             ),
             placeholder=catalogue.default_steps,
             max_lines=1,
@@ -232,7 +232,10 @@ def build_form(services: Services) -> FormParts:
             ],
             value="",
             label="Sampler",
-            info="The numerical sampler. Keep the default unless you compare samplers.",
+            info=(
+                "Numerical method of sampling. Keep the default unless you want to compare "
+                "samplers."
+            ),
         )
         of["reference"] = services.file(
             "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference"
@@ -297,7 +300,7 @@ def _offer_examples(examples: Sequence[Path], speech: gr.Audio, folder: Path) ->
 
     def copy_example(index: object) -> str:
         if type(index) is not int or not 0 <= index < len(examples):
-            raise RunError("There is no such example; load the page again.")
+            raise RunError("There is no such example. Please reload the page.")
         return str(copy_as_upload(examples[index], folder))
 
     offered.click(copy_example, offered, speech, **UNQUEUED_EVENT)

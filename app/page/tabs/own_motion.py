@@ -67,8 +67,8 @@ ASSUME_LABEL = "Import settings"
 ASSUME_HELP = (
     "Corrections of what was detected in the files, separated by commas: up=z, facing=x, units=cm, "
     "rate=25 (fps), hands=mean, rotations=6d-columns, motion=2 (of several), frames=bridge, lag=.4 "
-    "(s). For some files only: *.bvh:up=z or NAME:up=z. Corrections on the labels of the files are "
-    "added here and apply to the next files, too."
+    "(s). *.bvh:up=z or NAME:up=z corrects only some files. Corrections that you choose on the "
+    "label of a file are added here, and also apply to files that you add later."
 )
 CLIP_LABEL = "Show a clip in the viewer"
 INTRODUCTION = (
@@ -139,7 +139,7 @@ def build_own_form(services: Services) -> FormParts:
         allow_custom_value=True,  # a removed file may still be selected
         visible=False,
         label="Shown in the viewer and in figures",
-        info="At most six including the reference. Metrics are computed for all.",
+        info="At most six, including the reference. Metrics are computed for all files.",
         elem_id="own-shown",
     )
     of["channel"] = gr.Dropdown(
@@ -194,7 +194,7 @@ SINGLE_FILE_KINDS: Mapping[FileKind, str] = {"sounds": "speech file", "transcrip
 """Kinds of files of which there is one for all motions."""
 ONE_FILE = "Only one {what} can be used; {count} were added."
 NO_REFERENCE = "The reference {name!r} is no longer among the files. Please choose it again."
-NO_SETS = "Zips cannot be mixed with single motion files. Add one zip for each system."
+NO_SETS = "Zips of clips cannot be mixed with single motion files. Add one zip for each system."
 SetsParts = tuple[gr.HTML, gr.Dropdown]
 """Components for the results of sets and for the selection of a clip."""
 MAX_FILES = 24
@@ -322,7 +322,7 @@ class DiagnoseRunner(RunRunner):
         token = self.sets.keep(results, job.folder, job.cookie or None)
         figures, files = figures_html(results.files, address), files_listed(results.files, address)
         choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(results.summary)]
-        line = "Measured {clips} of {sets}. Choose one to show it in the viewer.".format(
+        line = "Measured {clips} of {sets}. Choose a clip to show it in the viewer.".format(
             clips=pluralise(len(choices), "clip"),
             sets=pluralise(len(results.clips), "set"),
         )

@@ -93,7 +93,9 @@ def _build_questions(catalogue: Catalogue) -> list[gr.Button]:
     """Lay out buttons that fill in example studies on the gestures of the system with plans."""
     if default_planner() not in catalogue.systems:
         return []
-    gr.HTML('<p class="hint">Example studies, with the example speech unless you upload yours:</p>')
+    gr.HTML(
+        '<p class="hint">Example studies (with the example speech, unless you upload your own):</p>'
+    )
     with gr.Row(elem_id="study-ready"):
         return [gr.Button(name, size="sm", min_width=110) for name in STUDY_PRESETS]
 
@@ -121,7 +123,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
         list(PLAN_MODIFICATIONS),
         value=[],
         label="Modified gestures",
-        info=f"Each adds one condition: {planner} with a modified gesture plan.",
+        info=f"Each choice adds one condition: {planner} with this change of its gesture plan.",
         visible=planner in catalogue.systems,
         elem_id="study-changed",
     )
@@ -153,20 +155,22 @@ def _build_settings() -> dict[str, Any]:
     of["post_to"] = gr.Textbox(
         "",
         label="Server address for the answers (optional)",
-        info="A web address of yours that accepts JSON by HTTP POST. If empty, each participant "
+        info="URL of your server that accepts JSON by HTTP POST. If empty, each participant "
         "saves a file at the end and sends it to the contact below.",
     )
     of["return_to"] = gr.Textbox(
         "",
         label="Completion link (optional)",
-        info="Shown at the end, such as the completion link of Prolific or SONA with its code.",
+        info="Shown to participants at the end, for example the completion link of Prolific or "
+        "SONA.",
     )
     of["panel_ids"] = gr.Textbox(
         "",
         label="Participant ids from the link (optional)",
         placeholder="PROLIFIC_PID, STUDY_ID, SESSION_ID",
-        info="Parameters that a recruitment service adds to the link, the participant's id first; "
-        "they are stored with the answers, and the consent page says so.",
+        info="Names of the URL parameters that a recruitment service adds to the link, the "
+        "participant's id first. Their values are stored with the answers, and the consent page "
+        "says so.",
     )
     with gr.Accordion(
         "Researchers, contact, ethics approval, consent text", open=False, elem_id="study-told"
@@ -186,11 +190,11 @@ def _build_settings() -> dict[str, Any]:
 TITLE = "Analyse the answers"
 ANALYSIS_INTRODUCTION = (
     "Upload the participants' answer files and key.json from the researcher's zip. Equivalent to "
-    "<code>python -m app study analyse</code>, which needs no upload. All of it is deleted here "
-    "within the hour."
+    "<code>python -m app study analyse</code>, which needs no upload. The server deletes all "
+    "uploaded files and the report within an hour."
 )
 NO_ANSWERS = "Add at least one answer file of a participant."
-NO_KEY = "Add key.json from the researcher's zip."
+NO_KEY = "Add key.json from the zip of the researcher's files."
 TOO_MANY = "At most {limit} files are analysed here; {count} were given. Use the command line."
 ANALYSED = "Done. The report is shown below; download its files to keep them."
 
@@ -265,7 +269,7 @@ def plan_text(values: Mapping[str, Any]) -> str:
     if len(clips) + len(values["motions"]) > MAX_UPLOADS:
         raise RunError(TOO_MANY_UPLOADS.format(limit=MAX_UPLOADS))
     if not length_s:
-        raise RunError("The length of the videos is missing: give it in seconds.")
+        raise RunError("Enter the length of the videos in seconds.")
     others, changed = _by_system(values["motions"]), values["changed"]
     unknown = next((name for name in changed if name not in PLAN_MODIFICATIONS), None)
     if unknown is not None:
@@ -348,8 +352,8 @@ STUDY_READY = (
 )
 KEY_HELP = (
     "Without the key nobody, including you, can tell which video shows which system, and the "
-    "answers cannot be analysed. It is deleted here once downloaded, and after {minutes} minutes "
-    "in any case. Do not give it to participants."
+    "answers cannot be analysed. The server deletes the key when you have downloaded it, and "
+    "after {minutes} minutes in any case. Do not give the key to participants."
 )
 KEY_BUTTON = "Download key and records (zip, only once)"
 KEY_FETCHED = "Downloaded. Check that researcher_only.zip is in your downloads folder."
@@ -463,7 +467,8 @@ def _link(elem_id: str, url: str, name: str, words: str) -> str:
 def _key(token: str, keep_s: float) -> str:
     """Format the box with the researcher's key, which comes before anything to be hosted."""
     return (
-        f'<div class="key" role="note" id="study-researcher"><h3>First: the key, for you alone</h3>'
+        '<div class="key" role="note" id="study-researcher">'
+        "<h3>First download the key, which is only for you</h3>"
         f"<p>{KEY_HELP.format(minutes=round(keep_s / 60))}</p>"
         f'<form method="post" action=".{RESEARCHER_ROUTE}/{token}">'
         f'<button type="submit" class="lg primary">{KEY_BUTTON}</button></form>'
@@ -474,7 +479,7 @@ def _key(token: str, keep_s: float) -> str:
 def _preview(address: str) -> str:
     return (
         f'<p class="study-preview"><a href="{escape(address)}" target="_blank" rel="noopener">'
-        f"{PREVIEW}</a><span>In a new tab; nothing is sent.</span></p>"
+        f"{PREVIEW}</a><span>Opens in a new tab; no answers are sent.</span></p>"
     )
 
 

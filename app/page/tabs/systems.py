@@ -215,12 +215,12 @@ class RotationNoiseRunner(FigureRunner):
     along the arm, of the example or of an own motion.
     """
 
-    tab, verb = "mechanism", "Measure along the arm"
+    tab, verb = "mechanism", "Measure the error along the arm"
     title = "Why global rotations? Equal noise on local and on global rotations"
     introduction = (
-        "One motion, two bodies. Every joint is turned at random by the same amount, once against "
-        "its parent and once in world coordinates. No network takes part. Move the slider and "
-        "watch the fingertips."
+        "Two bodies make the same motion, with random rotations of the same size added to every "
+        "joint: on one body relative to the parent joint, on the other in world coordinates. No "
+        "network is involved. Move the slider and watch the fingertips."
     )
     asks, measure = RotationNoiseRequest, COMPARE_ROTATION_NOISE
 
@@ -317,8 +317,8 @@ class StepCurveRunner(FigureRunner):
 
     tab, verb, title = "steps", "Measure", "Sampling steps: quality and speed on this machine"
     introduction = (
-        "The same speech generated with 1, 2, 4, 8 and 25 steps: fingertip jerk, distance from "
-        "the 25-step result, and time per frame on this server."
+        "Generates motion for the same speech with 1, 2, 4, 8 and 25 steps, and shows fingertip "
+        "jerk, distance from the 25-step result, and time per frame on this server."
     )
     asks, measure = StepSweepRequest, MEASURE_STEPS
 

@@ -25,8 +25,11 @@ MAX_UNATTENDED_S = 10.0
 """Time (s) without a listener after which a waiting event is dropped."""
 MAX_SESSIONS = 2000
 """Maximum number of pages with stored messages."""
-FULL = "{count} others wait already; try again in a while."
-FULL_OF_ADDRESS = "{count} wait already from your address, the most that may; wait for one of them."
+FULL = "The queue is full: {count} runs are already waiting. Try again later."
+FULL_OF_ADDRESS = (
+    "{count} requests from your address are already waiting, which is the limit. Wait until one is "
+    "finished."
+)
 
 
 class Messages(asyncio.Queue):

@@ -26,9 +26,9 @@ MAX_FIELD_BYTES = 1 << 16
 _CHECK_BYTES = 1 << 24
 """Number of uploaded bytes between two checks of the disk."""
 _PARTS_AT_ONCE, _PIECE_BYTES = 16, 2048
-TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; send the others after them."
-TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; send the others after them."
-FIELD_TOO_LONG = "A form field of this upload is larger than {limit} bytes."
+TOO_MANY_AT_ONCE = "At most {limit} files can be uploaded at once; upload the others afterwards."
+TOO_MUCH_AT_ONCE = "At most {limit:.0f} GB can be uploaded at once; upload the others afterwards."
+FIELD_TOO_LONG = "A form field of this upload is larger than {limit} bytes, which is the limit."
 
 
 class LimitedUploadParser(route_utils.GradioMultiPartParser):

@@ -133,9 +133,9 @@ def order_leaks(names: Mapping[Stimulus, str]) -> list[str]:
 def value_leaks(values: Mapping[Stimulus, float], noun: str) -> list[str]:
     """Return a sentence for each way in which a value's order suggests method or speech match."""
     ways: list[tuple[str, Callable[[Stimulus], object], Callable[[Stimulus], str]]] = [
-        ("follows the system", lambda s: (s.clip, s.view, s.speech), lambda s: s.system),
+        ("reveals the system", lambda s: (s.clip, s.view, s.speech), lambda s: s.system),
         (
-            "tells matched from mismatched speech",
+            "reveals which speech is matched",
             lambda s: (s.clip, s.view, s.system),
             lambda s: str(s.is_matched),
         ),
@@ -147,5 +147,5 @@ def value_leaks(values: Mapping[Stimulus, float], noun: str) -> list[str]:
             scenes.setdefault(scene_of(stimulus), {})[label_of(stimulus)] = value
         chance = order_probability([scene for scene in scenes.values() if len(scene) > 1])
         if chance < SIGNIFICANCE_LEVEL:
-            tells.append(f"{noun}: its order {way} (probability {chance:.2g} by chance)")
+            tells.append(f"{noun}: the order of the videos by it {way} (p = {chance:.2g})")
     return tells

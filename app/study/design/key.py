@@ -142,7 +142,11 @@ class Key:
             if not self.videos.keys() >= set(trial.videos):
                 raise ValueError(f"trial {name} shows a video that the key does not have")
             if (trial.expected is not None) != is_check:
-                raise ValueError(f"trial {name}: attention checks, and only they, expect an answer")
+                raise ValueError(
+                    f"trial {name} has no expected answer, but is an attention check"
+                    if is_check
+                    else f"trial {name} has an expected answer, but is no attention check"
+                )
             if not is_check and not self.question_by_id.keys() >= set(trial.questions):
                 raise ValueError(f"trial {name} asks a question that the key does not have")
         for number, trials in self.lists.items():
@@ -187,7 +191,8 @@ class Key:
         is_page = parts.scheme in ("http", "https") and parts.netloc
         if not is_page or parts.query or parts.fragment:
             raise RunError(
-                f"{address!r} is not an address of a page; give it as https://lab.example/study/."
+                f"{address!r} is not the URL of a page; it should look like "
+                "https://lab.example/study/."
             )
         return f"{address}?{urlencode({'p': self.list_of(number), 't': self.token(number)})}"
 
@@ -196,15 +201,15 @@ class Key:
         if self.link_secret is None:
             return None
         if token is None:
-            return "came without a signed link"
+            return "the answers came without a signed link"
         number = token.partition("-")[0]
         is_number = number.isascii() and number.isdecimal() and len(number) <= len(str(MAX_LINKS))
         if not is_number or not hmac.compare_digest(
             self.token(int(number)).encode(), token.encode()
         ):
-            return "the signature of the link is wrong"
+            return "the signature of the link is invalid"
         if self.list_of(int(number)) != list_number:
-            return "the link belongs to another list"
+            return "the link is for another list of trials"
         return None
 
 
@@ -215,12 +220,14 @@ def read_key(path: Path) -> Key:
         RunError: if it is missing, damaged or inconsistent.
     """
     if not path.is_file():
-        raise RunError(f"There is no key at {path}; name the key.json of `researcher_only`.")
+        raise RunError(
+            f"There is no file {path}. The key is key.json in the folder `researcher_only`."
+        )
     try:
         return read_json(path, Key, MAX_KEY_BYTES)
     except FieldError as error:
         raise RunError(
-            f"{path.name} is not the key of a study: {error}; use the file that the export wrote."
+            f"{path.name} is not a valid study key: {error}. Use the file that the export wrote."
         ) from error
 
 

@@ -38,14 +38,17 @@ def _is_name(name: str) -> str:
     is_plain = name.isprintable() and name.strip() == name
     if len(name) > 80 or not is_plain or set(name) & _SEPARATORS:
         raise ValueError(
-            f"a name has 1 to 80 printable characters and no comma or =; {name[:80]!r} is none"
+            "a name must have 1 to 80 printable characters, no comma, no = and no space at its "
+            f"ends; got {name[:80]!r}"
         )
     return name
 
 
 def _is_address(url: str) -> str:
     if not (_PLAIN_URL.fullmatch(url) and urlsplit(url).hostname):
-        raise ValueError(f"an address begins with http:// or https://; {url[:80]!r} is none")
+        raise ValueError(
+            f"{url[:80]!r} is not a URL with http:// or https:// and without special characters"
+        )
     return url
 
 
@@ -64,11 +67,13 @@ def _files_by_clip(value: Any, info: Any) -> Mapping[str, Path]:
     if isinstance(value, str) and "{clip}" in value:
         value = {clip: value.replace("{clip}", clip) for clip in clips}
     if not isinstance(value, Mapping):
-        raise ValueError(f"a {what} must hold {{clip}}, or be a table by clip")
+        raise ValueError(
+            f"`{what}` must be a path with {{clip}} in it, or a table of one path for each clip"
+        )
     for clip in (clip for clip in clips if clip not in value):
-        raise ValueError(f"a system has no {what} for the clip {clip!r}")
+        raise ValueError(f"`{what}` of a system has no path for the clip {clip!r}")
     for clip in (clip for clip in value if clip not in clips):
-        raise ValueError(f"a system has a {what} for {clip!r}, which is not a clip")
+        raise ValueError(f"`{what}` of a system names {clip!r}, which is no clip of the study")
     return {clip: _relative_path(path, info) for clip, path in value.items()}
 
 
@@ -90,7 +95,9 @@ def _style(value: Any, info: Any) -> Any:
             else read_style_file(_relative_path(value, info))
         )
     except PlanError as error:
-        raise ValueError(f"a style cannot be used: {str(error).rstrip('.')}") from None
+        raise ValueError(
+            f"the style of a system cannot be used: {str(error).rstrip('.')}"
+        ) from None
 
 
 def _in_order(views: tuple[View, ...]) -> tuple[View, ...]:
@@ -101,8 +108,9 @@ def _no_own_names(names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
         if name in OWN_PARAMETERS or names.count(name) > 1:
             raise ValueError(
-                f"`panel_ids` names parameters of a panel's own, each once; {name!r} is "
-                f"{'one of the page' if name in OWN_PARAMETERS else 'there twice'}"
+                f"`panel_ids` contains {name!r}, which the page itself uses"
+                if name in OWN_PARAMETERS
+                else f"`panel_ids` contains {name!r} twice"
             )
     return names
 
@@ -172,7 +180,8 @@ class Condition:
         for field in ("plan", "style"):
             if values.get(field) is not None and system not in planning_systems():
                 raise ValueError(
-                    f"the system {name!r} performs no plans, so it cannot have `{field}`"
+                    f"the system {name!r} does not follow gesture plans, so it cannot have "
+                    f"`{field}`"
                 )
         return {"system": system, "sampler": sampler, "steps": samplers[sampler], **values}
 
@@ -233,25 +242,26 @@ class Plan:
         least = 1 if self.protocol in ("matched", "rating") else 2
         if len(self.systems) < least:
             raise ValueError(
-                f"the protocol {self.protocol} compares at least {least} systems; it has "
+                f"the protocol {self.protocol} needs at least {least} systems; the plan has "
                 f"{len(self.systems)}"
             )
         if self.protocol == "matched" and len(self.clips) < 2:
             raise ValueError(
-                "the protocol matched needs at least 2 clips, to have other speech to play"
+                "the protocol matched needs at least 2 clips, as each motion is also shown with "
+                "the speech of another clip"
             )
         made = [system for system in self.systems if system.motion is None]
         for clip in self.clips if self.has_sound or made else ():
             if clip.speech is None:
                 raise ValueError(
-                    f"the clip {clip.name!r} has no `speech`; only a pairwise study of motion "
-                    "files does without"
+                    f"the clip {clip.name!r} has no `speech`, which only a pairwise study of "
+                    "motion files may omit"
                 )
         for one, other in itertools.combinations(made, 2):
             if all(getattr(one, f.name) == getattr(other, f.name) for f in fields(one)[1:]):
                 raise ValueError(
-                    f"the systems {one.name!r} and {other.name!r} are the same: give one another "
-                    "seed or setting"
+                    f"the systems {one.name!r} and {other.name!r} have the same settings; change "
+                    "the seed or another setting of one of them"
                 )
 
 

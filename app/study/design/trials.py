@@ -73,8 +73,8 @@ def make_design(plan: Plan) -> Design:
     num_checks = _num_checks(plan, count)
     if count + num_checks > MAX_TRIALS_OF_LIST:
         raise RunError(
-            f"Each participant would see {count} trials; at most {MAX_TRIALS_OF_LIST} can be "
-            "handled, so set `trials_per_participant`."
+            f"Each participant would see {count + num_checks} pages; the limit is "
+            f"{MAX_TRIALS_OF_LIST}. Set a smaller number of `trials_per_participant`."
         )
     checks = [
         PlannedTrial("attention", "attention", press=CHOICES[index % 2])
@@ -107,9 +107,9 @@ def _num_checks(plan: Plan, count: int) -> int:
         return min(USUAL_CHECKS, most)
     if num_checks > most:
         raise RunError(
-            f"At most one page in {PAGES_PER_CHECK} may be an attention check, or one in all: of "
-            f"{pluralise(count, 'trial')} a participant that is {most}; the plan asks for "
-            f"{num_checks}. Leave `attention_checks` out, or show more trials."
+            f"The plan sets {num_checks} attention checks for {pluralise(count, 'trial')} per "
+            f"participant; the limit is {most}, as at most one page in {PAGES_PER_CHECK} may be a "
+            "check. Leave `attention_checks` out, or show more trials."
         )
     return num_checks
 
@@ -314,5 +314,5 @@ def study_size(plan: Plan, design: Design) -> tuple[int, str]:
     minutes, pages = math.ceil((INTRO_S + seconds) / 60), max(map(len, design.lists))
     return minutes, (
         f"About {pluralise(minutes, 'minute')} and {pluralise(pages, 'page')} for each "
-        f"participant; {count} for each {whom} if all finish."
+        f"participant; {count} for each {whom} if all participants finish."
     )

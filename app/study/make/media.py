@@ -70,7 +70,9 @@ def encode_speech(waveform: Float32[np.ndarray, " N"], out: Path, clip: str) -> 
         write_wav(wav, waveform)
         loudness = measure_loudness(wav)
         if loudness < SILENT_LUFS:
-            raise RunError(f"The excerpt of clip {clip!r} is silent; take a longer or another one.")
+            raise RunError(
+                f"The excerpt of clip {clip!r} is silent; choose a longer or a different excerpt."
+            )
         gain_db = TARGET_LUFS - loudness
         limit = 10 ** (PEAK_DBFS / 20)
         level = f"volume={gain_db:.3f}dB,alimiter=limit={limit:.4f}:level=false,aresample=48000"
@@ -245,7 +247,7 @@ def read_mp4(path: Path) -> Mp4:
             tracks=tuple(map(_track, tracks)),
         )
     except (ValueError, LookupError) as error:
-        raise RunError(f"{path.name} is not a whole mp4 file: {error}.") from error
+        raise RunError(f"{path.name} is not a complete MP4 file: {error}.") from error
 
 
 def blank_user_data(path: Path) -> None:
@@ -265,7 +267,7 @@ def _places(data: bytes, start: int, end: int) -> Iterator[tuple[bytes, int, int
         if size == 1:
             size, header = int.from_bytes(data[start + 8 : start + 16], "big"), 16
         if size < header or start + size > end:
-            raise ValueError(f"the box at byte {start} does not fit")
+            raise ValueError(f"the box at byte {start} has an invalid size")
         yield kind, start + header, start + size
         if kind in _CONTAINERS:
             yield from _places(data, start + header, start + size)
@@ -277,7 +279,7 @@ def _track(boxes: dict[bytes, bytes]) -> Track:
     sizes = boxes[b"stsz"]
     fixed, count, *each = np.frombuffer(sizes[4 : 4 + (len(sizes) - 4) // 4 * 4], ">u4").tolist()
     if not fixed and len(each) < count:
-        raise ValueError(f"it names {count} samples and not their sizes")
+        raise ValueError(f"the sizes of its {count} samples are missing")
     kinds = (b"stsd", b"stts", b"elst", b"tkhd")
     return Track(
         handler=boxes[b"hdlr"][8:12].decode("latin-1"),

@@ -59,8 +59,8 @@ def read_sources(plan: Plan) -> tuple[Source, ...]:
         if source.num_frames != first.num_frames:
             raise RunError(
                 f"Matched and mismatched speech must be equally long, but {first.clip.name!r} has "
-                f"{first.num_frames} frames and {source.clip.name!r} {source.num_frames}; set "
-                "`length_s` to cut all to one length."
+                f"{first.num_frames} frames and {source.clip.name!r} has {source.num_frames}. Set "
+                "`length_s` to cut all of them to one length."
             )
     return sources
 
@@ -128,15 +128,16 @@ def _common_length(plan: Plan, clip: Clip, lengths: Mapping[str, int]) -> int:
         for what, frames in lengths.items():
             if frames < wanted:
                 raise RunError(
-                    f"Clip {clip.name!r}: {what} has {max(frames, 0) / FPS:.1f} s to show, less "
-                    f"than the {plan.length_s:g} s of a video; choose fewer seconds."
+                    f"Clip {clip.name!r}: {what} lasts {max(frames, 0) / FPS:.1f} s from the start "
+                    f"of the excerpt, less than the video length of {plan.length_s:g} s. Choose a "
+                    "shorter video length."
                 )
         return wanted
     if len(set(lengths.values())) > 1:
-        lengths_text = ", ".join(f"{what} {frames} frames" for what, frames in lengths.items())
+        lengths_text = ", ".join(f"{what}: {frames} frames" for what, frames in lengths.items())
         raise RunError(
-            f"Clip {clip.name!r} has parts of unequal length ({lengths_text}); set `length_s` "
-            "to cut all to one length."
+            f"The files of clip {clip.name!r} have different lengths ({lengths_text}). Set "
+            "`length_s` to cut all of them to one length."
         )
     frames = next(iter(lengths.values()))
     if frames < 1:
@@ -182,8 +183,8 @@ def stimulus_motions(
     bases = sorted({motion.expression_basis for motion in motions.values()})
     if plan.face == "moving" and len(bases) > 1:
         raise RunError(
-            f"Faces of {' and '.join(bases)} move differently on the same body, which would reveal "
-            'the systems; set `face = "still"`.'
+            f"The systems use different face models ({' and '.join(bases)}), which would reveal "
+            'the systems to participants. Set `face = "still"` in the study plan.'
         )
     body = get_body(body_path)
     return {name: _normalised_body(motion, plan.face, body) for name, motion in motions.items()}

@@ -47,7 +47,9 @@ class Workspace:
         if out.exists() and not out.is_dir():
             raise RunError(f"{out} is a file; name a folder for the study.")
         if not self.key.is_file() and self.bundle.exists() and any(self.bundle.iterdir()):
-            raise RunError(f"{out} holds a bundle of something else; choose another folder.")
+            raise RunError(
+                f"{out} already contains the bundle of another study; choose another folder."
+            )
         try:
             self.private.mkdir(parents=True, exist_ok=True)
             self.private.chmod(0o700)

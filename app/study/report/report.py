@@ -149,8 +149,8 @@ def headline(result: QuestionResult) -> str:
         good = [str(one.first) for one in matches if one.significant_side > 0]
         if not good:
             return (
-                f"{name}for no system was the matching speech chosen significantly more often "
-                "than chance."
+                f"{name}the matching speech was not chosen significantly more often than chance "
+                "for any system."
             )
         return (
             f"{name}the matching speech was chosen significantly more often than chance for "
@@ -188,11 +188,13 @@ def headline(result: QuestionResult) -> str:
         lines.append(f"{best} is significantly better than {join_names(beaten)}")
     if ahead_of_best:
         lines.append(
-            f"{join_names(ahead_of_best)} significantly better than {best} directly, not overall"
+            f"{best} ranks first overall, but {join_names(ahead_of_best)} "
+            f"{'is' if len(ahead_of_best) == 1 else 'are'} significantly better than {best} in "
+            "direct comparison"
         )
     friedman = result.one("friedman")
     if alike == order and friedman and friedman.is_significant:
-        lines.append("yet not all systems are equal (Friedman)")
+        lines.append("but Friedman's test finds a significant difference between the systems")
     return f"{name}{'; '.join(lines)}."
 
 

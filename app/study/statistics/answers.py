@@ -130,9 +130,14 @@ def _files(paths: Iterable[Path]) -> list[Path]:
         elif path.is_file():
             files.append(path)
         else:
-            raise RunError(f"There are no answers at {path}; name files or folders that exist.")
+            raise RunError(
+                f"There is no file or folder {path}; name files with answers, or folders of them."
+            )
         if len(files) > MAX_FILES:
-            raise RunError(f"There are over {MAX_FILES:,} files; analyse one study at a time.")
+            raise RunError(
+                f"There are more than {MAX_FILES:,} files, which is the limit; analyse one "
+                "study at a time."
+            )
     return list(dict.fromkeys(file.resolve() for file in files))
 
 
@@ -168,16 +173,16 @@ def valid_answers(sent: Participant, key: Key) -> tuple[Participant, Counter[str
 def _answer_error(answer: Answer, key: Key, trials: Sequence[str]) -> str | None:
     """Return why an answer is invalid for the participant's list; None if it is valid."""
     if answer.trial not in trials:
-        return "its trial is not on the participant's list"
+        return "the trial is not on the participant's list"
     trial = key.trials[answer.trial]
     if answer.question not in trial.questions:
-        return "its trial does not ask that question"
+        return "the trial does not ask this question"
     if trial.expected is not None:
         return None
     if sorted(answer.videos) != sorted(trial.videos):
-        return "the videos shown are not those of its trial"
+        return "the videos shown are not those of the trial"
     if answer.skipped is not None:
-        return None if answer.skipped in answer.videos else "it skips a video that was not shown"
+        return None if answer.skipped in answer.videos else "the skipped video was not shown"
     if answer.watched < 1:
         return "a video was not watched to its end"
     return _fault_of_value(answer, key.question_by_id[answer.question])
@@ -190,9 +195,9 @@ def _fault_of_value(answer: Answer, question: Question) -> str | None:
     if question.kind == "ranking":
         is_list = isinstance(value, list) and all(isinstance(item, str) for item in value)
         if not is_list or sorted(value) != sorted(videos):
-            return "the ranking does not hold each video shown once"
+            return "the ranking does not contain each video exactly once"
     elif not isinstance(value, dict) or set(value) != set(videos):
-        return "the ratings are not those of the videos shown"
+        return "the ratings are not of the videos that were shown"
     elif not all(is_number(item) and 0 <= item <= HIGHEST_RATING for item in value.values()):
         return f"a rating is not between 0 and {HIGHEST_RATING}"
     return None
@@ -208,12 +213,12 @@ def _refused_sentence(participant: Participant, refused: Counter[str]) -> str:
     reasons = "; ".join(f"{reason} ({count})" for reason, count in refused.most_common())
     verb = "is" if refused.total() == 1 else "are"
     return (
-        f"{participant.source}: {refused.total()} of {total} answers {verb} left out, "
-        f"the others count: {reasons}."
+        f"{participant.source}: {refused.total()} of {total} answers {verb} left out: {reasons}. "
+        "The others are used."
     )
 
 
-_PRECEDENCE = ("came by a signed link", "is finished", "is later", "is longer")
+_PRECEDENCE = ("has a valid link", "is finished", "is later", "has more answers")
 
 
 def _each_once(
@@ -241,13 +246,13 @@ def _each_once(
     for one in (one for one in others if one not in under_way):
         better = best[one.id]
         compared = zip(_PRECEDENCE, standing(better), standing(one), strict=True)
-        reason = next((which for which, a, b in compared if a != b), "is its equal")
+        reason = next((which for which, a, b in compared if a != b), "is equally complete")
         doubles.append(
             f"{one.source} is left out: its participant also sent {better.source}, which {reason}."
         )
     if count := len(under_way):
-        files = "file" if count == 1 else "files"
-        doubles.append(f"{count} unfinished {files} ignored, as later ones hold all the answers.")
+        files = "file is" if count == 1 else "files are"
+        doubles.append(f"{count} unfinished {files} left out: later files have the same answers.")
     return list(best.values()), doubles
 
 

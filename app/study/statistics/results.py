@@ -187,11 +187,13 @@ def read_jitter(folder: Path, key: Key) -> Jitter:
                 if value := measured[name]["raw"][JERK]:
                     jitter[clip, name] = float(value)
         except (ValueError, LookupError, TypeError, AttributeError) as error:
-            raise RunError(f"{path} holds no diagnostics; measure that clip again.") from error
+            raise RunError(
+                f"{path} is not a valid diagnostics file; run `diagnose` again for this clip."
+            ) from error
     if not jitter:
         raise RunError(
-            f"No diagnostics of this study's clips are in {folder}; expected "
-            f"{key.clips[0]}/diagnostics.json there, and so on."
+            f"{folder} contains no diagnostics of this study's clips; it should contain "
+            f"{key.clips[0]}/diagnostics.json and the same file for each other clip."
         )
     return jitter
 

@@ -119,7 +119,7 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
         are_copies = all(_content(one) == _content(first) for one in others)
         for one in others if are_copies else (first, *others) if others else ():
             other = others[0] if one is first else first
-            reasons[one.id] = f"the link was used by {other.source} too"
+            reasons[one.id] = f"the same link was also used by {other.source}"
     return reasons
 
 
@@ -154,7 +154,7 @@ def implausible_answers(participants: Sequence[Participant], key: Key) -> dict[s
 def _implausibility(participant: Participant, key: Key) -> str | None:
     finished, started = participant.finished, participant.started
     if finished is not None and finished < started:
-        return "finished before it was begun"
+        return "the end time is before the start time"
     judged = [
         one
         for one in participant.answers
@@ -164,15 +164,15 @@ def _implausibility(participant: Participant, key: Key) -> str | None:
     lasts = {one.trial: (key.video_s or SHORTEST_VIDEO_S) * len(one.videos) for one in judged}
     hasty = sum(spent[trial] < TOLERANCE * lasts[trial] for trial in spent)
     if hasty > MAX_FAST_SHARE * len(spent):
-        return f"{hasty} of {len(spent)} trials answered faster than the videos last"
+        return f"{hasty} of {len(spent)} trials answered in less time than the videos last"
     if finished is not None:
         spent_s, whole_s = sum(spent.values()), (finished - started).total_seconds()
         if whole_s < TOLERANCE * spent_s:
-            return f"{spent_s:.0f} s of trials in {whole_s:.0f} s from beginning to end"
+            return f"{spent_s:.0f} s spent on trials, but only {whole_s:.0f} s from start to end"
     place = {trial: number for number, trial in enumerate(key.lists[participant.list_number])}
     order = [place[answer.trial] for answer in participant.answers]
     if order != sorted(order):
-        return "answers in another order than that of the list"
+        return "answers in a different order than the trials of the list"
     # Equal answers may be honest; they alone exclude no participant.
     failed = failed_checks(participant, key)
     places = {_place(answer) for answer in judged}
@@ -183,7 +183,11 @@ def _implausibility(participant: Participant, key: Key) -> str | None:
         and (failed or hasty)
     ):
         evidence = [pluralise(failed, "attention check") + " failed"] if failed else []
-        evidence += [f"{hasty} of {len(spent)} trials answered too soon"] if hasty else []
+        evidence += (
+            [f"{hasty} of {len(spent)} trials answered before the videos could end"]
+            if hasty
+            else []
+        )
         return f"always the same position chosen, and {join_names(evidence)}"
     return None
 

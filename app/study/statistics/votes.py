@@ -144,7 +144,7 @@ def read_battles(path: Path) -> tuple[Key, list[Participant]]:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, nrows=_MAX_BATTLES)
         for name in BATTLES[:5]:
             if name not in table or not len(table):
-                raise ValueError(f"it has no {name if len(table) else 'rows'}")
+                raise ValueError(f"it has no {f'column {name}' if len(table) else 'rows'}")
         return _battles_read(table, path.name)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0].rstrip(".")
@@ -170,7 +170,7 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant
         trials[trial] = Trial(kind, clip, tuple(sorted(pair)), (question.id,))
         winners = {"model_a": pair[0], "model_b": pair[1], "tie": TIE}
         if row["winner"] not in winners:
-            raise ValueError(f"{row['winner']!r} is not a winner")
+            raise ValueError(f"the winner {row['winner']!r} is not one of {', '.join(winners)}")
         juice = row.get("juiceOptions", "")
         reasons = tuple(mine for mine, theirs in _LEADERBOARD_REASONS.items() if theirs in juice)
         strong = row.get("is_strong") == "True"

@@ -43,9 +43,12 @@ def generate(speech: Path, out: Path, weights: Path, *flags: str) -> list[str]:
 
 def test_wrong_arguments_exit_with_2_and_one_sentence(capsys):
     for command, words in [
-        ("", "A command is missing; there are generate, diagnose, "),
-        ("nonsense", "There is no 'nonsense'; there are generate, "),
-        ("study nonsense", "There is no 'study nonsense'; there are study export, "),
+        ("", "A command is missing. The commands are: generate, diagnose, "),
+        ("nonsense", "There is no command 'nonsense'. The commands are: generate, "),
+        (
+            "study nonsense",
+            "no command 'study nonsense'. The commands are: study export, ",
+        ),
         ("generate --out o", "Missing: SPEECH"),
         ("generate a.wav", "Missing: --out"),
         ("generate a.wav --out o --post-filter blur", "'blur'"),
@@ -195,7 +198,7 @@ def test_a_terminated_run_leaves_no_file(speech, weights, tmp_path, monkeypatch)
     terminal, before = Terminal(tmp_path / "out"), signal.getsignal(signal.SIGTERM)
     monkeypatch.setattr("sys.stderr", terminal)
     assert main(generate(speech, tmp_path / "out", weights)) == 1
-    assert terminal.getvalue().endswith("stopped; nothing was kept.\n")
+    assert terminal.getvalue().endswith("Stopped. Nothing was saved.\n")
     assert not (tmp_path / "out").exists()
     assert signal.getsignal(signal.SIGTERM) == before
 
@@ -305,8 +308,8 @@ def test_render_says_what_it_cannot_do(motion, capsys):
         ("a.png --background transparent --trail", "not possible with a transparent background"),
         ("a.png --background transparent --close-up face", "Close-ups are not possible with a"),
         ("a.mp4 --speech /nowhere.wav", "no speech file at /nowhere.wav"),
-        ("a.mp4 --frame 3 --plan a.json", "A .mp4 file holds all frames; remove --frame."),
-        ("a.glb --views side", "A .glb file holds the body alone; remove --views."),
+        ("a.mp4 --frame 3 --plan a.json", "A .mp4 file contains all frames; remove --frame."),
+        ("a.glb --views side", "A .glb file contains only the body; remove --views."),
         ("a.mp4 --body /nowhere.npz", "nowhere.npz"),
     ]:
         assert words in sentence_after(["render", str(motion), "--out", *flags.split()], capsys)
@@ -376,7 +379,7 @@ def test_doctor_finds_what_is_missing(weights, tmp_path, capsys):
     out, told = capsys.readouterr()
     assert status == 1
     assert "NO  weights" in out and "--weights DIR" in out and "weights" in told
-    assert re.search(r"ok +OpenGL \w+ +pyrender draws by .*, used$", out, re.MULTILINE)
+    assert re.search(r"ok +OpenGL \w+ +pyrender renders with .* \(selected\)$", out, re.MULTILINE)
     assert len(re.findall(r", used$", out, re.MULTILINE)) == 1
     assert doctor._weights(weights).works and not doctor._weights(tmp_path).works
 
@@ -387,10 +390,14 @@ def test_former_names_of_commands_and_flags_are_accepted_with_a_message(tmp_path
         return (command.func, *command.args, command.keywords), capsys.readouterr().err
 
     for former, current, told in [
-        ("mechanism a.npz", "rotation-noise a.npz", "mechanism is now rotation-noise"),
+        ("mechanism a.npz", "rotation-noise a.npz", "mechanism was renamed to rotation-noise"),
         ("render a.npz --joint=neck", "render a.npz --tracked-point neck", "--tracked-point"),
-        ("render a.npz --sheet 3", "render a.npz --contact-sheet-every 3", "--sheet is now"),
-        ("diagnose a.npz --no-pictures", "diagnose a.npz --no-poses", "now --no-poses"),
+        (
+            "render a.npz --sheet 3",
+            "render a.npz --contact-sheet-every 3",
+            "--sheet was renamed",
+        ),
+        ("diagnose a.npz --no-pictures", "diagnose a.npz --no-poses", "to --no-poses"),
     ]:
         (old, said), (new, silence) = parsed(former), parsed(current)
         assert old == new and told in said and not silence

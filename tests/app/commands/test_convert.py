@@ -80,9 +80,9 @@ def test_a_zip_with_a_file_for_each_parameter_is_one_motion(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("files", "out", "said"),
     [
-        (["theirs.npz", "theirs.npz"], "a.npz", "2 motions do not fit into one file"),
+        (["theirs.npz", "theirs.npz"], "a.npz", "--out is one file for 2 motions"),
         (["none.npz"], "out", "There is no"),
-        (["theirs.npz"], "theirs.npz", "would be written over"),
+        (["theirs.npz"], "theirs.npz", "would overwrite an input file"),
     ],
 )
 def test_what_cannot_be_converted_is_said(files, out, said, z_up, tmp_path, capsys):

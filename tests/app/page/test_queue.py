@@ -123,7 +123,7 @@ def test_runs_go_one_at_a_time_in_order_and_each_is_told_its_place(page):
         wait_for(first_of(page, 1))
         _, third, last = (pages.enter_context(page.asked(visitor)) for visitor in "bcd")
         full = page.ask("e")
-        assert full.status_code == 503 and f"{PLACES} others wait" in full.text
+        assert full.status_code == 503 and f"{PLACES} runs are already waiting" in full.text
         ranks = [next(last)["rank"]]
         for number in range(2, 5):
             page.may_end.release()
@@ -201,7 +201,7 @@ def test_few_wait_from_one_address(page):
             assert page.ask(f"x{number}").status_code == 200
         one_more = page.ask("x5")
         assert one_more.status_code == 400
-        assert f"{MAX_OF_ADDRESS} wait already from your address" in one_more.json()["detail"]
+        assert f"{MAX_OF_ADDRESS} requests from your address" in one_more.json()["detail"]
         assert page.ask("y").status_code == 200
 
 

@@ -188,7 +188,7 @@ def test_an_address_that_has_left_too_much_begins_no_run_and_behind_a_proxy_a_br
             assert news(runner.run(visitor, 1))[-1] == "done"
         with pytest.raises(gr.Error) as raised:
             list(runner.run(visitor, 1))
-        assert "0.003 GB are allowed" in str(raised.value.message)
+        assert "the limit is 0.003 GB" in str(raised.value.message)
         assert "60 minutes after" in str(raised.value.message)
     shutil.rmtree(jobs._root)
     assert news(runner.run(visitor, 1))[-1] == "done"

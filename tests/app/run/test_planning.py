@@ -198,9 +198,8 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
         (many, "--seed, --guidance, --channel and --words"),
     ):
         said = told(motion, out, *flags, status=1)
-        named = said.removeprefix("The plan of a motion is detected; leave ").removesuffix(
-            " out.\n"
-        )
+        named = said.removeprefix("The plan of a motion file is detected; remove ")
+        named = named.removesuffix(".\n")
         assert sorted(named.replace(" and", ",").split(", ")) == sorted(
             left_out.replace(" and", ",").split(", ")
         )
@@ -222,7 +221,7 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
             ("--empty", "--style", str(style)),
             "An empty plan cannot have a style",
         ),
-        (asked.speech.path, plan, ("--empty", "--seed", "3"), "not drawn; remove --seed"),
+        (asked.speech.path, plan, ("--empty", "--seed", "3"), "not sampled; remove --seed"),
         (asked.speech.path, plan, ("--assume", "up=z"), "remove --assume"),
         (asked.speech.path, plan, ("--style", str(style), *weights), "a style has no 'more'"),
         (asked.speech.path, plan, ("--weights", str(tmp_path)), f"There is no system '{PLANNED}'"),

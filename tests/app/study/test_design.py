@@ -156,7 +156,7 @@ def test_at_most_one_page_in_ten_is_an_attention_check_and_a_short_study_ends_wi
         assert kinds.count("attention") == 4
         assert ("attention", "attention") not in itertools.pairwise(kinds)
         assert {design.trials[page.trial].press for page in pages} == {None, "left", "right"}
-    with pytest.raises(RunError, match="of 12 trials a participant that is 1; the plan"):
+    with pytest.raises(RunError, match="for 12 trials per participant; the limit is 1,"):
         design_of(tmp_path, "pairwise", "attention_checks = 2\ntrials_per_participant = 12")
     assert design_of(tmp_path, "pairwise", "attention_checks = 0")[1].num_checks == 0
 
@@ -239,4 +239,4 @@ def test_an_order_by_match_is_seen_even_when_systems_are_mixed():
         for speech in (clip, wrong)
     }
     (tell,) = value_leaks(values, "size")
-    assert "matched from mismatched" in tell
+    assert "which speech is matched" in tell

@@ -160,29 +160,37 @@ LEAKS: list[tuple[str, Plant, str]] = [
         lambda s: video_of(s, "localnet", "street").write_bytes(b"x"),
         "changed file: media/",
     ),
-    ("page", _always_left, "order on the screen: 'localnet' stands first"),
+    ("page", _always_left, "order on the screen: 'localnet' is first in"),
     (
         "page",
         told(lambda data: next(iter(data["trials"].values())).update(system="globalnet")),
-        "JSON: the page's data hold 'globalnet'",
+        "JSON: the page's data contain 'globalnet'",
     ),
     ("page", told(_order_of_trials), "JSON: the trials are not sorted"),
-    ("page", told(lambda data: data.update(conditions=[1])), "JSON: the field `conditions` is"),
+    (
+        "page",
+        told(lambda data: data.update(conditions=[1])),
+        "contain the unknown field `conditions`",
+    ),
     (
         "page",
         told(lambda data: data["lists"][0][0].append(ADDRESS)),
-        "URL: the page's data hold an",
+        "URL: the page's data contain a URL",
     ),
-    ("page", told(lambda data: data["lists"][0].append(PLACE)), "JSON: the page's data hold 'rec"),
-    ("page", _title, "text: `title` holds 'globalnet'"),
-    ("page", _script, "page: study.js is not the file of this program"),
-    ("names", _names_in_order, "file name: its order follows the system"),
+    (
+        "page",
+        told(lambda data: data["lists"][0].append(PLACE)),
+        "JSON: the page's data contain 'rec",
+    ),
+    ("page", _title, "text: `title` contains 'globalnet'"),
+    ("page", _script, "page: study.js differs from the file of this program"),
+    ("names", _names_in_order, "file name: the order of the videos by it reveals the system"),
     (
         "metadata",
         changed("kitchen", *COPY, "-metadata", "title=localnet"),
-        "{kitchen} has a `udta`",
+        "{kitchen} contains a `udta`",
     ),
-    ("metadata", bool, "{kitchen} holds the name 'localnet'"),
+    ("metadata", bool, "{kitchen} contains the name 'localnet'"),
     (
         "metadata",
         changed("garden", "-c", "copy", "-metadata", "creation_time=2026-01-01T00:00:00"),
@@ -191,12 +199,12 @@ LEAKS: list[tuple[str, Plant, str]] = [
     (
         "metadata",
         changed("street", *COPY, "-metadata:s:v:0", "handler_name=run 17"),
-        "{street} names its streams run 17",
+        "the streams of {street} have unusual names (run 17",
     ),
     (
         "metadata",
         changed("office", "-c:v", "libx264", "-b:v", "100k"),
-        "{office} holds an encoder's note",
+        "{office} contains text of the encoder",
     ),
     ("time", lambda study: video_of(study, "localnet", "garden").touch(), "time stamp: {garden}"),
     (
@@ -210,22 +218,26 @@ LEAKS: list[tuple[str, Plant, str]] = [
         "size: the videos of clip 'garden'",
     ),
     ("sizes", _bit_rate, "bit rate: the videos of clip 'kitchen' differ by"),
-    ("sizes", _packets, "packet sizes: the videos of clip 'street' differ"),
+    ("sizes", _packets, "packet sizes: not the same in all videos of clip 'street'"),
     ("sizes", _filling, "filling: the videos of clip 'office' differ by"),
     ("sizes", bool, "compressed size: the videos of clip 'office'"),
-    ("larger", _slightly_larger_files, "size: its order follows the system"),
-    ("length", changed("garden", *COPY, "-frames:v", "14"), "frames: the videos of clip 'garden'"),
+    ("larger", _slightly_larger_files, "size: the order of the videos by it reveals the system"),
+    (
+        "length",
+        changed("garden", *COPY, "-frames:v", "14"),
+        "frames: not the same in all",
+    ),
     (
         "length",
         changed("street", *SINE, "-map", "0:v", "-map", "1:a", "-c:v", "copy"),
-        "{street} has sound, unlike the others",
+        "{street} has sound in a study without sound",
     ),
     (
         "sound",
         changed("garden", "-c:v", "copy", "-c:a", "aac", "-b:a", "64k"),
         "is not the same stream in every video",
     ),
-    ("sound", changed("kitchen", "-c:v", "copy", "-an"), "{kitchen} has no sound, unlike the"),
+    ("sound", changed("kitchen", "-c:v", "copy", "-an"), "{kitchen} has no sound."),
 ]
 """Groups that are planted together, each with what is said of it; in braces is the file of the
 first system's video of a clip."""
@@ -262,9 +274,9 @@ def test_a_damaged_unfinished_or_missing_study_gives_a_sentence(silent_study, tm
     study = copy_study(silent_study, tmp_path / "study")
     (study.bundle / DATA).write_text("window.STUDY = {")
     media.set_fixed_mtime(study.bundle / DATA)
-    with pytest.raises(RunError, match="is not what the export wrote"):
+    with pytest.raises(RunError, match="was changed after the export"):
         check_study(tmp_path / "study")
     digest = next(iter(read_key(study.key).videos.values())).sha256
     study.key.write_text(study.key.read_text().replace(digest, "not made yet"))
-    with pytest.raises(RunError, match="is not finished; run it again"):
+    with pytest.raises(RunError, match="is not finished; run `study export` again"):
         check_study(tmp_path / "study")

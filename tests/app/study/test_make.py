@@ -148,7 +148,7 @@ def test_padding_reaches_any_size(tmp_path):
         assert len({path.stat().st_size for path in paths}) == 1
         for path, size in zip(paths, sizes, strict=True):
             assert path.read_bytes().startswith(b"x" * size)
-        with pytest.raises(RunError, match=r"0\.mp4 is not a whole mp4 file"):
+        with pytest.raises(RunError, match=r"0\.mp4 is not a complete MP4 file"):
             media.read_mp4(paths[0])
 
 

@@ -73,7 +73,7 @@ def test_a_file_that_cannot_be_used_costs_one_sentence_and_nothing_else(
     collected = collect_answers([folder], KEY)
     assert len(collected.participants) == 1 and len(collected.left_out) == 1
     assert collected.left_out[0].startswith(f"bad.json is left out: {says}")
-    with pytest.raises(RunError, match="There are no answers at"):
+    with pytest.raises(RunError, match="There is no file or folder"):
         collect_answers([tmp_path / "none"], KEY)
 
 
@@ -85,14 +85,14 @@ def rated(number: object) -> dict[str, Any]:
     ("protocol", "edit", "says"),
     [
         ("pairwise", {"value": "clip3-rival"}, "the answer is not among the videos shown (1)"),
-        ("pairwise", {"trial": "clip9/0"}, "its trial is not on the participant's list"),
-        ("pairwise", {"question": "beauty"}, "its trial does not ask that question"),
+        ("pairwise", {"trial": "clip9/0"}, "the trial is not on the participant's list"),
+        ("pairwise", {"question": "beauty"}, "the trial does not ask this question"),
         ("pairwise", {"watched": 0}, "a video was not watched to its end"),
-        ("pairwise", {"trial": "clip0/1"}, "the videos shown are not those of its trial"),
+        ("pairwise", {"trial": "clip0/1"}, "the videos shown are not those of the trial"),
         ("pairwise", {"reasons": "smoothness"}, "`reasons` cannot be 'smoothness'"),
-        ("ranking", {"value": ["clip0-local"] * 3}, "does not hold each video shown once"),
-        ("ranking", {"value": [1, 2, 3]}, "does not hold each video shown once"),
-        ("rating", {"value": {"clip0-local": 3}}, "not those of the videos shown"),
+        ("ranking", {"value": ["clip0-local"] * 3}, "does not contain each video exactly once"),
+        ("ranking", {"value": [1, 2, 3]}, "does not contain each video exactly once"),
+        ("rating", {"value": {"clip0-local": 3}}, "not of the videos that were shown"),
         ("rating", rated(10**400), "a rating is not between 0 and 100"),
         ("rating", rated(True), "a rating is not between 0 and 100"),
     ],
@@ -104,9 +104,7 @@ def test_an_edited_answer_is_left_out_and_the_others_count(
     counts, left_out = edited(tmp_path, lambda file: file["answers"][0].update(edit), protocol)
     assert counts == [whole - 1, whole]
     assert len(left_out) == 1
-    assert left_out[0].startswith(
-        f"edited.json: 1 of {whole} answers is left out, the others count"
-    )
+    assert left_out[0].startswith(f"edited.json: 1 of {whole} answers is left out: ")
     assert says in left_out[0]
 
 
@@ -249,16 +247,22 @@ def test_ties_are_answers_and_sameness_alone_is_no_evidence_of_not_looking() -> 
 
 def test_impossible_answers_are_set_aside() -> None:
     for forge, words in [
-        (lambda who: replace(who, finished=who.started - timedelta(seconds=1)), "finished before"),
-        (each(lambda number: {"ms": 1}), "faster than the videos last"),
+        (
+            lambda who: replace(who, finished=who.started - timedelta(seconds=1)),
+            "the end time",
+        ),
+        (each(lambda number: {"ms": 1}), "in less time than the videos last"),
         (
             each(lambda number: {"ms": 1 if number % 5 == 0 else 9_000}),
-            "4 of 18 trials answered faster",
+            "4 of 18 trials answered in less time",
         ),
         (lambda who: replace(who, finished=who.started + timedelta(seconds=60)), "in 60 s from"),
-        (lambda who: replace(who, answers=who.answers[::-1]), "another order"),
+        (lambda who: replace(who, answers=who.answers[::-1]), "a different order"),
         (always(left, num_failed=1), "same position chosen, and 1 attention check failed"),
-        (left_and_hasty_once, "same position chosen, and 1 of 18 trials answered too soon"),
+        (
+            left_and_hasty_once,
+            "and 1 of 18 trials answered before the videos could",
+        ),
     ]:
         forged = forge(PEOPLE[3])
         screened = screen([*PEOPLE[:3], forged, *PEOPLE[4:]], LONG)
@@ -310,7 +314,7 @@ def test_a_skipped_page_is_no_vote_and_no_reason_to_doubt_and_the_report_counts_
     judged[4] |= {"value": None, "skipped": "another"}
     key_path, folder = written_study(tmp_path, LONG, files)
     collected = collect_answers([folder], LONG)
-    assert "it skips a video that was not shown (1)" in collected.left_out[0]
+    assert "the skipped video was not shown (1)" in collected.left_out[0]
     screened = screen(collected.participants, LONG)
     assert len(screened.included) == 6
     (result,) = analyse_participants(screened.included, LONG)
@@ -375,13 +379,13 @@ def test_good_links_count_and_without_a_secret_nobody_needs_one() -> None:
 def test_forged_links_are_set_aside() -> None:
     for forge, words in [
         (lambda token: None, "without a signed link"),
-        (lambda token: token[:-1] + "x", "signature of the link is wrong"),
-        (lambda token: "9" + token, "signature of the link is wrong"),
-        (lambda token: "٣" + token, "signature of the link is wrong"),
-        (lambda token: "no token", "signature of the link is wrong"),
-        (lambda token: "0-é", "signature of the link is wrong"),
-        (lambda token: replace(LINKED, link_secret=secrets.token_hex(32)).token(0), "is wrong"),
-        (lambda token: replace(LINKED, study="0" * 16).token(0), "is wrong"),
+        (lambda token: token[:-1] + "x", "signature of the link is invalid"),
+        (lambda token: "9" + token, "signature of the link is invalid"),
+        (lambda token: "٣" + token, "signature of the link is invalid"),
+        (lambda token: "no token", "signature of the link is invalid"),
+        (lambda token: "0-é", "signature of the link is invalid"),
+        (lambda token: replace(LINKED, link_secret=secrets.token_hex(32)).token(0), "is invalid"),
+        (lambda token: replace(LINKED, study="0" * 16).token(0), "is invalid"),
     ]:
         first, *others = signed()
         assert first.link is not None
@@ -396,12 +400,12 @@ def test_a_link_counts_once_and_for_its_own_list_and_an_earlier_time_displaces_n
     hour = timedelta(hours=1)
     copy = replace(first, id="thief", started=first.started - hour, finished=first.finished - hour)
     (aside,) = screen([first, copy, *others], LINKED).set_aside
-    assert aside.participant is copy and f"used by {first.source} too" in aside.why
+    assert aside.participant is copy and f"also used by {first.source}" in aside.why
     answer, *rest = copy.answers
     forged = replace(copy, source="forged.json", answers=(replace(answer, value="tie"), *rest))
     screened = screen([first, forged, *others], LINKED)
     assert [one.participant for one in screened.set_aside] == [first, forged]
-    assert "used by forged.json too" in screened.set_aside[0].why
+    assert "also used by forged.json" in screened.set_aside[0].why
     assert list(screened.included) == others
     number = next(n for n in range(9) if LINKED.list_of(n) != first.list_number)
     (aside,) = screen([replace(first, link=LINKED.token(number))], LINKED).set_aside

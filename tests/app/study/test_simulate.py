@@ -53,7 +53,7 @@ def test_a_seed_makes_the_same_answers_and_two_runs_do_not_mix(tmp_path):
 @pytest.mark.parametrize(
     ("raters", "strengths", "seed", "says"),
     [
-        (0, STRENGTHS, 0, "Raters must be 1 to 10000; got 0"),
+        (0, STRENGTHS, 0, "The number of raters must be from 1 to 10000; got 0"),
         (1, STRENGTHS, -1, "seed must not be negative"),
         (1, {"local": 1.0}, 0, "exactly local, global, rival; got local"),
         (1, STRENGTHS | {"other": 1.0}, 0, "exactly local, global, rival"),

@@ -9,8 +9,8 @@ const WIDTHS = { SCALAR: 1, VEC2: 2, VEC3: 3, VEC4: 4, MAT4: 16 };
 /** The document of a GLB, `array(accessor)`: its numbers one after the other, as stored; and its first `picture`. */
 export function readGlb(content) {
   const header = new Uint32Array(content, 0, 5); // as in glTF, the lower byte comes first
-  if (header[0] !== 0x46546c67) throw new Error("This is not a GLB.");
-  if (header[2] !== content.byteLength) throw new Error("The GLB is cut short.");
+  if (header[0] !== 0x46546c67) throw new Error("This is not a GLB file.");
+  if (header[2] !== content.byteLength) throw new Error("The GLB file is incomplete.");
   const jsonLength = header[3];
   const document = JSON.parse(new TextDecoder().decode(new Uint8Array(content, 20, jsonLength)));
 

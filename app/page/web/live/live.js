@@ -84,7 +84,7 @@ class Live {
     const [sourceLabel, source] = choice("Audio source", "source", sources);
     const [systemLabel, system] = choice("System", "system", systems.map((name) => [name, name]));
     const [speakerLabel, speaker] = choice("Speaker style", "speaker", speakers.map((name) => [name, name]));
-    const file = make("input", { type: "file", accept: "audio/*", "aria-label": "Sound to play as if spoken" });
+    const file = make("input", { type: "file", accept: "audio/*", "aria-label": "Audio file to play instead of the microphone" });
     const filePart = make("div", { class: "file", hidden: true }, file, make("small", {}, "The file stays in your browser; its audio is streamed to the server while it plays."));
     source.addEventListener("change", () => { filePart.hidden = source.value !== "file"; });
     this.fields = { source, system, speaker, file };
@@ -296,7 +296,7 @@ class Live {
     this.parts.textContent = `audio window ${seconds(heard)} · queue ${seconds(waitedMs)} · generation ${seconds(madeMs)} · network and rendering ${seconds(rest)}`;
     this.#lateSince = latency > LATE_MS ? (this.#lateSince ?? time) : null;
     if (this.#lateSince !== null && time - this.#lateSince > LATE_FOR_MS) {
-      const who = visitors > 1 ? ` with ${visitors} who speak at once` : "";
+      const who = visitors > 1 ? ` (${visitors} live visitors)` : "";
       this.#say(`The server is slow${who}: the motion follows ${(latency / 1000).toFixed(1)} s after the voice.`, true);
     } else if (this.status.classList.contains("bad")) {
       this.#say(this.#doing);

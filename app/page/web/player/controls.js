@@ -47,7 +47,7 @@ export class Controls {
     );
     this.modes = make("div", { class: "switch", role: "group", "aria-label": "Comparison mode" }, ...modes);
     this.pair = [0, 1].map((index) =>
-      make("select", { "aria-label": index ? "Second of two" : "First of two", onchange: ({ target }) => this.#view.setPair(index, target.value) }),
+      make("select", { "aria-label": index ? "Second motion" : "First motion", onchange: ({ target }) => this.#view.setPair(index, target.value) }),
     );
     this.pairBox = make("span", { class: "pair", hidden: true }, ...this.pair);
     this.displays = new Displays(this.#look, this.#view, views);

@@ -120,7 +120,7 @@ export class Editing {
     const changed = { onchange: () => this.#foresee() };
     this.kinds = new GesturePalette(() => this.#foresee());
     this.places = make("select", { "aria-label": "Where", ...changed });
-    this.hands = make("select", { "aria-label": "With", ...changed }, ...[["", "usual hand"], ["left", "left hand"], ["right", "right hand"], ["both", "both hands"]].map(([value, label]) => make("option", { value }, label)));
+    this.hands = make("select", { "aria-label": "Hands", ...changed }, ...[["", "default hand"], ["left", "left hand"], ["right", "right hand"], ["both", "both hands"]].map(([value, label]) => make("option", { value }, label)));
     const now = (does, values = {}) => () => this.#ask({ do: does, at: this.#player.time, ...values });
     const looks = Object.entries(LOOKS).map(([label, yaw]) => button(label, now("look", { yaw, pitch: 0 })));
     const head = make("span", { class: "row", role: "group", "aria-label": "At the current time" }, button("Nod", now("nod")), button("Blink", now("blink")), ...looks);
@@ -432,7 +432,7 @@ export class Editing {
 
   async #take(file) {
     if (file.size > MAX_FILE) {
-      this.#say(`${file.name} has ${(file.size / 1e6).toFixed(1)} MB; plans may have at most ${MAX_FILE / 1e6} MB.`, true);
+      this.#say(`${file.name} has ${(file.size / 1e6).toFixed(1)} MB; the limit for a plan is ${MAX_FILE / 1e6} MB.`, true);
       return;
     }
     this.#ask({ do: "plan", name: file.name.slice(-200), text: await file.text() });

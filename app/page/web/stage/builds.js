@@ -20,7 +20,7 @@ export const theBuilds = fetchedOnce(async (mesh, told) => readBuilds(await (awa
 export function readBuilds(content, mesh, { names, step }) {
   const { positions, normals } = mesh;
   const size = positions.length;
-  if (content.byteLength !== 4 * size * (names.length - 1)) throw new Error("The page is of another version; load it again.");
+  if (content.byteLength !== 4 * size * (names.length - 1)) throw new Error("The server has another version of this page. Please reload the page.");
   const builds = new Map([[names[0], { positions, normals }]]);
   names.slice(1).forEach((name, i) => {
     const offsets = mesh.inOrder(new Int16Array(content, 4 * size * i, size));

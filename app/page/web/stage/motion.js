@@ -3,7 +3,7 @@
 export const NUM_JOINTS = 55;
 export const FPS = 30; // motion frames per second
 const HEADER_BYTES = 20;
-const DAMAGED = "The motion that came is damaged.";
+const DAMAGED = "The motion data from the server is damaged.";
 
 /** What a skeleton does over time. Rotations are quaternions (x, y, z, w) of joints to parents. */
 export class Motion {

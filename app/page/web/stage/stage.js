@@ -610,7 +610,7 @@ export class Stage {
     const tag = make("div", { class: "stage-tag", "data-name": row.name }, make("header", {}, swatch, nameOf(row), tools), entry.reading ?? "");
     if (this.#isNarrow && !this.#large) tag.querySelector("header").append(make("small", {}, `${this.#at + 1} of ${this.#rows.size}: swipe`));
     entry.tag = tag;
-    if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion available" : row.frames ? "coming" : "being made"));
+    if (!shown) tag.append(make("p", { class: "coming" }, row.motion && !row.frames ? "no motion available" : row.frames ? "loading" : "being generated"));
     return tag;
   }
 

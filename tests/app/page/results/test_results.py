@@ -219,10 +219,13 @@ def run(tmp_path: Path) -> Run:
 
 def test_the_settings_that_differ_are_told_in_one_sentence(run):
     a, b = (run(each).record for each in ({"seed": "3", "steps": "10"}, STEPS))
-    assert settings_sentence(a, b) == "Seed 3 against 7; steps 10 against 25."
+    assert settings_sentence(a, b) == (
+        "Different settings: seed 3 (A) and 7 (B); steps 10 (A) and 25 (B)."
+    )
     assert settings_sentence(a, a) == text.PAIR_SAME_SETTINGS
     own = a.model_copy(update={"settings": {"motions": "mine", "words": "said.txt"}})
-    told = f"{text.PAIR_BROUGHT.format(run='B')} Words none against said.txt."
+    told = "Different settings: words none (A) and said.txt (B)."
+    told = f"{text.PAIR_BROUGHT.format(run='B')} {told}"
     assert settings_sentence(run({"words": "none"}).record, own) == told
     usual, other = run(), run({"speech": "another"}, speech_sha256=OTHER)
     told = settings_sentence(usual.record, other.record)

@@ -34,13 +34,16 @@ def client(served: Served) -> TestClient:
 
 
 TOO_MUCH: dict[str, tuple[Any, str]] = {
-    "bytes": ({"data": ["x" * MAX_BODY_BYTES]}, "may have 1,000,000 bytes"),
-    "items": ({"data": [[1] * (MAX_ITEMS + 1)]}, f"may have {MAX_ITEMS} items here; one"),
-    "files": ({"data": [[FILE] * 200, [FILE] * 51]}, f"may name {MAX_ITEMS} files"),
-    "values": ({"data": [[[0] * 200] * 100]}, "may hold 10,000 values"),
-    "depth": ({"data": json.loads("[" * 60 + "]" * 60)}, "nested too deeply"),
-    "url": ({"data": [[{**FILE, "path": "https://evil.example/a.wav"}]]}, "upload it as a file"),
-    "stream": ({"data": [{**FILE, "is_stream": True}]}, "upload it as a file"),
+    "bytes": ({"data": ["x" * MAX_BODY_BYTES]}, "larger than 1,000,000 bytes"),
+    "items": ({"data": [[1] * (MAX_ITEMS + 1)]}, f"items; the limit is {MAX_ITEMS}."),
+    "files": ({"data": [[FILE] * 200, [FILE] * 51]}, f"more than {MAX_ITEMS} files"),
+    "values": ({"data": [[[0] * 200] * 100]}, "more than 10,000 values"),
+    "depth": ({"data": json.loads("[" * 60 + "]" * 60)}, "nested more than 32 levels"),
+    "url": (
+        {"data": [[{**FILE, "path": "https://evil.example/a.wav"}]]},
+        "upload the file instead",
+    ),
+    "stream": ({"data": [{**FILE, "is_stream": True}]}, "upload the file instead"),
 }
 
 
@@ -86,7 +89,7 @@ def test_every_function_is_given_few_values_and_tells_one_error_in_short(served,
         for data, words in (
             ([longest] * count, ""),
             ([[FILE] * (MAX_ITEMS + 1)], f"may have {MAX_ITEMS} items"),
-            ([{"a": [FILE] * MAX_ITEMS}, FILE], f"may name {MAX_ITEMS} files"),
+            ([{"a": [FILE] * MAX_ITEMS}, FILE], f"more than {MAX_ITEMS} files"),
         ):
             if not words and not count:
                 continue

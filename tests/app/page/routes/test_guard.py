@@ -195,13 +195,13 @@ def test_what_the_page_has_not_is_told_in_a_sentence(client):
         ("call/nothing", {"data": []}),
     ):
         answer = client.post(f"/gradio_api/{path}", json=body)
-        assert answer.status_code == 404 and "Unknown function" in answer.text
+        assert answer.status_code == 404 and "There is no such function" in answer.text
     for page in ("%00", "", "https://evil.example/", "x"):
         answer = client.get(f"/gradio_api/proxy={page}")
-        assert answer.status_code == 404 and "does not fetch pages" in answer.text
+        assert answer.status_code == 404 and "does not load pages" in answer.text
     for path in ("component_server", "component_server/", "process_recording"):
         answer = client.post(f"/gradio_api/{path}", files={"video": ("a.wav", b"sound")})
-        assert answer.status_code == 404 and "through the forms" in answer.text
+        assert answer.status_code == 404 and "with the forms" in answer.text
 
 
 def test_a_wrong_call_is_told_without_folders_and_costs_a_line_of_the_log(served, caplog, capsys):
@@ -220,5 +220,5 @@ def test_a_wrong_call_is_told_without_folders_and_costs_a_line_of_the_log(served
         answer = client.get(f"/gradio_api/call/{name}/{event}").text
         assert "event: error" in answer and str(served.temp) not in answer
         (line,) = caplog.messages
-        assert "a wrong call" in line and "\n" not in line and len(line) < 400
+        assert "an invalid API call" in line and "\n" not in line and len(line) < 400
     assert "Traceback" not in capsys.readouterr().err

@@ -283,7 +283,7 @@ def test_a_zip_of_sounds_goes_beside_zips_only(own_form, tmp_path):
     path = tmp_path / "set.zip"
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.wav", b"")
-    with pytest.raises(RunError, match="Zips cannot be mixed"):
+    with pytest.raises(RunError, match="Zips of clips cannot be mixed"):
         own(own_form, "a.npz", str(path))
     assert own(own_form, "a.zip", str(path)).speech.path == path
 
@@ -333,7 +333,7 @@ def test_the_form_of_a_study_becomes_a_plan(study_form, tmp_path):
     ("changes", "words"),
     [
         ({"speeches": None}, "There is no speech yet"),
-        ({"length_s": None}, "The length of the videos is missing"),
+        ({"length_s": None}, "Enter the length of the videos"),
         ({"motions": ["/cache/one.npz"]}, "must be named <system>--<clip>.npz"),
         ({"length_s": 300}, "40 minutes of video; this page renders at most 30"),
         ({"length_s": 135, "changed": ["smaller", "larger"]}, "36 minutes of video"),

@@ -141,7 +141,7 @@ def test_a_run_that_finds_no_place_in_the_queue_leaves_no_line_that_it_waits(tmp
     assert text.READY in refused[parts.status] and refused[form.start]["interactive"]
     runner.waits(VISITOR)
     services.jobs.quota.max_bytes = -1
-    assert "GB are allowed" in updates_of(runner, parts, str(speech))[-1]["error"]
+    assert "the limit is" in updates_of(runner, parts, str(speech))[-1]["error"]
     assert parts.status not in runner.refused(VISITOR), "which says already that it has failed"
 
 

@@ -236,7 +236,7 @@ def test_unknown_expected_values_are_refused(tmp_path: Path, capsys):
     save_motion(smooth_motion_example(40), motion)
     asked = ["diagnose", str(motion), "--expect", "fgd=4.2", "--out", str(tmp_path / "out")]
     assert main(asked) == 1
-    assert "--expect goes with folders" in capsys.readouterr().err
+    assert "--expect needs a folder of clips" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("length", "num_codes"), [(30, 11), (60, 5), (90, 3)])

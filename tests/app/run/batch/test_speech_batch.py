@@ -142,13 +142,13 @@ def test_clips_that_cannot_be_made_hold_up_no_other(speeches, weights, tmp_path,
     said = capsys.readouterr()
     tables = "batch.csv", "batch.json", "clips.csv", "summary.md", "table.tex"
     assert said.out.split() == [*(str(out / name) for name in ("a", "c", *tables))]
-    assert "b: b.wav" in said.err and "1 of 3 clips could not be made" in said.err
+    assert "b: b.wav" in said.err and "1 of 3 clips failed" in said.err
     assert "b.wav" in json.loads((out / "batch.json").read_text())["left_out"]["b"]
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     assert main(asked) == 0
     said = capsys.readouterr()
     assert said.out.split()[0] == str(out / "b")
-    assert "2 clips were already complete and were reused." in said.err
+    assert "2 clips were already finished and were reused." in said.err
 
 
 def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
