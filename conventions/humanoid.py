@@ -17,7 +17,7 @@ from jaxtyping import Float
 from conventions.names import pluralise
 
 _FINGERS = ("Index", "Middle", "Pinky", "Ring", "Thumb")
-BONES: dict[str, str] = {
+BONE_END_JOINTS: dict[str, str] = {
     f"{side}_{start}": f"{side}_{end}"
     for side in ("left", "right")
     for start, end in [
@@ -44,7 +44,7 @@ _FINGER_NAMES = {
 
 
 @dataclass(frozen=True)
-class LimbNames:
+class LimbNamePatterns:
     """Regular expressions of a limb's joints, matched with lower-case names without punctuation."""
 
     end: str
@@ -53,18 +53,18 @@ class LimbNames:
     """Pattern of the elbow or knee."""
     upper: str
     """Pattern of unambiguous names of the shoulder or hip joint."""
-    either: str
+    upper_or_lower: str
     """Pattern of the upper or the lower part, depending on the others: ``LeftUpLeg`` and
     ``LeftLeg``."""
-    before: str
+    before_limb: str
     """Pattern of the joint before the limb, or else of the upper part: ``LeftShoulder``."""
 
 
-ARM = LimbNames(
+ARM = LimbNamePatterns(
     "hand|wrist", "forearm|lo(w|wer)?arm|armlo|elbow|radius", "up(per)?arm|armup|humer", "arm",
     "shoulder|shldr",
 )  # fmt: skip
-LEG = LimbNames(
+LEG = LimbNamePatterns(
     "foot|ankle", "lo(w|wer)?leg|leglo|knee|shin|calf|tibia", "up(per)?leg|legup|thigh|femur",
     "leg", "hip",
 )  # fmt: skip
@@ -183,7 +183,7 @@ class JointTree:
                 return each
         return None
 
-    def _mirrored(self, limbs: list[int], names: LimbNames) -> tuple[int, int]:
+    def _mirrored(self, limbs: list[int], names: LimbNamePatterns) -> tuple[int, int]:
         """Return the two branches with such a limb's names, or else of the most similar lengths."""
         pattern = re.compile(f"{names.end}|{names.lower}")
         named = [
@@ -221,7 +221,9 @@ class JointTree:
                 return order
         return two if (self.rest[two[0]] - self.rest[two[1]]) @ left > 0 else swapped
 
-    def _limb(self, start: int, side: str, names: tuple[str, ...], assigned: LimbNames) -> JointMap:
+    def _limb(
+        self, start: int, side: str, names: tuple[str, ...], assigned: LimbNamePatterns
+    ) -> JointMap:
         """Find a limb's joints by name, or else by length: the two longest consecutive bones."""
         path = [at for at in self._down(start) if not re.search("twist|roll", self._labels[at])]
         places = self.rest[path]
@@ -244,7 +246,7 @@ class JointTree:
             limb[f"{side}_{after}"] = [toes[0] if toes else beyond[ball]]
         return limb
 
-    def _named_limb(self, path: list[int], names: LimbNames) -> tuple[int, int, int] | None:
+    def _named_limb(self, path: list[int], names: LimbNamePatterns) -> tuple[int, int, int] | None:
         """Find where a limb's upper part, lower part and end start on a path, by name."""
 
         def of(pattern: str, stop: int) -> list[int]:
@@ -254,13 +256,17 @@ class JointTree:
         if not ends:
             return None
         end = ends[0]
-        above = f"{names.upper}|{names.either}|{names.before}"
+        above = f"{names.upper}|{names.upper_or_lower}|{names.before_limb}"
         lowers = of(names.lower, end)
-        lowers = lowers or [at for at in of(names.either, end)[-1:] if of(above, at)]
+        lowers = lowers or [at for at in of(names.upper_or_lower, end)[-1:] if of(above, at)]
         if not lowers:
             return None
         lower = lowers[0]
-        uppers = of(names.upper, lower) or of(names.either, lower) or of(names.before, lower)[-1:]
+        uppers = (
+            of(names.upper, lower)
+            or of(names.upper_or_lower, lower)
+            or of(names.before_limb, lower)[-1:]
+        )
         return (uppers[0], lower, end) if uppers else None
 
     def _longest(self, lengths: Float[np.ndarray, " bones"], middle: str) -> tuple[int, int, int]:
@@ -321,7 +327,7 @@ class JointTree:
         labels = self._labels[wrist : wrist + self._sizes[wrist]]
         return 0 if any("finger0" in label for label in labels) else 1
 
-    def upright(self, joint_map: JointMap) -> tuple[np.ndarray, np.ndarray, float]:
+    def body_axes(self, joint_map: JointMap) -> tuple[np.ndarray, np.ndarray, float]:
         """Return up along the trunk, left across it, and the cosine between legs and down.
 
         Without legs the last value tells how far the arms are below the shoulders.
@@ -346,7 +352,7 @@ class JointTree:
 
     def is_standing(self, joint_map: JointMap) -> bool:
         """Check whether the rest pose is that of a standing person."""
-        return self.upright(joint_map)[2] >= 0.5
+        return self.body_axes(joint_map)[2] >= 0.5
 
 
 def nearest_axis(vector: Float[np.ndarray, " 3"]) -> np.ndarray:
@@ -355,14 +361,14 @@ def nearest_axis(vector: Float[np.ndarray, " 3"]) -> np.ndarray:
     return np.eye(3)[largest] * np.sign(vector[largest])
 
 
-def plain_name(name: str) -> str:
+def letters_and_digits(name: str) -> str:
     """Simplify a name to lower-case letters and digits."""
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 def _plain_labels(names: Sequence[str]) -> list[str]:
     """Simplify names to lower case, without punctuation and their common prefix."""
-    plain = [plain_name(name) for name in names]
+    plain = [letters_and_digits(name) for name in names]
     first, last = min(plain, default=""), max(plain, default="")
     shared = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), 0)
     return [label[shared:] for label in plain] if shared >= 3 else plain

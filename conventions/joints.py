@@ -105,7 +105,7 @@ FINGERTIP_JOINTS: tuple[int, ...] = tuple(JOINT_INDEX[f"{name}3"] for name in FI
 """Last finger joint before each fingertip, in the order of `FINGERTIP_NAMES`."""
 
 
-TIP_VERTICES: dict[str, int] = {
+FINGERTIP_VERTICES: dict[str, int] = {
     "left_thumb": 5361,
     "left_index": 4933,
     "left_middle": 5058,

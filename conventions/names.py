@@ -13,13 +13,13 @@ REFERENCE_NAME = "reference"
 
 FilterVersion = Literal["raw", "savgol"]
 """Version of a motion: unfiltered, or smoothed by a Savitzky-Golay filter."""
-VERSIONS: tuple[FilterVersion, ...] = get_args(FilterVersion)
+FILTER_VERSIONS: tuple[FilterVersion, ...] = get_args(FilterVersion)
 PostFilter = Literal["none", "savgol"]
 """Filter that is applied to motions before they are shown."""
 POST_FILTERS: tuple[PostFilter, ...] = get_args(PostFilter)
 
 
-def filtered_version(post_filter: PostFilter) -> FilterVersion:
+def version_after_post_filter(post_filter: PostFilter) -> FilterVersion:
     """Return the version of a motion after a post-filter."""
     return "savgol" if post_filter == "savgol" else "raw"
 

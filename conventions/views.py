@@ -11,12 +11,12 @@ Framing = Literal["whole", "knees"]
 FRAMINGS: tuple[Framing, ...] = get_args(Framing)
 """Part of the body in views that are not close-ups: all of it, or from the knees up."""
 
-BuildName = Literal["average", "slender", "broad"]
-BUILDS: tuple[BuildName, ...] = get_args(BuildName)
+BodyBuild = Literal["average", "slender", "broad"]
+BODY_BUILDS: tuple[BodyBuild, ...] = get_args(BodyBuild)
 """Builds of the open body; the first is the one of its mesh file."""
 SkinTone = Literal["light", "medium", "dark", "clay"]
-TONES: tuple[SkinTone, ...] = get_args(SkinTone)
-BODY_LOOKS = tuple(f"{build}-{tone}" for build in BUILDS for tone in TONES)
+SKIN_TONES: tuple[SkinTone, ...] = get_args(SkinTone)
+BODY_LOOKS = tuple(f"{build}-{tone}" for build in BODY_BUILDS for tone in SKIN_TONES)
 """Looks of the open body; the first is the default."""
 
 CUTOFF_HZ = 5.0

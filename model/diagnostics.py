@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import FINGERTIP_NAMES, JOINT_DEPTH, JOINT_NAMES
-from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion
+from conventions.names import FILTER_VERSIONS, REFERENCE_NAME, FilterVersion
 from conventions.rates import FPS
 from model.faults.analysis import AnalysedMotion, Finding
 from model.faults.table import find_faults
@@ -291,7 +291,7 @@ def _versions(
     usual_speed = _usual_speed(
         ways.inputs.mean_speeds, recorded[0].tracks if recorded else None, tracks
     )
-    for k in range(len(VERSIONS)):
+    for k in range(len(FILTER_VERSIONS)):
         if k > 0:
             motion = smooth_motion(motion)
             tracks = track_points(motion, ways.skeleton)

@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from processes.exit_report import ChildLog, ExitReport, memory_kills
+from processes.exit_report import ChildLog, ExitReport, count_out_of_memory_kills
 
 _ENDS_WITHIN_S = 5.0
 """Longest time for a process with a closed channel to exit (s)."""
@@ -47,7 +47,7 @@ class Child:
             is_log_handed_on: also copy its output to standard error.
         """
         self._channel, theirs = Pipe()
-        self._killed_before = memory_kills()
+        self._killed_before = count_out_of_memory_kills()
         self._process = subprocess.Popen(
             [
                 *(sys.executable, "-X", "faulthandler", "-m", module),
@@ -81,7 +81,7 @@ class Child:
     def clear_log(self) -> None:
         """Discard the log so far, before a new task: it says nothing about how that ends."""
         self._log.clear()
-        self._killed_before = memory_kills()
+        self._killed_before = count_out_of_memory_kills()
 
     def send(self, message: object) -> None:
         """Queue a message without waiting.
@@ -118,7 +118,9 @@ class Child:
             status = self._process.wait(_ENDS_WITHIN_S)
         except subprocess.TimeoutExpired:
             status = None
-        return ExitReport(status, self._log.lines(), memory_kills() > self._killed_before)
+        return ExitReport(
+            status, self._log.lines(), count_out_of_memory_kills() > self._killed_before
+        )
 
     def end(self) -> None:
         """Kill the child and all of its process group."""

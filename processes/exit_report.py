@@ -42,7 +42,7 @@ class ExitReport:
     """Exit status, or minus the signal's number; None if unknown."""
     log_lines: tuple[str, ...] = ()
     """Last lines of its log."""
-    was_killed_for_memory: bool = False
+    has_memory_kill_since_start: bool = False
     """True if the kernel has killed any process for lack of memory since this one began."""
 
     @property
@@ -58,7 +58,7 @@ class ExitReport:
     def was_out_of_memory(self) -> bool:
         """True if memory ran out by the kernel's count, or by the log of a process at its limit."""
         if self.signal == signal.SIGKILL:
-            return self.was_killed_for_memory
+            return self.has_memory_kill_since_start
         is_by_itself = self.status is None or self.status > 0 or self.signal == signal.SIGABRT
         return is_by_itself and any(_OUT_OF_MEMORY.search(line) for line in self.log_lines)
 
@@ -73,32 +73,38 @@ class ExitReport:
         return f"by signal {-self.status} ({name})"
 
     def user_message(
-        self, noun: str, for_memory: str, again: str, suspect: str = _PROGRAM_FAULT_NOTE
+        self,
+        subject: str,
+        memory_advice: str,
+        retry_advice: str,
+        likely_cause: str = _PROGRAM_FAULT_NOTE,
     ) -> str:
         """Format what happened and what to do, with the last lines of the log.
 
         Args:
-            noun: the process, as the beginning of a sentence.
-            for_memory: what to do if it lacked memory.
-            again: what to do if it may succeed another time.
-            suspect: a sentence on the most likely cause of a crash.
+            subject: the process, as the beginning of a sentence.
+            memory_advice: what to do if it lacked memory.
+            retry_advice: what to do if it may succeed another time.
+            likely_cause: a sentence on the most likely cause of a crash.
         """
         if self.was_out_of_memory:
             source = "the system" if self.signal == signal.SIGKILL else "its log"
             why = f"because it ran out of memory (according to {source})"
-            return f"{noun} ended {self.exit_text} {why}; {for_memory}.{self._lines()}"
+            return f"{subject} ended {self.exit_text} {why}; {memory_advice}.{self._lines()}"
         if self.signal == signal.SIGKILL:
             why = "Another program killed it; the system reports no lack of memory."
-            return f"{noun} ended {self.exit_text}. {why} {_capital(again)}.{self._lines()}"
+            return (
+                f"{subject} ended {self.exit_text}. {why} {_capital(retry_advice)}.{self._lines()}"
+            )
         if self.signal is not None and self.signal not in CRASHES:
             why = "which another program sent"
-            return f"{noun} ended {self.exit_text}, {why}; {again}.{self._lines()}"
-        why = suspect if self.signal is not None else _PROGRAM_FAULT_NOTE
+            return f"{subject} ended {self.exit_text}, {why}; {retry_advice}.{self._lines()}"
+        why = likely_cause if self.signal is not None else _PROGRAM_FAULT_NOTE
         report = (
             "report it with these lines" if self.log_lines else "report it; its log has no lines"
         )
-        again = f"{_capital(again)}; if it happens again, {report}."
-        return f"{noun} ended {self.exit_text}. {why} {again}{self._lines()}"
+        advice = f"{_capital(retry_advice)}; if it happens again, {report}."
+        return f"{subject} ended {self.exit_text}. {why} {advice}{self._lines()}"
 
     def _lines(self) -> str:
         return f" Its last lines: {' | '.join(self.log_lines)}" if self.log_lines else ""
@@ -108,7 +114,7 @@ def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
 
 
-def last_lines(log: str) -> tuple[str, ...]:
+def informative_log_lines(log: str) -> tuple[str, ...]:
     """Return the most informative lines of a log.
 
     For a crash these are the lines before it and its traceback.
@@ -129,7 +135,7 @@ def last_lines(log: str) -> tuple[str, ...]:
     return tuple((why + before + frames)[:NUM_LINES])
 
 
-def memory_kills() -> int:
+def count_out_of_memory_kills() -> int:
     """Count the out-of-memory kills in this control group, or else on this machine (or 0)."""
     for path in (*_counters(), Path("/proc/vmstat")):
         try:
@@ -183,7 +189,7 @@ class ChildLog:
     def lines(self) -> tuple[str, ...]:
         """Return the last lines of a child that has ended."""
         self._reader.join(_PATIENCE_S)
-        return last_lines("\n".join(list(self._last_lines)))
+        return informative_log_lines("\n".join(list(self._last_lines)))
 
     def _read(self) -> None:
         with self._stream:

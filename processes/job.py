@@ -28,12 +28,12 @@ class Job:
     """Function that checks whether the complete result of this job exists; workers call it too."""
     work: Callable[..., object]
     """Function that writes the result atomically."""
-    has_news: bool = False
-    """Whether ``work`` takes the two callbacks of `do`."""
+    takes_callbacks: bool = False
+    """Whether ``work`` takes the two callbacks of `run`."""
 
-    def do(
+    def run(
         self,
-        on_news: Callable[[Any], object] = lambda news: None,
+        on_message: Callable[[Any], object] = lambda message: None,
         should_cancel: Callable[[], bool] = lambda: False,
     ) -> None:
         """Do the work, unless another worker has done it.
@@ -43,4 +43,4 @@ class Job:
         """
         if not self.is_done():
             with threadpool_limits(1, user_api="blas"):
-                self.work(*((on_news, should_cancel) if self.has_news else ()))
+                self.work(*((on_message, should_cancel) if self.takes_callbacks else ()))

@@ -48,16 +48,16 @@ class JobPool:
         self,
         jobs: Sequence[Job],
         on_done: Callable[[str], object] = lambda name: None,
-        on_news: Callable[[str, Any], object] = lambda name, news: None,
+        on_message: Callable[[str, Any], object] = lambda name, message: None,
         should_cancel: Callable[[], bool] = lambda: False,
     ) -> dict[str, Exception]:
         """Do every job that is not done yet; one that fails does not stop the others.
 
         Args:
             on_done: called with the name of each job as it completes, in any order.
-            on_news: called with the name of a job and its news; not by a cluster.
+            on_message: called with the name of a job and its progress message; not by a cluster.
             should_cancel: called many times a second; not by a cluster. Worker processes are killed
-                then; in the calling process a job with news is given this function.
+                then; in the calling process a job that takes callbacks is given this function.
 
         Returns:
             Exceptions of the jobs that failed, by name.
@@ -74,14 +74,14 @@ class JobPool:
             return run_on_cluster(waiting, self.scheduler, on_done)
         workers = min(self.processes or os.cpu_count() or 1, len(waiting))
         if workers > 1:
-            return run_in_processes(waiting, workers, on_done, on_news, should_cancel)
-        return run_sequentially(waiting, on_done, on_news, should_cancel)
+            return run_in_processes(waiting, workers, on_done, on_message, should_cancel)
+        return run_sequentially(waiting, on_done, on_message, should_cancel)
 
 
 def run_sequentially(
     jobs: Sequence[Job],
     on_done: Callable[[str], object],
-    on_news: Callable[[str, Any], object],
+    on_message: Callable[[str, Any], object],
     should_cancel: Callable[[], bool],
 ) -> dict[str, Exception]:
     """Do jobs in this process, as `JobPool.run_all`."""
@@ -90,7 +90,7 @@ def run_sequentially(
         if should_cancel():
             raise Cancelled
         try:
-            job.do(partial(on_news, job.name), should_cancel)
+            job.run(partial(on_message, job.name), should_cancel)
         except Cancelled:
             raise
         except Exception as error:
@@ -104,7 +104,7 @@ def run_in_processes(
     jobs: Sequence[Job],
     workers: int,
     on_done: Callable[[str], object],
-    on_news: Callable[[str, Any], object],
+    on_message: Callable[[str, Any], object],
     should_cancel: Callable[[], bool],
 ) -> dict[str, Exception]:
     """Do jobs in worker processes, as `JobPool.run_all`; a crashed one's job comes last again."""
@@ -125,7 +125,7 @@ def run_in_processes(
                     while not has_ended and child.has_message(0.0):
                         has_ended, message = child.receive()
                         if not has_ended:
-                            on_news(job.name, message)
+                            on_message(job.name, message)
                     if not has_ended:
                         continue
                     breaks = 0
@@ -159,7 +159,7 @@ def _worker() -> Child:
 
 
 def main() -> None:
-    """Run a worker process: do jobs as they come; send their news, and what each raised."""
+    """Run a worker process: do jobs as they come; send their messages, and what each raised."""
     channel, (folder,) = parent_channel()
     os.chdir(folder)
     jobs, lock = receive_queue(channel), threading.Lock()
@@ -173,12 +173,12 @@ def main() -> None:
         tell(_raised(work, tell), has_ended=True)
 
 
-def _raised(work: bytes, on_news: Callable[[Any], object]) -> Exception | None:
+def _raised(work: bytes, on_message: Callable[[Any], object]) -> Exception | None:
     name = "A job"
     try:
         job = pickle.loads(work)
         name = job.name
-        job.do(on_news)
+        job.run(on_message)
     except SystemExit as end:
         return JobsError(
             f"{name} ended its worker process with exit status {end.code}. This is a bug in the "
@@ -273,7 +273,7 @@ def _do(job: Job) -> None:
 
     with _ONE_AT_A_TIME:
         torch.set_num_threads(1)
-        job.do()
+        job.run()
 
 
 def _wait_until_done(job: Job) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import floor, log, log10
 
-from conventions.joints import TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES
 from conventions.names import REFERENCE_NAME, SampleName, short_names
 
 SIMILAR_RATIO = 1 / 0.95
@@ -122,6 +122,6 @@ def format_number(value: float) -> str:
 def point_title(point: str) -> str:
     """Return the title of a point: 'Right middle fingertip' for ``right_middle``."""
     words = re.sub(r"(\d)$", r" joint \1", point).replace("_", " ").capitalize()
-    if point not in TIP_VERTICES:
+    if point not in FINGERTIP_VERTICES:
         return words
     return f"{words} tip" if point.endswith("thumb") else f"{words} fingertip"

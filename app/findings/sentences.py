@@ -16,7 +16,13 @@ from app.findings.comparison import (
     samples_by_system,
 )
 from app.findings.measure_rows import JERK, POWER_ABOVE_5_HZ, SEAMS, incomparable_parts, numbers_of
-from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, join_names, short_names
+from conventions.names import (
+    FILTER_VERSIONS,
+    REFERENCE_NAME,
+    FilterVersion,
+    join_names,
+    short_names,
+)
 
 if TYPE_CHECKING:
     from model.diagnostics import Diagnostics, RawAndFiltered
@@ -46,7 +52,7 @@ def figure_sentences(diagnostics: Diagnostics) -> dict[str, str]:
         }
         return by_measure([numbers])
 
-    tables: dict[FilterVersion, Table] = {kind: table(kind) for kind in VERSIONS}
+    tables: dict[FilterVersion, Table] = {kind: table(kind) for kind in FILTER_VERSIONS}
     unlike = {name for name, parts in apart.items() if parts & {"detail", "place"}}
     comparable = {name: each for name, each in of_all.items() if name not in unlike}
     point, is_cut = point_title(diagnostics.point), diagnostics.windows is not None

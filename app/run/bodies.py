@@ -14,7 +14,7 @@ from app.errors import RunError
 from app.findings.comparison import point_title
 from app.run.models import get_body
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
-from conventions.joints import JOINT_INDEX, TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES, JOINT_INDEX
 from conventions.rates import FPS
 from model.metrics.posture import FEET
 from model.motion.kinematics import open_body_skeleton
@@ -117,10 +117,10 @@ class TrackedPoint:
     )
 
     def __post_init__(self) -> None:
-        if self.point not in (*JOINT_INDEX, *TIP_VERTICES):
+        if self.point not in (*JOINT_INDEX, *FINGERTIP_VERTICES):
             raise RunError(
                 f"There is no point {self.point!r} to track; choose a fingertip "
-                f"({', '.join(TIP_VERTICES)}) or a joint of SMPL-X, such as right_wrist "
+                f"({', '.join(FINGERTIP_VERTICES)}) or a joint of SMPL-X, such as right_wrist "
                 f"or {DEFAULT_TRACKED_POINT}3."
             )
 
@@ -129,7 +129,7 @@ class TrackedPoint:
         """Name of the source as in `diagnostics.json`."""
         if self.point in JOINT_INDEX:
             return "joint" if self.body is None else "joint of the body"
-        return "rigid" if self.body is None else f"vertex {TIP_VERTICES[self.point]}"
+        return "rigid" if self.body is None else f"vertex {FINGERTIP_VERTICES[self.point]}"
 
     @property
     def title(self) -> str:
@@ -167,9 +167,9 @@ class TrackedPoint:
         return self._tracks[motion][:num_frames]
 
     def _pieces(self, motion: Motion) -> Iterator[np.ndarray]:
-        if self.body is not None and self.point in TIP_VERTICES:
+        if self.body is not None and self.point in FINGERTIP_VERTICES:
             for chunk in self.body.vertices(body_motion(motion)):
-                yield chunk[:, TIP_VERTICES[self.point]]
+                yield chunk[:, FINGERTIP_VERTICES[self.point]]
             return
         for start in range(0, motion.num_frames, _PIECE_FRAMES):
             part = motion.part(slice(start, start + _PIECE_FRAMES))

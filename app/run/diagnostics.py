@@ -19,8 +19,8 @@ from app.run.requests.parts import FigureOptions
 from app.run.videos.videos import Snapshots
 from conventions.joints import FACE, HANDS, JOINT_INDEX, LOWER_BODY, UPPER_BODY
 from conventions.names import (
+    FILTER_VERSIONS,
     REFERENCE_NAME,
-    VERSIONS,
     FilterVersion,
     PostFilter,
     short_names,
@@ -245,4 +245,4 @@ def _jitter_of(versions: RawAndFiltered) -> dict[FilterVersion, Jitter]:
             period_and_part=period and (period.frames, period.part),
         )
 
-    return {kind: of(versions.of(kind)) for kind in VERSIONS}
+    return {kind: of(versions.of(kind)) for kind in FILTER_VERSIONS}

@@ -19,7 +19,7 @@ from app import text
 from app.errors import RunError
 from app.flags import choice_type
 from conventions.names import printable
-from conventions.views import BuildName, SkinTone
+from conventions.views import BodyBuild, SkinTone
 from model.storage.json_validation import FieldError, parse_json
 from renderer.scene.camera import Orbit
 
@@ -111,7 +111,7 @@ class ViewerSettings(BrowserMessage):
     is_whole: bool = False
     """True to show the whole body, false to show it from the knees up."""
     tone: SkinTone = "light"
-    build: BuildName = "average"
+    build: BodyBuild = "average"
     """Body shape of the open body; tone and build do not apply to a licensed body."""
     has_bones: bool = False
     has_axes: bool = False

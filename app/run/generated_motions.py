@@ -19,7 +19,13 @@ from app.run.requests.requests import GenerateRequest, PlanRequest
 from app.run.run_writer import RunMotions, RunWriter
 from app.run.timeline import WordSearch, make_timeline
 from app.run.videos.videos import limit_compared
-from conventions.names import REFERENCE_NAME, SampleName, file_stem, filtered_version, printable
+from conventions.names import (
+    REFERENCE_NAME,
+    SampleName,
+    file_stem,
+    printable,
+    version_after_post_filter,
+)
 from conventions.rates import SAMPLE_RATE
 from model.formats.read import ENDINGS, read_any_motion
 from model.formats.reading import ImportOverrides
@@ -115,7 +121,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
         made = {name: filter_and_write(name, load_motion(recording.motion))}
     words.begin(speech.waveform)  # in parallel with metrics and pictures, after the motions
     staged = {name: motion for name, (_, motion) in made.items()} | shown
-    version = filtered_version(post_filter)
+    version = version_after_post_filter(post_filter)
     is_pictured = request.output.has_video or request.output.has_figures
     fitting, notes = limit_compared(list(staged) if is_pictured else [])
     run.add_notes(*notes)

@@ -42,7 +42,7 @@ from app.run.timeline import (
     padded_waveform,
     transcript_tiers,
 )
-from conventions.names import REFERENCE_NAME, VERSIONS, file_stem, join_names, short_names
+from conventions.names import FILTER_VERSIONS, REFERENCE_NAME, file_stem, join_names, short_names
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding, rank_findings
 from model.faults.table import body_part
@@ -337,7 +337,7 @@ class RunWriter(RunCallbacks):
         record.numbers = {
             name: {
                 kind: numbers_of(versions.of(kind), incomparable=apart.get(name, ()))
-                for kind in VERSIONS
+                for kind in FILTER_VERSIONS
             }
             for name, versions in of_all[:MAX_ROWS]
         }

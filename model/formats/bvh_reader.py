@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from conventions.humanoid import BONES, JointMap, JointTree, NoHumanoidError, nearest_axis
+from conventions.humanoid import BONE_END_JOINTS, JointMap, JointTree, NoHumanoidError, nearest_axis
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.names import join_names
 from model.formats.bvh_text import Joint, parse_bvh
@@ -145,7 +145,7 @@ class _Skeleton(JointTree):
 
     def axes_to_ours(self, joint_map: JointMap, draft: Draft) -> Rotation:
         """Return the rotation, in quarter turns, from the file's axes to ours: y up, facing z."""
-        up, across, hang = self.upright(joint_map)
+        up, across, hang = self.body_axes(joint_map)
         if hang < 0.5:
             raise MotionError(
                 f"{self.source}: the legs are not below the trunk, neither in the rest pose nor in"
@@ -256,7 +256,7 @@ def _rest_turns(places: Float[np.ndarray, "J 3"], joint_map: JointMap) -> dict[s
     """Return rotations from the rest direction of each limb's bone of ours to the file's."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     turns: dict[str, Rotation] = {}
-    for start, end in BONES.items():
+    for start, end in BONE_END_JOINTS.items():
         first, last = joint_map.get(start), joint_map.get(end)
         if not first or not last:
             continue

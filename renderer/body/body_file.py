@@ -19,7 +19,7 @@ import scipy.sparse as sp
 from jaxtyping import Float32, Float64, Int32, Int64, Shaped
 
 from conventions.joints import NUM_JOINTS, PARENTS
-from conventions.views import BUILDS
+from conventions.views import BODY_BUILDS
 
 if TYPE_CHECKING:
     from renderer.body.texture import Texture
@@ -102,11 +102,11 @@ class BodyArrays:
         return self.weights.toarray().argmax(axis=1)  # 50 times as fast as with a sparse matrix
 
 
-def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
+def read_body_file(path: Path, body_build: str = BODY_BUILDS[0]) -> BodyArrays:
     """Read and check the arrays of a body file.
 
     Args:
-        build: build to read from an open body.
+        body_build: build to read from an open body.
 
     Raises:
         BodyError: if the file is missing, no body, damaged, or not SMPL-X shaped.
@@ -123,7 +123,7 @@ def read_body_file(path: Path, build: str = BUILDS[0]) -> BodyArrays:
     try:
         with np.load(path, allow_pickle=False) as archive:
             if "open_body_format" in archive.files:
-                arrays = _open_body(archive, path.name, sha256, build)
+                arrays = _open_body(archive, path.name, sha256, body_build)
             else:
                 arrays = _licensed_body(archive, path, sha256)
     except BodyError:
@@ -149,7 +149,7 @@ def _open_body(
         )
     template = file["template"].astype(np.float32)
     num_vertices = len(template)
-    builds = [BUILDS[0], *map(str, file["build_names"])]
+    builds = [BODY_BUILDS[0], *map(str, file["build_names"])]
     if at := builds.index(build):
         levels, steps = file["build_levels"], file["build_steps"].astype(np.float32)
         template = template + levels[at - 1].astype(np.float32) * steps[at - 1]

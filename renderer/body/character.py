@@ -17,15 +17,15 @@ from jaxtyping import Float64
 from scipy.spatial.transform import Rotation
 
 from conventions.humanoid import (
-    BONES,
+    BONE_END_JOINTS,
     JointMap,
     JointTree,
     NoHumanoidError,
+    letters_and_digits,
     nearest_axis,
-    plain_name,
     side_of,
 )
-from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES, JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.names import join_names, pluralise
 from renderer.body.body_file import (
     MAX_FACES,
@@ -111,7 +111,7 @@ class _Character:
             template = archive["template"].astype(np.float64)
             self._names = tuple(map(str, archive["expression_names"]))
         self._sole_m = float(template[:, 1].min())
-        self._tips = {name: template[vertex] for name, vertex in TIP_VERTICES.items()}
+        self._tips = {name: template[vertex] for name, vertex in FINGERTIP_VERTICES.items()}
         self._origins = gltf.world[:, :3, 3]
         self.bones = self._bones()
         self._axes, self._scale = self._similarity()
@@ -194,7 +194,7 @@ class _Character:
             up = node
             while up >= 0 and up != head:
                 up = self._gltf.parents[up]
-            plain = plain_name(names[node])
+            plain = letters_and_digits(names[node])
             if up < 0 or node in taken or "mesh" in self._gltf.nodes[node]:
                 continue
             if "jaw" in plain:
@@ -210,7 +210,7 @@ class _Character:
         joint_map: JointMap = {name: [node] for name, node in self.bones.items()}
         if "right_hip" not in joint_map:
             joint_map.pop("left_hip", None)
-        up, across, hang = tree.upright(joint_map)
+        up, across, hang = tree.body_axes(joint_map)
         if hang < 0.5:
             raise BodyError(
                 f"{self._gltf.name} does not stand in its rest pose; export it in a T-pose or "
@@ -503,7 +503,7 @@ def rest_to_zero_pose_rotations(
     for joint, name in enumerate(JOINT_NAMES):
         turns[name] = turns[JOINT_NAMES[PARENTS[joint]]] if joint else Rotation.identity()
         side, _, part = name.partition("_")
-        end = BONES.get(name, "")
+        end = BONE_END_JOINTS.get(name, "")
         if name not in joints or part == "collar":
             continue
         if part == "wrist":

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from conventions.joints import JOINT_NAMES
-from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion
+from conventions.names import FILTER_VERSIONS, REFERENCE_NAME, FilterVersion
 from renderer.figures import style
 from renderer.figures.style import MAX_SYSTEMS, FigureError, SeriesStyle
 
@@ -153,7 +153,7 @@ def draw_jitter_sheet(sheet: JitterSheet) -> "Figure":
     rows = {}
     for part, (row, (title, y_label)) in zip(parts, _titles(sheet).items(), strict=True):
         style.write_title(part, title)
-        kinds = VERSIONS[:1] if row == "joints" else VERSIONS
+        kinds = FILTER_VERSIONS[:1] if row == "joints" else FILTER_VERSIONS
         rows[row] = part.subplots(1, len(kinds), sharey=True, squeeze=False)[0]
         curves = [sheet.curves(row, kind) for kind in kinds]
         without = NO_PERIOD if row == "seams" and not sheet.window_advance else NO_DATA
@@ -164,7 +164,7 @@ def draw_jitter_sheet(sheet: JitterSheet) -> "Figure":
         if any(curves):
             rows[row][0].set_ylabel(y_label)
             _scale(rows[row][0], row, curves)
-    for kind, axes in zip(VERSIONS, rows["depth"], strict=True):
+    for kind, axes in zip(FILTER_VERSIONS, rows["depth"], strict=True):
         axes.set_title(COLUMN_TITLES[kind])
         axes.set_xlabel("depth (bones from the pelvis)")
         axes.xaxis.get_major_locator().set_params(integer=True)

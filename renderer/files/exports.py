@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS, TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES, JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
 from renderer.body.body import Body, BodyMotion
 from renderer.scene.camera_setup import select_frames
@@ -56,7 +56,7 @@ def write_bvh(body: Body, motion: BodyMotion, out: Path) -> None:
         ends = {name: np.array(offset) for name, offset in _ENDS.items()}
         ends |= {
             f"{finger}3": vertices[vertex] - joints[JOINT_NAMES.index(f"{finger}3")]
-            for finger, vertex in TIP_VERTICES.items()
+            for finger, vertex in FINGERTIP_VERTICES.items()
             if vertex < len(vertices) and body.rig is None
         }
         lines = ["HIERARCHY", *_hierarchy(0, 0, joints, ends)]

@@ -5,7 +5,7 @@ and face expressions are morph targets. The camera of the front view is included
 following as in a video. glTF has no pose correctives, so elbows, knees and shoulders fold a little
 less cleanly than in the videos.
 
-Other builds are little-endian 16-bit integers; for each build of `BUILDS` after the first: offsets
+Other builds are little-endian 16-bit integers; for each of `BODY_BUILDS` after the first: offsets
 of all vertices at rest to the first build, in steps of ``STEP_M``, then their unit normals, in
 steps of 1 / 32767. All builds share skeleton, topology, weights and face, so nothing else differs.
 """
@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.rates import FPS
-from conventions.views import BUILDS
+from conventions.views import BODY_BUILDS
 from renderer.body.body import Body, BodyMotion
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.skinning import VertexNormals
@@ -364,7 +364,7 @@ def body_build_offsets_bytes() -> bytes:
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
     parts: list[np.ndarray] = []
-    for build in BUILDS[1:]:
+    for build in BODY_BUILDS[1:]:
         template = read_body_file(OPEN_BODY_PATH, build).template
         parts += [(template - first.template) / STEP_M, normals_of(template) * 32_767]
     return b"".join(np.rint(part).astype("<i2").tobytes() for part in parts)

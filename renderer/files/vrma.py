@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 from scipy.spatial.transform import Rotation
 
-from conventions.humanoid import BONES
+from conventions.humanoid import BONE_END_JOINTS
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from renderer.body.body import JAW_OPEN_RAD, Body, BodyMotion
 from renderer.body.character import VRM_BONE_TO_JOINT, rest_to_zero_pose_rotations
@@ -81,7 +81,7 @@ def _t_pose(rest: Float64[np.ndarray, "J 3"], ground: float) -> Float64[np.ndarr
     for joint in range(1, NUM_JOINTS):
         step = rest[joint] - rest[PARENTS[joint]]
         side, _, part = (name := JOINT_NAMES[PARENTS[joint]]).partition("_")
-        if BONES.get(name) == JOINT_NAMES[joint] and part != "collar":
+        if BONE_END_JOINTS.get(name) == JOINT_NAMES[joint] and part != "collar":
             across = {"left": 1.0, "right": -1.0}[side]
             if part == "ankle":  # the sole stays flat
                 step = np.array([0.0, step[1], np.hypot(step[0], step[2])])

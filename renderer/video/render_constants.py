@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 
-from conventions.joints import JOINT_INDEX, JOINT_NAMES, TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES, JOINT_INDEX, JOINT_NAMES
 from conventions.views import VIEWS
 from renderer.draw.lighting import lighting_shader_source
 from renderer.scene import camera, camera_setup, studio
@@ -63,7 +63,7 @@ def render_constants() -> dict:
             "trail_frames": TRAIL_FRAMES,
             "tips": {
                 name: {"joint": JOINT_INDEX[f"{name}3"], "vertex": vertex}
-                for name, vertex in TIP_VERTICES.items()
+                for name, vertex in FINGERTIP_VERTICES.items()
             },
         },
     }

@@ -40,11 +40,11 @@ def do_when_let(folder: Path, name: str) -> None:
 
 
 def tell_and_wait(
-    folder: Path, name: str, on_news: Callable[[Any], None], should_cancel: Callable[[], bool]
+    folder: Path, name: str, on_message: Callable[[Any], None], should_cancel: Callable[[], bool]
 ) -> None:
     """Ends when it is cancelled, and never by itself."""
     for number in range(3):
-        on_news(number)
+        on_message(number)
     wait_for(should_cancel)
     raise Cancelled
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from processes.exit_report import NUM_LINES, ExitReport, last_lines
+from processes.exit_report import NUM_LINES, ExitReport, informative_log_lines
 from processes.job import Cancelled, JobsError
 from processes.pool import MAX_BREAKS, JobPool
 from tests.helpers import ROOT
@@ -56,12 +56,14 @@ def test_a_cancelled_job_ends_all_and_no_other_is_begun(tmp_path, pool):
 @pytest.mark.parametrize("pool", [JobPool(1), TWO])
 def test_news_of_jobs_come_in_order_and_all_end_when_the_caller_cancels(tmp_path, pool):
     names = [f"job{number}" for number in range(pool.processes)]
-    jobs = [replace(made_job(tmp_path, name, tell_and_wait), has_news=True) for name in names]
+    jobs = [
+        replace(made_job(tmp_path, name, tell_and_wait), takes_callbacks=True) for name in names
+    ]
     told: dict[str, list[int]] = {name: [] for name in names}
     with pytest.raises(Cancelled):
         pool.run_all(
             jobs,
-            on_news=lambda name, news: told[name].append(news),
+            on_message=lambda name, news: told[name].append(news),
             should_cancel=lambda: all(len(news) == 3 for news in told.values()),
         )
     assert all(news == [0, 1, 2] for news in told.values())
@@ -128,16 +130,16 @@ def is_at_work(pid: int) -> bool:
 def test_of_a_crash_what_was_said_before_and_where_it_was_are_told():
     log = ["one", "two", "three", WHY, "", CRASH, "", "Thread 0x1:", *FRAMES[:3]]
     log += ["Current thread 0x2:", *FRAMES[3:], "", "Extension modules: numpy (total: 1)"]
-    assert last_lines("\n".join(log)) == ("three", WHY, CRASH, *FRAMES[3:8])
+    assert informative_log_lines("\n".join(log)) == ("three", WHY, CRASH, *FRAMES[3:8])
 
 
 def test_want_of_memory_is_found_among_the_frames_of_two_that_crash_at_once():
     log = [WHY, CRASH, "Current thread 0x1:", *FRAMES, CRASH, "Current thread 0x2:", *FRAMES]
-    said = last_lines("\n".join(log))
+    said = informative_log_lines("\n".join(log))
     assert said[0] == WHY and len(said) == NUM_LINES and CRASH in said
     assert ExitReport(-signal.SIGABRT, said).was_out_of_memory
     assert not ExitReport(-signal.SIGSEGV, said).was_out_of_memory
 
 
 def test_without_a_crash_the_last_lines_are_told():
-    assert last_lines("\n".join(FRAMES)) == tuple(FRAMES[-NUM_LINES:])
+    assert informative_log_lines("\n".join(FRAMES)) == tuple(FRAMES[-NUM_LINES:])

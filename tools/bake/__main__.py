@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from conventions.joints import FINGERS, JOINT_INDEX, TIP_VERTICES
+from conventions.joints import FINGERS, FINGERTIP_VERTICES, JOINT_INDEX
 from model.storage.files import written_atomically
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_FORMAT
@@ -66,7 +66,7 @@ def bake(source: MakeHuman) -> BakedBody:
 def tip_offsets(body: BakedBody) -> dict[str, Float[np.ndarray, " 3"]]:
     """Return the offset from the last joint of each finger to its tip vertex (m), by name."""
     return {
-        f"{side}_{finger}": body.mesh.positions[TIP_VERTICES[f"{side}_{finger}"]]
+        f"{side}_{finger}": body.mesh.positions[FINGERTIP_VERTICES[f"{side}_{finger}"]]
         - body.rest_joints[JOINT_INDEX[f"{side}_{finger}3"]]
         for side in ("left", "right")
         for finger in FINGERS
@@ -184,7 +184,7 @@ def format_vertices(mesh: Mesh, joints: Float[np.ndarray, "J 3"]) -> dict[int, i
             on_finger = skin & follows(last)
             # The vertex farthest along the line from the last joint to the outermost vertex.
             along = positions[farthest(on_finger, outward)] - joints[JOINT_INDEX[last]]
-            wanted[TIP_VERTICES[f"{side}_{finger}"]] = farthest(on_finger, along)
+            wanted[FINGERTIP_VERTICES[f"{side}_{finger}"]] = farthest(on_finger, along)
         numbers = SIDE_VERTICES[side]
         foot = joints[JOINT_INDEX[f"{side}_foot"]]
         toes = shoe & follows(f"{side}_foot")

@@ -260,7 +260,7 @@ FIGURES = {
     "slender": replace(_AVERAGE, gender=0.0, muscle=0.35, weight=0.25, cup=0.5),
     "broad": replace(_AVERAGE, gender=1.0, age=0.3, muscle=0.8, weight=0.85),
 }
-"""Figures by the names in ``renderer.body.look.BUILDS``; the first sets the skeleton."""
+"""Figures by the names in ``conventions.views.BODY_BUILDS``; the first sets the skeleton."""
 
 LEG_LENGTH_M = 0.7845
 """Length of a leg from hip to ankle (m), as in SMPL-X's mean body."""

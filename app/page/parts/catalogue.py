@@ -9,7 +9,7 @@ from pathlib import Path
 from app import text
 from app.errors import RunError
 from app.findings.comparison import point_title
-from conventions.joints import JOINT_NAMES, TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES, JOINT_NAMES
 from conventions.names import short_names
 from model.storage.cards import WeightsCard
 from model.systems.registry import (
@@ -104,7 +104,7 @@ def example_title(path: Path) -> str:
 
 def point_choices() -> list[tuple[str, str]]:
     """Return title and name of each tracked point, fingertips first."""
-    return [(point_title(point), point) for point in (*TIP_VERTICES, *JOINT_NAMES)]
+    return [(point_title(point), point) for point in (*FINGERTIP_VERTICES, *JOINT_NAMES)]
 
 
 def _trained_on(cards: list[WeightsCard]) -> str:

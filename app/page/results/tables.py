@@ -30,7 +30,7 @@ from app.findings.verdict import make_verdict
 from app.page.parts import markup
 from app.run.batch.table import cells_of, interval, star_legend
 from app.run.output.run_folder import FindingRecord, RunRecord
-from conventions.names import REFERENCE_NAME, VERSIONS, FilterVersion, pluralise, short_names
+from conventions.names import FILTER_VERSIONS, REFERENCE_NAME, FilterVersion, pluralise, short_names
 from model.metrics.protocols.table import WORKBENCH, protocol_of
 from model.storage.escaping import csv_text
 
@@ -71,7 +71,7 @@ class Column:
                 if key in (theirs := other.numbers.get(version, {}))
                 and protocol_of(key, self.speeds) == protocol_of(key, other.speeds)
             }
-            for version in VERSIONS
+            for version in FILTER_VERSIONS
         }
         return Column(name, label, differences, "difference", self.speeds)
 
@@ -122,7 +122,7 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
         (measure, protocol_of(measure.key, column.speeds), column, version, value)
         for measure in METRICS
         for column in columns
-        for version in VERSIONS
+        for version in FILTER_VERSIONS
         if (value := column.read(measure, version)) is not None
     ]
     shown = [*dict.fromkeys((measure, protocol) for measure, protocol, *_ in numbers)]
@@ -190,7 +190,7 @@ def _row(measure: Metric, columns: Sequence[Column]) -> str:
     ]
     motions = [each for each in columns if not each.kind]
     near: dict[FilterVersion, Sequence[str]] = {}
-    for version in VERSIONS:
+    for version in FILTER_VERSIONS:
         target = next((each.read(measure, version) for each in recorded), None)
         of_motions = {each.name: each.read(measure, version) for each in motions}
         near[version] = nearest(of_motions, target)
@@ -207,7 +207,7 @@ def _row(measure: Metric, columns: Sequence[Column]) -> str:
 def _cell(measure: Metric, column: Column, near: Mapping[FilterVersion, Sequence[str]]) -> str:
     write = format_difference if column.kind == "difference" else format_value
     spans = ""
-    for kind in VERSIONS:
+    for kind in FILTER_VERSIONS:
         is_near = column.name in near[kind]
         legend = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>' if is_near else ""
         value = write(column.read(measure, kind))

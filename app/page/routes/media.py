@@ -432,7 +432,7 @@ def viewer_constants() -> bytes:
     """Return the viewer's constants as JSON."""
     from app.run.display import FULL_SPEED_M_S
     from app.run.requests.parts import DEFAULT_TRACKED_POINT
-    from conventions.views import BUILDS, CUTOFF_HZ, MAX_EXAGGERATED_RAD
+    from conventions.views import BODY_BUILDS, CUTOFF_HZ, MAX_EXAGGERATED_RAD
     from renderer.body.look import SKIN_TONE_COLORS
     from renderer.files.glb import STEP_M
     from renderer.video.render_constants import render_constants
@@ -446,7 +446,7 @@ def viewer_constants() -> bytes:
         "points": {name: title for title, name in point_choices()},
         "usual_point": DEFAULT_TRACKED_POINT,
         "tones": SKIN_TONE_COLORS,
-        "builds": {"names": BUILDS, "step": STEP_M},
+        "builds": {"names": BODY_BUILDS, "step": STEP_M},
     }
     return json.dumps(constants, separators=(",", ":")).encode()
 

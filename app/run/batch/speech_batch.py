@@ -102,13 +102,13 @@ def run_batch(
     for clip, request in requests.items():
         stamp = _stamp(request)
         done = partial(_is_done, request.output.out, stamp)
-        jobs.append(Job(clip, done, partial(_do_clip, request, stamp), has_news=True))
+        jobs.append(Job(clip, done, partial(_do_clip, request, stamp), takes_callbacks=True))
     with lock_folder(out):
         finished, failed = run_jobs(
             jobs,
             pool,
             lambda clip, share: on_done(requests[clip].output.out, share),
-            on_news=_mean_progress(callbacks, len(jobs)),
+            on_message=_mean_progress(callbacks, len(jobs)),
             should_cancel=callbacks.should_cancel,
         )
         clips = [clip for clip in requests if clip not in failed]

@@ -33,7 +33,7 @@ from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, s
 from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
 from app.run.timeline import motion_curves, read_transcript_of_run
-from conventions.names import PostFilter, SampleName, file_stem, filtered_version
+from conventions.names import PostFilter, SampleName, file_stem, version_after_post_filter
 from conventions.rates import FPS
 from model.generation.base import System
 from model.generation.regenerate import (
@@ -162,7 +162,7 @@ def _add_curves(
     if path is None or row.edit is None:
         return ()
     timeline = read_json(path, dict[str, Any], MAX_RUN_BYTES)
-    version = filtered_version(post_filter)
+    version = version_after_post_filter(post_filter)
     tip = make_tracked_point(request.body, record.point)
     curves = timeline["curves"] | {row.name: motion_curves(motion, version, tip)}
     run.write_timeline(timeline | {"curves": curves})

@@ -25,7 +25,7 @@ from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import RowFileKind, add_file, file_of, read_run, video_file
 from app.run.requests.parts import MAX_COMPARED, VideoOptions
 from app.run.requests.requests import RunVideosRequest
-from conventions.joints import TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES
 from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
 from conventions.views import View
 from model.metrics.smoothness import derivative_magnitudes
@@ -258,7 +258,7 @@ def _trail(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> T
     track, drawn = tip.track(motion), tip
     # A character's trail leaves its own hand; the numbers are those of the skeleton.
     if body.rig is not None:
-        joint = f"{tip.point}3" if tip.point in TIP_VERTICES else tip.point
+        joint = f"{tip.point}3" if tip.point in FINGERTIP_VERTICES else tip.point
         drawn = TrackedPoint(joint, body)
     speed = _by_frame(derivative_magnitudes(track, 1), len(track))
     jerk = _by_frame(derivative_magnitudes(track, 3), len(track))

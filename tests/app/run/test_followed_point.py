@@ -5,7 +5,7 @@ import pytest
 
 from app.errors import RunError
 from app.run.bodies import TrackedPoint, body_motion
-from conventions.joints import FINGERTIP_JOINTS, FINGERTIP_NAMES, JOINT_NAMES, TIP_VERTICES
+from conventions.joints import FINGERTIP_JOINTS, FINGERTIP_NAMES, FINGERTIP_VERTICES, JOINT_NAMES
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
 from renderer.body.body import Body, load_body
@@ -25,7 +25,7 @@ def test_every_joint_and_every_fingertip_beyond_its_last_joint_is_followed(body:
         source = TrackedPoint(name)
         assert source.name == "joint"
         np.testing.assert_array_equal(source.track(MOTION), tracks.joints[:, joint])
-    assert set(TIP_VERTICES) == set(FINGERTIP_NAMES)
+    assert set(FINGERTIP_VERTICES) == set(FINGERTIP_NAMES)
     for tip, joint in zip(FINGERTIP_NAMES, FINGERTIP_JOINTS, strict=True):
         source = TrackedPoint(tip)
         beyond = np.linalg.norm(source.track(MOTION) - tracks.joints[:, joint], axis=1)

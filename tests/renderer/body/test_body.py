@@ -9,8 +9,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS, TIP_VERTICES
-from conventions.views import BUILDS
+from conventions.joints import FINGERTIP_VERTICES, JOINT_INDEX, NUM_JOINTS, PARENTS
+from conventions.views import BODY_BUILDS
 from model.motion import kinematics
 from model.motion.rotations import matrix_from_axis_angle
 from renderer.body.body import Body, BodyMotion, load_body
@@ -99,7 +99,7 @@ def test_skeleton_of_the_model_is_that_of_the_body(body):
     assert max_distance_mm(rig.rest_joints.numpy(), body.rest_joints) < 0.02
     for k, name in enumerate(kinematics.FINGERTIP_NAMES):
         joint = body.rest_joints[JOINT_INDEX[f"{name}3"]]
-        offset = body.template[TIP_VERTICES[name]] - joint
+        offset = body.template[FINGERTIP_VERTICES[name]] - joint
         assert max_distance_mm(rig.tip_offsets[k].numpy(), offset) < 0.02
         bone = joint - body.rest_joints[JOINT_INDEX[f"{name}2"]]
         assert 0.010 < offset @ bone / np.linalg.norm(bone) < 0.035, name
@@ -186,7 +186,7 @@ def test_agrees_with_the_smplx_package_as_it_is_and_as_a_licensed_file(body, smp
     assert max_distance_mm(ours[:, :COMPARED_VERTICES], vertices) < 0.01
     assert max_distance_mm(body.joint_positions(motion), joints[:, :55]) < 0.01
     tip = joints[:, 73]  # the package's right middle fingertip
-    assert max_distance_mm(ours[:, TIP_VERTICES["right_middle"]], tip) < 0.01
+    assert max_distance_mm(ours[:, FINGERTIP_VERTICES["right_middle"]], tip) < 0.01
     licensed = load_body(smplx_path)
     assert licensed.expression_basis == "flame100"
     flame_motion = replace(motion, expression_basis="flame100")
@@ -195,14 +195,14 @@ def test_agrees_with_the_smplx_package_as_it_is_and_as_a_licensed_file(body, smp
 
 def test_the_right_hand_is_the_mirror_of_the_left(body):
     """Whatever is bent on one side: neither hand has a mean pose of its own."""
-    fingers = [name.removeprefix("left_") for name in TIP_VERTICES if name.startswith("left")]
+    fingers = [name.removeprefix("left_") for name in FINGERTIP_VERTICES if name.startswith("left")]
     poses = np.zeros((1, 55, 3))
     for finger, bent in zip(fingers, np.random.default_rng(2).normal(size=(5, 3, 3)), strict=True):
         for k, turn in enumerate(0.4 * bent, start=1):
             poses[0, JOINT_INDEX[f"left_{finger}{k}"]] = turn
             poses[0, JOINT_INDEX[f"right_{finger}{k}"]] = turn * [1, -1, -1]  # in the plane x = 0
     (posed,) = all_vertices(body, replace(BodyMotion.zero_pose(), poses=poses.reshape(1, 165)))
-    left, right = ([TIP_VERTICES[f"{side}_{name}"] for name in fingers] for side in SIDES)
+    left, right = ([FINGERTIP_VERTICES[f"{side}_{name}"] for name in fingers] for side in SIDES)
     wrists = [body.rest_joints[JOINT_INDEX[f"{side}_wrist"]] for side in SIDES]
     assert np.linalg.norm(posed[left] - body.template[left], axis=1).min() > 0.01
     mirrored = (posed[right] - wrists[1]) * [-1, 1, 1]
@@ -298,8 +298,8 @@ def waist_m(body: Body) -> float:
 
 def test_every_look_stands_on_the_same_skeleton(body):
     """So the motion, its joints and its fingertips are the same whatever the look."""
-    tips = list(TIP_VERTICES.values())
-    for build in BUILDS[1:]:
+    tips = list(FINGERTIP_VERTICES.values())
+    for build in BODY_BUILDS[1:]:
         other = load_body(look=f"{build}-light")
         np.testing.assert_array_equal(other.rest_joints, body.rest_joints)
         np.testing.assert_array_equal(other.faces, body.faces)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_DEPTH, JOINT_INDEX
-from conventions.names import VERSIONS, FilterVersion
+from conventions.names import FILTER_VERSIONS, FilterVersion
 from renderer.figures.jitter import (
     NO_DATA,
     NO_PERIOD,
@@ -101,7 +101,7 @@ def test_the_caption_has_the_clip_who_lacks_what_and_the_sentence():
 def test_curves_are_the_numbers_and_raw_and_filtered_panels_have_one_scale(settings):
     sheet = replace(example_sheet(3), window_overlap=6)
     panels = panels_of(draw_jitter_sheet(sheet))
-    for name, kind in itertools.product(sheet.jitter, VERSIONS):
+    for name, kind in itertools.product(sheet.jitter, FILTER_VERSIONS):
         measured = sheet.jitter[name][kind]
         curves = {row: lines_of(panels[f"{row} {kind}"])[name] for row in ROWS if row != "joints"}
         np.testing.assert_allclose(curves["depth"].get_ydata(), measured.by_depth)
@@ -165,7 +165,7 @@ def test_a_factor_of_1_4_is_seen_on_a_linear_axis(settings: None) -> None:
 
 def test_periods_found_are_folded_and_named(settings: None) -> None:
     sheet = replace(example_sheet(2, has_reference=False), window_advance=0, window_overlap=0)
-    for kind in VERSIONS:
+    for kind in FILTER_VERSIONS:
         sheet = with_numbers(sheet, NAMES[0], kind, by_window_frame=np.zeros(0))
         phase = np.array([3.0, 1.0, 2.0, 1.0])
         sheet = with_numbers(
@@ -175,7 +175,7 @@ def test_periods_found_are_folded_and_named(settings: None) -> None:
     assert axes.get_xlabel() == "frame in the detected period"
     assert list(lines_of(axes)) == [NAMES[1]]
     assert not axes.patches  # no frames are shared that one knows of
-    for kind in VERSIONS:
+    for kind in FILTER_VERSIONS:
         sheet = with_numbers(
             sheet, NAMES[1], kind, by_window_frame=np.zeros(0), period_and_part=None
         )
@@ -209,7 +209,7 @@ def test_nothing_overlaps_whatever_the_names_and_numbers(
     settings, monkeypatch, names, has_reference, factor
 ):
     sheet = example_sheet(len(names), has_reference, names)
-    for name, kind in itertools.product(list(sheet.jitter), VERSIONS):
+    for name, kind in itertools.product(list(sheet.jitter), FILTER_VERSIONS):
         jitter = sheet.jitter[name][kind]
         jerk = {
             key: factor * getattr(jitter, key)

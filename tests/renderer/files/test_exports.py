@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conventions.joints import JOINT_NAMES, TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES, JOINT_NAMES
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.files.exports import write_bvh, write_posed_mesh
 from tests.renderer.body.test_body import random_motion
@@ -82,7 +82,7 @@ def test_positions_read_back_are_those_of_the_motion(body, tmp_path):
         np.testing.assert_allclose(positions[name], wanted[:, joint], atol=1e-4, err_msg=name)
     write_bvh(body, BodyMotion.zero_pose(2), tmp_path / "rest.bvh")
     _, positions = read_bvh(tmp_path / "rest.bvh")
-    for finger, vertex in TIP_VERTICES.items():
+    for finger, vertex in FINGERTIP_VERTICES.items():
         end = positions[f"{finger}3 end"][1]
         np.testing.assert_allclose(end, body.template[vertex], atol=1e-5)
     no_tips = {"template": body.template[:99], "shape_dirs": body.shape_dirs[:99]}

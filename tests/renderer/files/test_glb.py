@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_NAMES
-from conventions.views import BUILDS
+from conventions.views import BODY_BUILDS
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import OPEN_BODY_PATH, read_body_file
 from renderer.body.skinning import VertexNormals
@@ -160,9 +160,9 @@ def test_every_build_comes_back_within_a_step():
     first = read_body_file(OPEN_BODY_PATH)
     normals_of = VertexNormals(first.faces, len(first.template))
     read = np.frombuffer(body_build_offsets_bytes(), "<i2").reshape(
-        len(BUILDS) - 1, 2, *first.template.shape
+        len(BODY_BUILDS) - 1, 2, *first.template.shape
     )
-    for build, (offsets, normals) in zip(BUILDS[1:], read, strict=True):
+    for build, (offsets, normals) in zip(BODY_BUILDS[1:], read, strict=True):
         expected = read_body_file(OPEN_BODY_PATH, build).template
         assert np.abs(expected - first.template).max() > 0.01, "it is another one"
         np.testing.assert_allclose(first.template + STEP_M * offsets, expected, atol=STEP_M)

@@ -9,7 +9,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis.extra import numpy as hnp
 
-from conventions.joints import JOINT_INDEX, TIP_VERTICES
+from conventions.joints import FINGERTIP_VERTICES, JOINT_INDEX
 from conventions.views import VIEWS
 from renderer.body.body import BodyMotion, load_body
 from renderer.scene.camera import (
@@ -168,7 +168,7 @@ def test_a_hand_beside_the_picture_stays_in_its_place_and_keeps_its_tremble(side
     body, view = load_body(), f"{side}_hand"
     panels = layout_panels("front", 400, 400, ["hands"])[1:]
     place = [panel.view for panel in panels].index(view)
-    tips = [vertex for name, vertex in TIP_VERTICES.items() if name.startswith(side)]
+    tips = [vertex for name, vertex in FINGERTIP_VERTICES.items() if name.startswith(side)]
 
     def shown(motion: BodyMotion) -> np.ndarray:
         stage = make_camera_setup(body, [motion], close_ups=panels)

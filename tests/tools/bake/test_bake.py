@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX, NUM_JOINTS, PARENTS
-from conventions.views import BUILDS
+from conventions.views import BODY_BUILDS
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_PATH
 from renderer.body.decimation import NUM_FACES, Surface, body_surface, decimate
@@ -83,7 +83,7 @@ def test_closed_lips_meet_and_leave_the_rest():
 
 def test_a_figure_is_fitted_to_the_skeleton_of_another():
     """Points at the joints of one figure come to lie at the joints of the other."""
-    assert tuple(FIGURES) == BUILDS
+    assert tuple(FIGURES) == BODY_BUILDS
     rng = np.random.default_rng(4)
     first = rng.normal(size=(NUM_JOINTS, 3))
     other = first + rng.normal(scale=0.05, size=first.shape)
