@@ -169,7 +169,7 @@ class _Events:
     def __init__(self, head: TierHead) -> None:
         first, last = head.event[0], head.event_out
         assert isinstance(first, torch.nn.Linear)
-        self._seen_weight = head.seen.weight.numpy().T
+        self._state_weight = head.seen.weight.numpy().T
         self._layers = [(layer.weight.numpy().T, layer.bias.numpy()) for layer in (first, last)]
 
     def __call__(
@@ -177,7 +177,7 @@ class _Events:
         speech_states: Float32[np.ndarray, "copies hidden"],
         states: Float32[np.ndarray, " seen"],
     ) -> tuple[Float32[np.ndarray, "copies hidden"], Float32[np.ndarray, "copies events"]]:
-        state = _silu(speech_states + states @ self._seen_weight)
+        state = _silu(speech_states + states @ self._state_weight)
         (weight, bias), (out, out_bias) = self._layers
         logits = _silu(state @ weight + bias) @ out + out_bias
         above = logits - logits.max(-1, keepdims=True)
