@@ -162,7 +162,7 @@ def set_family_files(named: Mapping[str, Any]) -> None:
         for file in family.files:
             path = named[_name_of(file.flag)]
             if path is not None:
-                os.environ[file.variable] = str(path.absolute())
+                os.environ[file.environment_variable] = str(path.absolute())
         family.require_files()
 
 

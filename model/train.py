@@ -82,13 +82,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _presets() -> list[str]:
-    trained = ((family, name) for family in families() for name in family.trained)
+    trained = ((family, name) for family in families() for name in family.trained_networks)
     presets = (preset for family, name in trained for preset in family.presets(name))
     return list(dict.fromkeys(presets))
 
 
 def _trained() -> list[str]:
-    return [name for family in families() for name in family.trained]
+    return [name for family in families() for name in family.trained_networks]
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def test_its_name_is_taken_once():
 
 def test_two_systems_move_with_one_file_of_weights(trained):
     weights = trained
-    assert list_systems(weights) == (MEAN, DRAWN) and DRAWN not in FAMILY.trained
+    assert list_systems(weights) == (MEAN, DRAWN) and DRAWN not in FAMILY.trained_networks
     assert read_card(DRAWN, weights) == read_card(MEAN, weights)
     mean, drawn = load_system(MEAN, weights), load_system(DRAWN, weights)
     assert mean.sha256s == drawn.sha256s and drawn.samplers[0].steps == 3

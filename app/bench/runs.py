@@ -107,7 +107,7 @@ def speech_of(duration_s: float, folder: Path) -> Path:
 
 def time_motion(clip: Path) -> list[Figure]:
     """Measure features, generation of each system with default steps, and a batch of samples."""
-    from model.generation.windows import generation_ms
+    from model.generation.windows import measure_ms_per_frame
     from model.speech.audio import load_speech
 
     speech = load_speech(clip)
@@ -118,10 +118,10 @@ def time_motion(clip: Path) -> list[Figure]:
     figures = [Figure("speech features", features_ms, "ms/frame")]
     for system in systems:
         steps = system.samplers[0].steps
-        each = generation_ms(system, speech, steps)  # features are cached by now
+        each = measure_ms_per_frame(system, speech, steps)  # features are cached by now
         title = f"generation, {system.name}, {steps} steps"
         figures.append(Figure(title, each, "ms/frame", "at most 4"))
-    each = generation_ms(systems[-1], speech, systems[-1].samplers[0].steps, SAMPLES)
+    each = measure_ms_per_frame(systems[-1], speech, systems[-1].samplers[0].steps, SAMPLES)
     title = f"one of {SAMPLES} samples, {systems[-1].name}"
     return [*figures, Figure(title, each, "ms/frame", "at most 2")]
 

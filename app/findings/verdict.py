@@ -133,26 +133,26 @@ def _ablation_sentences(
 ) -> list[str]:
     """Compare the systems of a claim: gain and cost of its first step, then of each addition."""
     jerk = table[JERK]
-    rungs = [name for name in (claim.plain, *claim.less) if name in jerk]
+    rungs = [name for name in (claim.base_system, *claim.less_jerk_systems) if name in jerk]
     if not rungs:
         return []
     base, sentences = rungs[0], []
-    if claim.more in jerk:
-        ratio = ratio_of(jerk[base], jerk[claim.more])
+    if claim.more_jerk_system in jerk:
+        ratio = ratio_of(jerk[base], jerk[claim.more_jerk_system])
         as_claimed, has = (
             ("as the paper claims", "has")
             if _is_calmer(ratio)
             else ("unlike the paper's claim", "does not clearly have")
         )
-        which = "" if base == claim.plain else f", which also has {claim.less_jerk_group},"
+        which = "" if base == claim.base_system else f", which also has {claim.less_jerk_property},"
         sentences.append(
-            f"{here}, {as_claimed}, the system with {claim.less_jerk_group} {has} less jerk than "
-            f"the one with {claim.more_jerk_group}. Jerk of {names[base]}{which} compared with "
-            f"{names[claim.more]}: {_change(ratio)}."
+            f"{here}, {as_claimed}, the system with {claim.less_jerk_property} {has} less jerk "
+            f"than the one with {claim.more_jerk_property}. Jerk of {names[base]}{which} "
+            f"compared with {names[claim.more_jerk_system]}: {_change(ratio)}."
         )
-        if worse := _worse(table, base, claim.more):
+        if worse := _worse(table, base, claim.more_jerk_system):
             sentences.append(
-                f"{names[base].capitalize()} is worse than {names[claim.more]} "
+                f"{names[base].capitalize()} is worse than {names[claim.more_jerk_system]} "
                 f"in {join_names(worse)}."
             )
     added = {name: ratio_of(jerk[name], jerk[base]) for name in rungs if name != base}
@@ -163,7 +163,7 @@ def _ablation_sentences(
     which = (
         f"{join_names(calmer)} {'has' if len(calmer) == 1 else 'have'}" if calmer else "none has"
     )
-    start = f"Jerk compared with {names[base]} when {claim.added} are added one by one"
+    start = f"Jerk compared with {names[base]} when {claim.additions_name} are added one by one"
     return [*sentences, f"{start}: {changes}. Of these, {which} clearly less jerk."]
 
 

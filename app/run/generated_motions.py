@@ -41,7 +41,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, concatenate, first_frames, load_motion
 from model.motion.transforms import apply_post_filter
 from model.plan.detection import plan_from_motion
-from model.plan.files import check_ending, read_plan_file, write_plan_file
+from model.plan.files import check_plan_suffix, read_plan_file, write_plan_file
 from model.plan.plan import GesturePlan, PlanResult
 from model.plan.style import StyleChange, read_style_file
 from model.sampling.samplers import Sampling, clip_seed
@@ -176,9 +176,9 @@ def _generate_in_turns(
             parts[name].setdefault(row, []).append(motion)
             if is_published:
                 run.append_motion(row, motion, num_frames)
-        shares[name] = piece.share
+        shares[name] = piece.progress
         run.report_progress("motion", sum(shares.values()) / len(shares), name)
-        if piece.share == 1.0:
+        if piece.progress == 1.0:
             del making[name]
             for row, of in parts.pop(name).items():
                 generated[row] = filter_and_write(row, concatenate(of))
@@ -384,7 +384,7 @@ def write_plan_from_motion(
     Raises:
         MotionError, PlanError, WriteError: each with one sentence.
     """
-    check_ending(out)
+    check_plan_suffix(out)
     (overrides or ImportOverrides()).check([motion])
     read = read_any_motion(motion, overrides)
     write_plan_file(plan_from_motion(read.motion, open_body_skeleton()), out)
@@ -401,7 +401,7 @@ def make_plan(request: PlanRequest) -> PlanResult:
             WriteError: each with one sentence.
     """
     request.check()
-    check_ending(request.out)
+    check_plan_suffix(request.out)
     if request.is_empty and request.style is not None:
         raise RunError("An empty plan cannot have a style; remove one of the two options.")
     sound = request.speech.path

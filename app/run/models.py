@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from conventions.views import BODY_LOOKS
-from model.speech.librosa_cache import begin_import
+from model.speech.librosa_cache import import_in_background
 from model.storage.files import FileVersions, file_versions
 from model.systems.registry import list_systems, load_system, system_files
 from processes.pool import JobPool
@@ -50,7 +50,7 @@ def get_body(path: Path | None, look: str = BODY_LOOKS[0]) -> Body:
 
 @functools.lru_cache(maxsize=16)
 def _load_system(name: str, weights: Path, versions: FileVersions) -> System:
-    begin_import()  # what encodes speech for it
+    import_in_background()  # what encodes speech for it
     return load_system(name, weights)
 
 

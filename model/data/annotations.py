@@ -16,8 +16,8 @@ from tqdm import tqdm
 from conventions.rates import FPS
 from model.data.prepared import Batch, PreparedClip, PreparedData, derived_arrays
 from model.data.recordings import DataError, copy_speed
-from model.plan.files import annotated_plan
-from model.plan.kinds import KindTable, kinds_of
+from model.plan.files import read_annotated_plan
+from model.plan.kinds import KindTable, kind_indices
 from model.plan.plan import SIDES, GesturePlan, PlanError
 from model.plan.plan_features import (
     NUM_TRACKS,
@@ -60,7 +60,7 @@ class Plans:
     chains: tuple[dict[str, list[EventOnset]], ...]
     """Event chains of each clip, by tier."""
     kinds: np.ndarray
-    """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.place`)."""
+    """Gesture type numbers (N, 2) of the left and the right hand (`KindTable.index_of`)."""
     table: KindTable
 
     def tracks_and_kinds(
@@ -133,7 +133,7 @@ def load_plan_annotations(data: PreparedData, num_speakers: int) -> Plans:
         {"format": PLANS_FORMAT, "tracks": NUM_TRACKS},
         {"plan-tracks": (NUM_TRACKS, np.float32), "plan-kinds": (2, np.uint8)},
         (
-            (plan_tracks(plan, clip.num_frames), kinds_of(plan, clip.num_frames, table))
+            (plan_tracks(plan, clip.num_frames), kind_indices(plan, clip.num_frames, table))
             for clip, plan in zip(data.clips, plans, strict=True)
         ),
     )
@@ -155,7 +155,7 @@ def _annotation_words(path: Path) -> list[str]:
 
 def _annotated_plan(data: PreparedData, clip: PreparedClip) -> GesturePlan:
     try:
-        plan = annotated_plan(textgrid_path(data, clip))
+        plan = read_annotated_plan(textgrid_path(data, clip))
     except (PlanError, OSError) as error:
         raise DataError(f"{clip.name} has no annotated plan: {error}") from error
     return plan.at_speed(copy_speed(clip.name, clip.copy))
@@ -230,7 +230,7 @@ def frame_labels(
     for word, next_s in zip(transcript.words, after, strict=True):
         rows = _rows(word.start_s, word.end_s, speed)
         voice[rows] = 1
-        struck[rows] = plans.table.struck.get(word.text.lower(), 0.0)
+        struck[rows] = plans.table.stroke_shares_by_word.get(word.text.lower(), 0.0)
         if next_s - word.end_s > PAUSE_S:
             ends[max(0, rows.stop - 1) : rows.stop] = 1
     strength = maximum_filter1d(strength, ACCENT_FRAMES)

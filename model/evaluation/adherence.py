@@ -43,8 +43,8 @@ from model.plan.editing import (
     scale_gesture,
     set_hold,
 )
-from model.plan.files import annotated_plan
-from model.plan.kinds import PLACES, REST_PLACE
+from model.plan.files import read_annotated_plan
+from model.plan.kinds import REST_POSITION, USUAL_STROKE_ENDS
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Side
 from model.plan.plan_features import hand_tracks, plan_tracks
 from model.speech.audio import Speech
@@ -139,7 +139,7 @@ def only_one_hand_moves(places: WristPositions, plan: GesturePlan, gesture: Gest
 def _phases_of(plan: GesturePlan, gesture: Gesture) -> list[HandPhase]:
     """Return preparation and stroke of a gesture."""
     phases = plan.hand(gesture.side)
-    at = [abs(p.end_s - gesture.lands_s) if p.phase == "stroke" else math.inf for p in phases]
+    at = [abs(p.end_s - gesture.stroke_end_s) if p.phase == "stroke" else math.inf for p in phases]
     last = int(np.argmin(at))
     first = last - 1 if last and phases[last - 1].phase == "preparation" else last
     return list(phases[first : last + 1])
@@ -167,7 +167,7 @@ def random_edit(plan: GesturePlan, rng: np.random.Generator) -> tuple[PlanResult
             if there and name != "add":
                 edited, gesture = _changed(plan, there[rng.integers(len(there))], name, rng)
             else:
-                kind = str(rng.choice(list(PLACES)))
+                kind = str(rng.choice(list(USUAL_STROKE_ENDS)))
                 at_s = round(float(rng.uniform(1.0, plan.duration_s - 1.0)), 3)
                 gesture = Gesture(SIDES[rng.integers(2)], at_s)
                 edited = add_gesture(plan, kind, at_s, gesture.side)
@@ -182,13 +182,13 @@ def _changed(
 ) -> tuple[PlanResult, Gesture | None]:
     by = float(rng.uniform(0.2, 1.5))
     if name == "move":
-        to_s = round(old.lands_s + float(rng.uniform(-1.5, 1.5)), 3)
+        to_s = round(old.stroke_end_s + float(rng.uniform(-1.5, 1.5)), 3)
         return move_gesture(plan, old, to_s), Gesture(old.side, to_s)
     if name == "delete":
         return delete_gesture(plan, old), None
     if name == "hand":
         other = SIDES[1 - SIDES.index(old.side)]
-        return change_hands(plan, old, other), Gesture(other, old.lands_s)
+        return change_hands(plan, old, other), Gesture(other, old.stroke_end_s)
     if name == "hold":
         return set_hold(plan, old, by), old
     if name == "size":
@@ -248,7 +248,7 @@ def score_clip(
         new_tracks = track_points(made.motion, skeleton)
         new = wrist_positions_in_chest(new_tracks)
         if gesture is not None:
-            end = round(gesture.lands_s * FPS)
+            end = round(gesture.stroke_end_s * FPS)
             own = GesturePlan(plan.duration_s).with_hand(
                 gesture.side, edited.plan.hand(gesture.side)
             )
@@ -257,7 +257,7 @@ def score_clip(
             alone = only_one_hand_moves(new, edited.plan, gesture)
             if alone is not None:
                 answers["the asked hand moves, the other not"].append(float(alone))
-        for part in made.fresh:
+        for part in made.changed_frames:
             if len(part) > 15:
                 jerk, slide = _jerk_and_sliding(new_tracks, part)
                 jerk_before, slide_before = _jerk_and_sliding(tracks, part)
@@ -265,7 +265,7 @@ def score_clip(
                 if slide_before > 0:
                     answers["slide, edited / unedited"].append(slide / slide_before)
     there = [g for side in SIDES for g in gestures(plan, side)]
-    inside = [g for g in there if 1 < g.lands_s < plan.duration_s - 1]
+    inside = [g for g in there if 1 < g.stroke_end_s < plan.duration_s - 1]
     for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
         gesture = inside[k]
         larger = _varied(plan, gesture, SIZES, scale_gesture, again)
@@ -318,11 +318,11 @@ def _pairwise_order(measured: Sequence[float]) -> list[float]:
 
 def gesture_size(places: WristPositions, gesture: Gesture) -> float:
     """Compute a gesture's size: the distance of the stroke's end from the rest position (m)."""
-    return math.dist(_lands_at(places, gesture), REST_PLACE)
+    return math.dist(_lands_at(places, gesture), REST_POSITION)
 
 
 def _lands_at(places: WristPositions, gesture: Gesture) -> Float[np.ndarray, " 3"]:
-    at = round(gesture.lands_s * FPS)
+    at = round(gesture.stroke_end_s * FPS)
     return places[gesture.side][at - 2 : at + 3].mean(axis=0)
 
 
@@ -332,7 +332,9 @@ def score_recording(motion: Motion, plan: GesturePlan, answers: Scores) -> None:
     answers["recorded: strokes in time"] += _within_tolerance(stroke_lags(places, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
     alone = [
-        only_one_hand_moves(places, plan, g) for g in there if 1 < g.lands_s < plan.duration_s - 1
+        only_one_hand_moves(places, plan, g)
+        for g in there
+        if 1 < g.stroke_end_s < plan.duration_s - 1
     ]
     answers["recorded: one hand moves, the other not"] += [
         float(each) for each in alone if each is not None
@@ -356,7 +358,7 @@ def adherence(
     for name in rng.permutation(np.array(clip_names))[:clips].tolist():
         motion, speech = read_files(folder, name)
         cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
-        plan = annotated_plan(folder / "textgrid" / f"{name}.TextGrid")
+        plan = read_annotated_plan(folder / "textgrid" / f"{name}.TextGrid")
         recorded = first_frames(motion, cut.num_frames)
         score_recording(recorded, _until(plan, cut.duration_s), answers)
         made = score_clip(system, cut, parse_speaker(name)[1], edits, rng, answers)

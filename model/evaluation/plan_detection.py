@@ -24,7 +24,7 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
 from model.motion.tracks import track_points, wrist_positions_in_chest
 from model.plan.detection import WEIGHTS, PhaseNetwork, hand_features, plan_from_motion
-from model.plan.files import annotated_plan
+from model.plan.files import read_annotated_plan
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
 from model.storage.files import written_atomically
 
@@ -187,7 +187,9 @@ def train_phase_network(folder: Path, names: Sequence[str], out: Path) -> None:
 
 def _recorded(folder: Path, name: str):
     tracks = track_points(load_motion(folder / f"smplxflame_30/{name}.npz"), open_body_skeleton())
-    return annotated_plan(folder / f"textgrid/{name}.TextGrid"), wrist_positions_in_chest(tracks)
+    return read_annotated_plan(folder / f"textgrid/{name}.TextGrid"), wrist_positions_in_chest(
+        tracks
+    )
 
 
 def _states(phases: Sequence[HandPhase], num_frames: int) -> Int[np.ndarray, " T"]:
@@ -256,7 +258,7 @@ def evaluate_detection(
         train_phase_network(folder, learned, WEIGHTS)
     for name in [name for name, of in split.items() if of == "test"][:clips]:
         motion = load_motion(folder / f"smplxflame_30/{name}.npz")
-        annotated = annotated_plan(folder / f"textgrid/{name}.TextGrid")
+        annotated = read_annotated_plan(folder / f"textgrid/{name}.TextGrid")
         counts = agreement(plan_from_motion(motion, open_body_skeleton()), annotated)
         for question, one in counts.items():
             total[question] += one

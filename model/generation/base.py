@@ -83,7 +83,7 @@ class Windowing:
         if self.advance < 2 or not 0 <= self.overlap <= self.advance:
             raise ValueError(
                 "Windows must start at least 2 frames apart and overlap by at most that distance; "
-                f"got {self.advance} and {self.overlap}."
+                f"got a distance of {self.advance} and an overlap of {self.overlap} frames."
             )
 
     @property
@@ -113,7 +113,7 @@ class WindowSpec:
     """Words of the speech with their times, if known."""
 
     @property
-    def key(self) -> tuple[int, int]:
+    def noise_key(self) -> tuple[int, int]:
         """Key of random numbers for the first sample that are independent of windows."""
         return self.seed, self.first_sample
 
@@ -169,7 +169,7 @@ class ConditionStream(Protocol):
         ...
 
     def conditioning(
-        self, features: Float[Tensor, "n dim"], ahead: Any, first: int
+        self, features: Float[Tensor, "n dim"], streamed: Any, first: int
     ) -> Float[Tensor, "n input_dim"]:
         """Return the windows' input for frames from ``first`` on: features and condition."""
         ...
@@ -186,7 +186,7 @@ class MotionConstraint(Protocol):
         """Apply the condition to the frames that follow those of the last call."""
         ...
 
-    def go_on_with(self, ahead: Any, first_frame: int) -> None:
+    def continue_with(self, streamed: Any, first_frame: int) -> None:
         """Continue with another condition, in which the next frame is ``first_frame``."""
         ...
 
@@ -204,8 +204,8 @@ class System(ABC):
 
         >>> from model.speech.features import MelEncoder
         >>> class StillSystem(System):
-        ...     def window(self, speech, before, draw):
-        ...         shape = (draw.samples, self.windowing.frames)
+        ...     def window(self, speech, before, spec):
+        ...         shape = (spec.samples, self.windowing.frames)
         ...         return Window(
         ...             rotmat=torch.eye(3).expand(*shape, 55, 3, 3),
         ...             root=torch.zeros(*shape, 3),
@@ -269,7 +269,7 @@ class System(ABC):
         return self.speakers[speaker]
 
     def condition(
-        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
     ) -> Any:
         """Draw the condition for whole speech, for the first sample.
 
@@ -278,7 +278,7 @@ class System(ABC):
         """
         raise ValueError(f"{self.name} takes no condition besides speech.")
 
-    def condition_stream(self, draw: WindowSpec) -> ConditionStream:
+    def condition_stream(self, spec: WindowSpec) -> ConditionStream:
         """Return a generator of the condition for speech that is still being spoken."""
         raise ValueError(f"{self.name} takes no condition besides speech.")
 
@@ -294,7 +294,7 @@ class System(ABC):
         return None
 
     def conditioning(
-        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
     ) -> Float[Tensor, "T input_dim"]:
         """Encode whole speech for the windows, with silence after its end."""
         return torch.from_numpy(self.encoder.encode(waveform, num_frames))
@@ -328,7 +328,7 @@ class System(ABC):
         )
 
     @abstractmethod
-    def window(self, speech: SpeechWindow, before: Window | None, draw: WindowSpec) -> Window:
+    def window(self, speech: SpeechWindow, before: Window | None, spec: WindowSpec) -> Window:
         """Generate one window of motion for each sample.
 
         Args:

@@ -61,16 +61,16 @@ class Ablation:
 class Claim:
     """A paper's claim about the jerk of its systems, which is checked in every run."""
 
-    less_jerk_group: str
-    """Property of the systems in ``less``, as in "the system with *global rotations* has less jerk
+    less_jerk_property: str
+    """Property of ``less_jerk_systems``, as in "the system with *global rotations* has less jerk
     than the one with *local rotations*"."""
-    more_jerk_group: str
-    """Property of the systems in ``more``, in the same sentence."""
-    more: str
-    less: tuple[str, ...]
-    plain: str
-    """The system of ``less`` to which the others add something."""
-    added: str
+    more_jerk_property: str
+    """Property of ``more_jerk_system``, in the same sentence."""
+    more_jerk_system: str
+    less_jerk_systems: tuple[str, ...]
+    base_system: str
+    """The system of ``less_jerk_systems`` to which the others add something."""
+    additions_name: str
     """Name of the additions; each system has one more than the one before."""
 
 
@@ -80,7 +80,7 @@ class FileFlag:
 
     flag: str
     """Flag with its two dashes."""
-    variable: str
+    environment_variable: str
     metavar: str
     help: str
 
@@ -128,7 +128,7 @@ class Family:
     """One sentence for the user on each generator."""
     samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)
     """Samplers of each generator; the first is the default."""
-    place: int = 100
+    display_order: int = 100
     """Place of its systems among the families: the lowest first."""
     helpers: tuple[str, ...] = ()
     """Networks that are trained like systems and used by them."""
@@ -140,7 +140,7 @@ class Family:
     """Folder of the weights that the family ships; those in a requested folder take precedence."""
     representatives: Mapping[Topic, tuple[str, ...]] = field(default_factory=dict)
     """Generators that represent the family, by topic."""
-    plans: tuple[str, ...] = ()
+    planning_systems: tuple[str, ...] = ()
     """Generators that draw a gesture plan first, and accept one."""
     ablation: Ablation | None = None
     claim: Claim | None = None
@@ -150,14 +150,14 @@ class Family:
     """Files that users must name; a family with files overrides the methods that read them."""
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def network_names(self) -> tuple[str, ...]:
         """Names of its generators and helpers."""
         return (*self.systems, *self.helpers)
 
     @property
-    def trained(self) -> tuple[str, ...]:
+    def trained_networks(self) -> tuple[str, ...]:
         """Names of all networks that have weights."""
-        return tuple(name for name in self.names if name not in self.shared_weights)
+        return tuple(name for name in self.network_names if name not in self.shared_weights)
 
     def config(self, preset: str, system: str) -> "TrainConfig":
         """Return the training config of a preset.
@@ -184,10 +184,10 @@ class Family:
         return tuple(
             name
             for name in self.systems
-            if _weights_file(self.home_of(name, folder), self.weights_of(name)).is_file()
+            if _weights_file(self.weights_folder(name, folder), self.weights_of(name)).is_file()
         )
 
-    def home_of(self, name: str, folder: Path) -> Path:
+    def weights_folder(self, name: str, folder: Path) -> Path:
         """Return the folder of a network's weights: ``folder``, or the family's own without any."""
         if self.weights is None or _weights_file(folder, self.weights_of(name)).is_file():
             return folder
@@ -214,7 +214,7 @@ class Family:
 
     def card(self, name: str, folder: Path) -> WeightsCard:
         """Load the model card of a generator's or helper's weights."""
-        return load_card(self.home_of(name, folder), self.weights_of(name))
+        return load_card(self.weights_folder(name, folder), self.weights_of(name))
 
     def fields_of(self, name: str, card: WeightsCard) -> "dict[str, Any]":
         """Return the fields of `System` that follow from the family and the model card."""
@@ -243,7 +243,7 @@ class Family:
         Raises:
             CheckpointError: if its files are missing or damaged.
         """
-        home = self.home_of(name, folder)
+        home = self.weights_folder(name, folder)
         return import_module(f"{self.package}.system").load(name, home)
 
 

@@ -53,8 +53,8 @@ class LiveMotion:
         cut = system.windowing
         if not cut.overlap <= pace.hop <= cut.advance or pace.look_ahead < cut.overlap:
             raise ValueError(
-                f"hop is {pace.hop} and look_ahead {pace.look_ahead}; {system.name} needs "
-                f"{cut.overlap} to {cut.advance} and at least {cut.overlap}."
+                f"{system.name} needs a hop of {cut.overlap} to {cut.advance} frames and a "
+                f"look_ahead of at least {cut.overlap}; got {pace.hop} and {pace.look_ahead}."
             )
         self._cut, self._pace = cut, pace
         self._chain = WindowChain(system, options)
@@ -104,7 +104,7 @@ class LiveMotion:
         self._forget_before(self.next_frame - 2 * (self._cut.frames + self._cut.context))
         return self._motion.append(final)
 
-    def set_style(self, manner: Any) -> None:
+    def set_style(self, style: Any) -> None:
         """Use conditions of another style from now on.
 
         Raises:
@@ -112,7 +112,7 @@ class LiveMotion:
         """
         if self._stream is None:
             raise ValueError("This system takes no condition besides speech.")
-        self._stream.style = manner
+        self._stream.style = style
 
     def _window(self, hop: int) -> Window:
         """Generate the next window, and pass its condition to the constraint."""
@@ -120,15 +120,15 @@ class LiveMotion:
         first, stop = start - cut.context, start + cut.frames + cut.context
         features = self._speech_features(first, stop)
         if self._stream is None:
-            return self._chain.window(SpeechWindow(features), hop)
+            return self._chain.generate_joined(SpeechWindow(features), hop)
         margin = 0 if self._constraint is None else self._constraint.margin
         final, ends = start + hop + margin, start + cut.frames + CONDITION_MARGIN
-        ahead = self.ahead = self._stream.advance(self._speech_features, first, final, ends)
-        features, at = self._stream.conditioning(features, ahead, first), start - ahead.origin
+        streamed = self.ahead = self._stream.advance(self._speech_features, first, final, ends)
+        features, at = self._stream.conditioning(features, streamed, first), start - streamed.origin
         if self._constraint is not None:
-            self._constraint.go_on_with(ahead, at)
+            self._constraint.continue_with(streamed, at)
         window = SpeechWindow(features)
-        return self._chain.window(window, hop, ahead.condition, at)
+        return self._chain.generate_joined(window, hop, streamed.condition, at)
 
     def _speech_features(self, first: int, stop: int) -> Float[Tensor, "n dim"]:
         """Return features of frames ``first`` to ``stop``, extrapolated at both ends."""

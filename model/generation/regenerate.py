@@ -44,12 +44,12 @@ class GenerationState:
 
     motion: Motion
     condition: Any
-    fresh: tuple[range, ...]
+    changed_frames: tuple[range, ...]
     """Frames that differ from those of the version before; all frames of a first version."""
     windows: tuple[Window, ...]
     """Windows before they are joined."""
     conditioning: Float[Tensor, "T input_dim"]
-    followed: Mapping[str, Tensor]
+    constraint_state: Mapping[str, Tensor]
     """State of the constraint after the last frame, by name."""
 
 
@@ -57,14 +57,14 @@ def regenerate(
     system: System,
     speech: Speech,
     options: GenerateOptions,
-    before: GenerationState | None = None,
+    previous: GenerationState | None = None,
     should_cancel: Callable[[], bool] | None = None,
     on_piece: OnPiece = lambda motion: None,
 ) -> GenerationState:
     """Generate the motion of one sample and one condition as `generate_motion` does, and store it.
 
     Args:
-        before: the version with another condition; only what differs is generated again.
+        previous: the version with another condition; only what differs is generated again.
         on_piece: called with the next frames as soon as they are final.
 
     Raises:
@@ -72,16 +72,22 @@ def regenerate(
         Cancelled: if ``should_cancel`` returns true.
     """
     if options.samples != 1 or len(options.conditions) != 1:
-        raise ValueError("One sample with a condition is performed again; give one of each.")
+        raise ValueError(
+            "Only one sample with one condition can be regenerated; got "
+            f"{options.samples} samples and {len(options.conditions)} conditions."
+        )
     if system.root_motion != "place":
-        raise ValueError(f"{system.name} tells how the body travels, not where it is.")
-    cut, draw = system.windowing, first_window_spec(system, options)
-    former_followed = None if before is None else before.followed
+        raise ValueError(
+            f"{system.name} cannot be regenerated: it predicts the velocity of the body, not its "
+            "position."
+        )
+    cut, spec = system.windowing, first_window_spec(system, options)
+    former_followed = None if previous is None else previous.constraint_state
     constraint = system.make_constraint(options.conditions[0], former_followed)
     count = num_windows(speech.num_frames, cut.frames, cut.overlap)
     with single_threaded():
         conditioning = system.conditioning(
-            speech.waveform, cut.frames + (count - 1) * cut.advance, draw
+            speech.waveform, cut.frames + (count - 1) * cut.advance, spec
         )
         chain = WindowChain(system, options)
         windows: list[Window] = []
@@ -92,9 +98,9 @@ def regenerate(
         for k in range(count):
             where = k * cut.advance, cut.frames, cut.context
             window = SpeechWindow.of(conditioning, *where)
-            old = None if before is None else before.windows[k]
-            is_same = before is not None and _same(
-                window, SpeechWindow.of(before.conditioning, *where)
+            old = None if previous is None else previous.windows[k]
+            is_same = previous is not None and _same(
+                window, SpeechWindow.of(previous.conditioning, *where)
             )
             if old is not None and is_same and not leads_here:
                 windows.append(old)
@@ -112,7 +118,7 @@ def regenerate(
                     stop = speech.num_frames
                 fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
             joined = chain.join(windows[-1])
-            origin = (windows if before is None else before.windows)[0]
+            origin = (windows if previous is None else previous.windows)[0]
             regenerated = regenerated or PiecewiseMotion(system, origin.root[:, :1], constraint)
             length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
             if length:  # a last window may hold only frames beyond the speech
@@ -165,13 +171,15 @@ STATE_SUFFIX = ".windows"
 _CONDITIONING, _FOLLOWED = "heard", "followed."
 
 
-def save_state(performance: GenerationState, path: Path) -> None:
+def save_state(state: GenerationState, path: Path) -> None:
     """Write the windows and their input features, bit-exact; the rest has separate files."""
-    fields = [window.fields_of(slice(None)) for window in performance.windows]
+    fields = [window.fields_of(slice(None)) for window in state.windows]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:
-        followed = {_FOLLOWED + name: condition for name, condition in performance.followed.items()}
-        conditioning = performance.conditioning.contiguous()
+        followed = {
+            _FOLLOWED + name: condition for name, condition in state.constraint_state.items()
+        }
+        conditioning = state.conditioning.contiguous()
         part.write_bytes(save({_CONDITIONING: conditioning, **followed, **tensors}))
 
 

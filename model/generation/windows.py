@@ -102,7 +102,7 @@ def generate_motion(
     return [concatenate(motions[sample]) for sample in range(options.samples)]
 
 
-def generation_ms(system: System, speech: Speech, steps: int, samples: int = 1) -> float:
+def measure_ms_per_frame(system: System, speech: Speech, steps: int, samples: int = 1) -> float:
     """Measure the milliseconds per frame and sample, without the computation of speech features."""
     options = GenerateOptions(next(iter(system.speakers)), steps=steps, samples=samples)
     started = time.perf_counter()
@@ -118,7 +118,7 @@ class MotionPiece:
     """One motion for each sample from `first_sample` on."""
     first_sample: int
     """Index of the first sample, from 0 among the requested ones."""
-    share: float
+    progress: float
     """Share of the system's work that is done with this piece, 0 to 1."""
 
 
@@ -145,8 +145,8 @@ def motion_pieces(
         first = options.first_sample + sample
         own = replace(options, samples=1, first_sample=first, conditions=(one,))
         for piece in _generate_pieces(system, speech, own, should_cancel):
-            share = (sample + piece.share) / options.samples
-            yield replace(piece, first_sample=sample, share=share)
+            progress = (sample + piece.progress) / options.samples
+            yield replace(piece, first_sample=sample, progress=progress)
 
 
 def draw_conditions(system: System, speech: Speech, options: GenerateOptions) -> tuple[Any, ...]:
@@ -156,9 +156,9 @@ def draw_conditions(system: System, speech: Speech, options: GenerateOptions) ->
 
 
 def _drawn(system: System, speech: Speech, options: GenerateOptions) -> Iterator[Any]:
-    draw = first_window_spec(system, options)
+    spec = first_window_spec(system, options)
     for sample in range(options.samples):
-        one = replace(draw, first_sample=draw.first_sample + sample)
+        one = replace(spec, first_sample=spec.first_sample + sample)
         yield system.condition(speech.waveform, speech.num_frames, one)
 
 
@@ -181,7 +181,7 @@ def _generate_pieces(
         speech_window = SpeechWindow.of(features, index * cut.advance, cut.frames, cut.context)
         length = min(left, cut.frames if index == count - 1 else cut.advance)
         left -= length
-        motions = pieces.append(chain.window(speech_window).part(slice(length)))
+        motions = pieces.append(chain.generate_joined(speech_window).part(slice(length)))
         yield MotionPiece(motions, 0, (index + 1) / count)
 
 
@@ -194,7 +194,7 @@ class WindowChain:
         self._made: Window | None = None
         self._end: Window | None = None
 
-    def window(
+    def generate_joined(
         self,
         speech: SpeechWindow,
         advance: int | None = None,

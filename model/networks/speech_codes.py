@@ -19,7 +19,7 @@ from conventions.rates import FPS
 from model.motion.packing import Normaliser
 from model.networks.trained import TrainedWeights
 from model.speech.audio import Speech
-from model.speech.encoder import PHONES, SPEECH_ENCODER, SPEECH_LABELS, CodesConfig
+from model.speech.encoder import PHONES, SPEECH_ENCODER, SPEECH_LABELS, SpeechCodesConfig
 from model.speech.features import MelEncoder
 from model.speech.transcript import Accent
 
@@ -39,7 +39,7 @@ class SpeechPredictions:
 class CodesNetwork(nn.Module):
     """Dilated convolutions over `MelEncoder`'s features, and linear outputs of their codes."""
 
-    def __init__(self, config: CodesConfig) -> None:
+    def __init__(self, config: SpeechCodesConfig) -> None:
         super().__init__()
         width = config.width
         self.config = config
@@ -86,7 +86,7 @@ class SpeechCodes:
 def load_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:
     """Load the speech encoder."""
     trained = TrainedWeights.read(folder, SPEECH_ENCODER)
-    network = trained.as_of(CodesNetwork(trained.card.config(CodesConfig, "codes")))
+    network = trained.as_of(CodesNetwork(trained.card.config(SpeechCodesConfig, "codes")))
     return SpeechCodes(network.to(device), trained.normaliser.to(device), trained.sha256)
 
 

@@ -100,8 +100,8 @@ def parse_textgrid(text: str, name: str, error: type[ValueError]) -> tuple[list[
         count = num_rows if rows or len(numbers) < 3 else numbers[2]
         if len(rows) < count:
             raise error(
-                f"{name} is cut off or damaged: of {count:g} rows of its tier "
-                f"{called[:40]!r} {len(rows)} are there; save it again."
+                f"{name} is cut off or damaged: its tier {called[:40]!r} should have {count:g} "
+                f"rows and has {len(rows)}; save it again."
             )
         tiers.append(NamedTier(called, tuple(rows), kind == "TextTier"))
 
@@ -126,7 +126,7 @@ def parse_textgrid(text: str, name: str, error: type[ValueError]) -> tuple[list[
             if len(numbers) < times:
                 raise error(
                     f"{name} is cut off or damaged: {text_value[:40]!r} in its tier "
-                    f"{called[:40]!r} has no time where it begins or ends; save it again."
+                    f"{called[:40]!r} has no start or end time; save it again."
                 )
             if not rows and len(numbers) == times + 3:  # after the tier's two times and its count
                 num_rows = numbers[2]
@@ -136,8 +136,8 @@ def parse_textgrid(text: str, name: str, error: type[ValueError]) -> tuple[list[
         end_tier()
     if len(tiers) < num_tiers:
         raise error(
-            f"{name} is cut off or damaged: of {num_tiers:g} tiers {len(tiers)} are there; save "
-            "it again."
+            f"{name} is cut off or damaged: it should have {num_tiers:g} tiers and has "
+            f"{len(tiers)}; save it again."
         )
     return tiers, length
 
@@ -244,12 +244,14 @@ def parse_elan(data: bytes, name: str) -> tuple[list[NamedTier], float, tuple[st
         raise PlanError(f"{name} is not an ELAN file (.eaf).")
     header = root.find("HEADER")
     if header is not None and header.get("TIME_UNITS", "milliseconds") != "milliseconds":
-        raise PlanError(f"{name} counts time in {header.get('TIME_UNITS')!r:.40}, not in ms.")
+        raise PlanError(
+            f"{name} has the time unit {header.get('TIME_UNITS')!r:.40}; it must be milliseconds."
+        )
     slots, notes = _slots(root, name), ()
     if (origin_s := _media_origin_s(root, name)) != 0:
         slots = {slot: max(0.0, time_s + origin_s) for slot, time_s in slots.items()}
         notes = (
-            f"{name}: its timeline in ELAN begins {origin_s:g} s after the start of the media "
+            f"{name}: the ELAN timeline begins {origin_s:g} s after the start of the media "
             f"(TIME_ORIGIN), so {origin_s:g} s were added to all times.",
         )
     durations = (
@@ -332,7 +334,7 @@ def _label(label: str) -> str:
     if any("\ud800" <= sign <= "\udfff" for sign in label):
         raise PlanError(f"The name {label[:40]!r} is not text.")
     if not all(sign in "\t\n" or (" " <= sign and sign not in "\ufffe\uffff") for sign in label):
-        raise PlanError(f"The name {label[:40]!r} has a character that an ELAN file cannot hold.")
+        raise PlanError(f"The name {label[:40]!r} has a character that ELAN files do not allow.")
     return label
 
 
@@ -358,18 +360,20 @@ def _parsed(data: bytes, name: str) -> ET.Element:
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", data.replace(b"\0", b""), re.IGNORECASE):
         raise PlanError(f"{name} defines a document type, which ELAN files do not have.")
     if data.count(b"<") > 2 * MAX_ELEMENTS:  # before any of them takes time
-        raise PlanError(f"{name} has more elements than any ELAN file (at most {MAX_ELEMENTS:,}).")
+        raise PlanError(f"{name} has more than {MAX_ELEMENTS:,} elements, the limit.")
     if (
         max(map(len, data.split(b"<"))) > MAX_TAG_BYTES
     ):  # of attributes each costs more than all before
-        raise PlanError(f"{name} has a label or tag of more than {MAX_TAG_BYTES:,} bytes.")
+        raise PlanError(f"{name} has a label or tag of over {MAX_TAG_BYTES:,} bytes, the limit.")
     depth = count = 0
     try:
         events = ET.iterparse(io.BytesIO(data), ("start", "end"))
         for event, _ in events:
             depth, count = (depth + 1, count + 1) if event == "start" else (depth - 1, count)
             if depth > MAX_DEPTH or count > MAX_ELEMENTS:
-                raise PlanError(f"{name} is nested deeper or has more elements than any ELAN file.")
+                raise PlanError(
+                    f"{name} has more than {MAX_ELEMENTS:,} elements, or over {MAX_DEPTH} levels."
+                )
         return events.root  # pyright: ignore[reportAttributeAccessIssue]
     except PlanError:
         raise
@@ -398,7 +402,7 @@ def _slots(root: ET.Element, file: str) -> dict[str, float]:
         if not value.isascii() or not value.isdigit() or len(value) > 9:
             raise PlanError(f"{file}: the time {value[:20]!r} is not a number of milliseconds.")
         if int(value) > MAX_HOURS * 3_600_000:
-            raise PlanError(f"{file}: it is longer than {MAX_HOURS} hours.")
+            raise PlanError(f"{file} is longer than {MAX_HOURS} hours, the limit.")
         slots.append(k)
         times.append(int(value) / 1000)
     if not slots:

@@ -86,10 +86,10 @@ def plan_from_motion(motion: Motion, skeleton: RestSkeleton) -> GesturePlan:
 
 
 def hand_phases(
-    wrist: Float[np.ndarray, "T 3"], other: Float[np.ndarray, "T 3"]
+    wrist: Float[np.ndarray, "T 3"], other_wrist: Float[np.ndarray, "T 3"]
 ) -> Iterator[HandPhase]:
     """Detect the phases of one hand over the whole motion."""
-    likely, stay, change = _likelihoods(hand_features(wrist, other))
+    likely, stay, change = _likelihoods(hand_features(wrist, other_wrist))
     states = _most_likely(likely, stay, change)
     smooth = gaussian_filter1d(wrist, 1.0, axis=0)
     speed = np.zeros(len(wrist))
@@ -108,10 +108,10 @@ def hand_phases(
 
 
 def hand_features(
-    wrist: Float[np.ndarray, "T 3"], other: Float[np.ndarray, "T 3"]
+    wrist: Float[np.ndarray, "T 3"], other_wrist: Float[np.ndarray, "T 3"]
 ) -> Float[np.ndarray, "T 10"]:
     """Compute classifier features: position relative to the hand's usual one, velocity, speeds."""
-    own, beside = (gaussian_filter1d(path, 1.0, axis=0) for path in (wrist, other))
+    own, beside = (gaussian_filter1d(path, 1.0, axis=0) for path in (wrist, other_wrist))
     if len(own) < 2:
         return np.zeros((len(own), 10), np.float32)
     velocity, swing = (np.gradient(path, axis=0) * FPS for path in (own, beside))

@@ -17,18 +17,18 @@ from model.plan.kinds import (
     BIMANUAL_TOLERANCE_S,
     HOLD_S,
     MIN_REST_S,
-    PLACES,
     PREPARATION_S,
-    REST_PLACE,
+    REST_POSITION,
     RETRACTION_S,
     STROKE_END_IN_WORD,
     STROKE_S,
     TWO_HANDED_KINDS,
-    Place,
-    Stroke,
-    default_place,
-    gesture_strokes,
-    preparation_place,
+    USUAL_STROKE_ENDS,
+    GestureSpan,
+    Position,
+    gesture_spans,
+    preparation_goal,
+    usual_stroke_end,
 )
 from model.plan.plan import (
     SIDES,
@@ -71,7 +71,7 @@ class Gesture:
     """Identity of a gesture: its hand and the end of its last stroke."""
 
     side: Side
-    lands_s: float
+    stroke_end_s: float
 
 
 class NoRoomError(PlanError):
@@ -90,9 +90,7 @@ def _phases(plan: GesturePlan, side: Side) -> list[HandPhase]:
 
 def gestures(plan: GesturePlan, side: Side) -> tuple[Gesture, ...]:
     """Return the gestures of a hand in order of time."""
-    return tuple(
-        Gesture(side, s.last_stroke.end_s) for s in gesture_strokes(plan) if s.side == side
-    )
+    return tuple(Gesture(side, s.last_stroke.end_s) for s in gesture_spans(plan) if s.side == side)
 
 
 def stroke_time_on_word(word: Interval) -> float:
@@ -101,9 +99,9 @@ def stroke_time_on_word(word: Interval) -> float:
 
 
 def move_gesture(
-    plan: GesturePlan, gesture: Gesture, lands_s: float, word: str | None = None
+    plan: GesturePlan, gesture: Gesture, stroke_end_s: float, word: str | None = None
 ) -> PlanResult:
-    """Move a gesture in time, so that its last stroke ends at ``lands_s``.
+    """Move a gesture in time, so that its last stroke ends at ``stroke_end_s``.
 
     Args:
         word: the new word of its strokes; None leaves the old one.
@@ -111,7 +109,7 @@ def move_gesture(
     phases, block = _taken_out(plan, gesture)
     if word is not None:
         block = [replace(one, word=word if one.phase == "stroke" else "") for one in block]
-    by_s = lands_s - gesture.lands_s
+    by_s = stroke_end_s - gesture.stroke_end_s
     block = [replace(p, start_s=p.start_s + by_s, end_s=p.end_s + by_s) for p in block]
     return _laid(plan, gesture.side, phases, block)
 
@@ -123,24 +121,26 @@ def delete_gesture(plan: GesturePlan, gesture: Gesture) -> PlanResult:
 
 
 def add_gesture(
-    plan: GesturePlan, kind: str, lands_s: float, hands: Hands | None = None, word: str = ""
+    plan: GesturePlan, kind: str, stroke_end_s: float, hands: Hands | None = None, word: str = ""
 ) -> PlanResult:
-    """Add a gesture of the palette with a stroke that ends at ``lands_s``.
+    """Add a gesture of the palette with a stroke that ends at ``stroke_end_s``.
 
     Args:
         hands: None is both for kinds that both hands make, or else the right.
     """
-    if kind not in PLACES:
-        raise PlanError(f"There is no gesture {kind[:40]!r}; choose one of {', '.join(PLACES)}.")
+    if kind not in USUAL_STROKE_ENDS:
+        raise PlanError(
+            f"There is no gesture {kind[:40]!r}; choose one of {', '.join(USUAL_STROKE_ENDS)}."
+        )
     hands = hands or ("both" if kind in TWO_HANDED_KINDS else "right")
-    goal = default_place(kind)
-    strikes_s = lands_s - STROKE_S
+    goal = usual_stroke_end(kind)
+    strikes_s = stroke_end_s - STROKE_S
     block = [
         HandPhase(
-            strikes_s - PREPARATION_S, strikes_s, "preparation", preparation_place(goal), kind
+            strikes_s - PREPARATION_S, strikes_s, "preparation", preparation_goal(goal), kind
         ),
-        HandPhase(strikes_s, lands_s, "stroke", goal, kind, word),
-        HandPhase(lands_s, lands_s + HOLD_S, "hold", goal, kind),
+        HandPhase(strikes_s, stroke_end_s, "stroke", goal, kind, word),
+        HandPhase(stroke_end_s, stroke_end_s + HOLD_S, "hold", goal, kind),
     ]
     return _on_hands(plan, _sides(hands), block)
 
@@ -158,7 +158,7 @@ def change_hands(plan: GesturePlan, gesture: Gesture, hands: Hands) -> PlanResul
 def set_hold(plan: GesturePlan, gesture: Gesture, hold_s: float) -> PlanResult:
     """Set the length of the hold at the end of a gesture; 0 removes it."""
     if not 0 <= hold_s < math.inf:
-        raise PlanError(f"A hold lasts 0 s or longer; got {hold_s:g} s.")
+        raise PlanError(f"The hold must last 0 s or longer; got {hold_s:g} s.")
     phases, block = _taken_out(plan, gesture)
     while block[-1].phase == "hold":
         block.pop()
@@ -177,10 +177,10 @@ def set_hold(plan: GesturePlan, gesture: Gesture, hold_s: float) -> PlanResult:
 def scale_gesture(plan: GesturePlan, gesture: Gesture, size: float) -> PlanResult:
     """Scale a gesture's goals about the rest position by a factor."""
     if not 0.1 <= size <= 4:
-        raise PlanError(f"A size is .1 to 4 times as large; got {size:g}.")
+        raise PlanError(f"The size factor must be from 0.1 to 4; got {size:g}.")
 
-    def grown(goal: Place) -> Place:
-        out, up, forward = (r + size * (g - r) for g, r in zip(goal, REST_PLACE, strict=True))
+    def grown(goal: Position) -> Position:
+        out, up, forward = (r + size * (g - r) for g, r in zip(goal, REST_POSITION, strict=True))
         return out, up, forward
 
     return _with_goals(plan, gesture, grown)
@@ -189,25 +189,25 @@ def scale_gesture(plan: GesturePlan, gesture: Gesture, size: float) -> PlanResul
 def raise_gesture(plan: GesturePlan, gesture: Gesture, by_m: float) -> PlanResult:
     """Raise or lower a gesture by metres."""
     if not abs(by_m) <= 1:
-        raise PlanError(f"A gesture is at most 1 m higher or lower; got {by_m:g} m.")
+        raise PlanError(f"The change in height must be at most 1 m up or down; got {by_m:g} m.")
     return _with_goals(plan, gesture, lambda goal: (goal[0], goal[1] + by_m, goal[2]))
 
 
 def speed_up_gesture(plan: GesturePlan, gesture: Gesture, speed: float) -> PlanResult:
     """Change the speed of preparation and strokes by a factor; holds and strokes' end stay."""
     if not 0.2 <= speed <= 5:
-        raise PlanError(f"A speed is .2 to 5 times as fast; got {speed:g}.")
+        raise PlanError(f"The speed factor must be from 0.2 to 5; got {speed:g}.")
     phases, block = _taken_out(plan, gesture)
     notes: list[str] = []
-    at_s, slower = gesture.lands_s, []
-    for one in reversed([p for p in block if p.end_s <= gesture.lands_s + 1e-9]):
+    at_s, slower = gesture.stroke_end_s, []
+    for one in reversed([p for p in block if p.end_s <= gesture.stroke_end_s + 1e-9]):
         wanted = (one.end_s - one.start_s) / (1 if one.phase == "hold" else speed)
         lasts = max(wanted, _least(one))
         if lasts > wanted + 1e-9:
-            notes.append(f"Its {one.phase} lasts {lasts:.2f} s; hands need as long.")
+            notes.append(f"The {one.phase} now lasts {lasts:.2f} s, the shortest possible.")
         slower.append(replace(one, start_s=at_s - lasts, end_s=at_s))
         at_s -= lasts
-    after = [one for one in block if one.end_s > gesture.lands_s + 1e-9]
+    after = [one for one in block if one.end_s > gesture.stroke_end_s + 1e-9]
     edited = _laid(plan, gesture.side, phases, [*reversed(slower), *after])
     return replace(edited, notes=(*notes, *edited.notes))
 
@@ -221,11 +221,11 @@ def move_phase_end(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> 
     phases = _phases(plan, side)
     k = _ending_at(phases, end_s)
     if k is None:
-        raise PlanError(f"The {side} hand does nothing that ends at {end_s:.2f} s.")
+        raise PlanError(f"No phase of the {side} hand ends at {end_s:.2f} s.")
     if k == len(phases) - 1:
         raise PlanError(
-            f"The {side} hand's {phases[k].phase} ends with the speech; an end before that can be "
-            "moved."
+            f"The {side} hand's last phase, a {phases[k].phase}, ends with the speech; its end "
+            "cannot be moved."
         )
     one, then = phases[k], phases[k + 1]
     if then.phase == "retraction":
@@ -250,7 +250,7 @@ def move_phase_end(plan: GesturePlan, side: Side, end_s: float, at_s: float) -> 
     return PlanResult(plan.with_hand(side, tuple(changed)), (why,) if why else ())
 
 
-def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
+def other_hand_phase_end(plan: GesturePlan, side: Side, end_s: float) -> float | None:
     """Return the end of the other hand's corresponding phase of a gesture, or None."""
     filled = replace(plan, left=tuple(_phases(plan, "left")), right=tuple(_phases(plan, "right")))
     k = _ending_at(filled.hand(side), end_s)
@@ -261,7 +261,7 @@ def counterpart(plan: GesturePlan, side: Side, end_s: float) -> float | None:
         return None
     near = [
         phase.end_s
-        for phase in filled.hand(partner.side)[theirs.first : theirs.last + 1]
+        for phase in filled.hand(partner.side)[theirs.first_phase : theirs.last_phase + 1]
         if phase.phase == filled.hand(side)[k].phase
         and abs(phase.end_s - end_s) < BIMANUAL_TOLERANCE_S
     ]
@@ -285,7 +285,7 @@ def _before_way_back(
             if until_s > duration_s - TIME_TOLERANCE_S
             else "the next gesture begins"
         )
-        why = f"There is no time to go back to rest: the hold lasts until {end}, {until_s:.2f} s."
+        why = f"The hold lasts until {end} at {until_s:.2f} s: there is no time for a retraction."
         return [*phases[:k], replace(one, end_s=until_s), *after], why
     if to_s > latest_s:
         to_s, why = latest_s, _needs(one, back, latest_s)
@@ -301,13 +301,13 @@ def _no_earlier(one: HandPhase, at_s: float) -> tuple[float, str]:
     earliest_s = one.start_s + _least(one)
     if at_s >= earliest_s - _TINY_S:
         return at_s, ""
-    why = f"The {one.phase} ends at {earliest_s:.2f} s: it lasts {_least(one):.2g} s at least."
+    why = f"The {one.phase} ends at {earliest_s:.2f} s: it must last at least {_least(one):.2g} s."
     return earliest_s, why
 
 
 def _needs(one: HandPhase, then: HandPhase, latest_s: float) -> str:
     return (
-        f"The {one.phase} ends at {latest_s:.2f} s: the {then.phase} after it needs "
+        f"The {one.phase} ends at {latest_s:.2f} s: the next {then.phase} needs at least "
         f"{_least(then):.2g} s."
     )
 
@@ -352,16 +352,19 @@ def _sides(hands: Hands) -> tuple[Side, ...]:
     return SIDES if hands == "both" else (hands,)
 
 
-def _find_stroke(plan: GesturePlan, gesture: Gesture) -> Stroke | None:
+def _find_stroke(plan: GesturePlan, gesture: Gesture) -> GestureSpan | None:
     """Return the plan's stroke of a gesture, within a hundredth of a second."""
-    own = (stroke for stroke in gesture_strokes(plan) if stroke.side == gesture.side)
-    off = {abs(stroke.last_stroke.end_s - gesture.lands_s): stroke for stroke in own}
+    own = (stroke for stroke in gesture_spans(plan) if stroke.side == gesture.side)
+    off = {abs(stroke.last_stroke.end_s - gesture.stroke_end_s): stroke for stroke in own}
     return off[min(off)] if off and min(off) < TIME_TOLERANCE_S else None
 
 
 def _gesture_with(plan: GesturePlan, side: Side, phase: HandPhase) -> Gesture | None:
-    for stroke in gesture_strokes(plan):
-        if stroke.side == side and phase in plan.hand(side)[stroke.first : stroke.last + 1]:
+    for stroke in gesture_spans(plan):
+        if (
+            stroke.side == side
+            and phase in plan.hand(side)[stroke.first_phase : stroke.last_phase + 1]
+        ):
             return Gesture(side, stroke.last_stroke.end_s)
     return None
 
@@ -370,7 +373,9 @@ def other_hand_gesture(plan: GesturePlan, gesture: Gesture) -> Gesture | None:
     """Return the other hand's gesture with a stroke that ends at the same time."""
     other = SIDES[1 - SIDES.index(gesture.side)]
     near = [
-        g for g in gestures(plan, other) if abs(g.lands_s - gesture.lands_s) < BIMANUAL_TOLERANCE_S
+        g
+        for g in gestures(plan, other)
+        if abs(g.stroke_end_s - gesture.stroke_end_s) < BIMANUAL_TOLERANCE_S
     ]
     return near[0] if near else None
 
@@ -381,11 +386,12 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
     stroke = _find_stroke(plan.with_hand(gesture.side, tuple(phases)), gesture)
     if stroke is None:
         raise PlanError(
-            f"The {gesture.side} hand has no gesture whose stroke ends at {gesture.lands_s:.2f} s."
+            f"The {gesture.side} hand has no gesture whose stroke ends at "
+            f"{gesture.stroke_end_s:.2f} s."
         )
-    block = phases[stroke.first : stroke.last + 1]
-    before = phases[stroke.first - 1] if stroke.first > 0 else None
-    after = stroke.last + 1
+    block = phases[stroke.first_phase : stroke.last_phase + 1]
+    before = phases[stroke.first_phase - 1] if stroke.first_phase > 0 else None
+    after = stroke.last_phase + 1
     if before is None or before.phase in ("rest", "retraction"):
         if after < len(phases) and phases[after].phase == "retraction":
             after += 1
@@ -394,12 +400,12 @@ def _taken_out(plan: GesturePlan, gesture: Gesture) -> tuple[list[HandPhase], li
     else:
         start_s, end_s = block[0].start_s, block[-1].end_s
         still = HandPhase(start_s, end_s, "hold", before.goal, before.kind)
-    return _merged([*phases[: stroke.first], still, *phases[after:]]), block
+    return _merged([*phases[: stroke.first_phase], still, *phases[after:]]), block
 
 
-def _rest_goal(phases: Sequence[HandPhase]) -> Place:
+def _rest_goal(phases: Sequence[HandPhase]) -> Position:
     """Return the goal of the hand's first rest."""
-    return next((p.goal for p in phases if p.phase in ("rest", "retraction")), REST_PLACE)
+    return next((p.goal for p in phases if p.phase in ("rest", "retraction")), REST_POSITION)
 
 
 def _merged(phases: Sequence[HandPhase]) -> list[HandPhase]:
@@ -434,7 +440,7 @@ def _laid(
     least_s = MIN_PHASE_S["stroke"]
     k = next(k for k, one in enumerate(body) if one.phase == "stroke")
     if body[k].end_s - body[k].start_s < least_s - _TINY_S:
-        notes.append(f"Its stroke was shorter than {least_s:g} s and begins earlier.")
+        notes.append(f"The stroke was shorter than {least_s:g} s, so its start was moved earlier.")
         stroke = replace(body[k], start_s=body[k].end_s - least_s)
         body = [*_until(body[:k], stroke.start_s), stroke, *body[k + 1 :]]
     strikes_s = body[0].start_s
@@ -453,7 +459,8 @@ def _laid(
             kind = f" ({one.kind.replace('_', ' ')})" if one.kind else ""
             raise NoRoomError(
                 f"The {side} hand makes a {one.phase}{kind} from {one.start_s:.2f} to "
-                f"{one.end_s:.2f} s; there is no time from {strikes_s:.2f} to {busy_s:.2f} s.",
+                f"{one.end_s:.2f} s; there is no time for a stroke from {strikes_s:.2f} to "
+                f"{busy_s:.2f} s.",
                 one.kind,
                 _gesture_with(plan.with_hand(side, tuple(phases)), side, one),
             )
@@ -481,7 +488,7 @@ def _preparation(
         return None
     start_s = stroke.start_s - PREPARATION_S
     return HandPhase(
-        start_s, stroke.start_s, "preparation", preparation_place(stroke.goal), stroke.kind
+        start_s, stroke.start_s, "preparation", preparation_goal(stroke.goal), stroke.kind
     )
 
 
@@ -530,7 +537,9 @@ def _back_to_rest(
     return HandPhase(from_s, back_s, "retraction", goal), rest
 
 
-def _with_goals(plan: GesturePlan, gesture: Gesture, new: Callable[[Place], Place]) -> PlanResult:
+def _with_goals(
+    plan: GesturePlan, gesture: Gesture, new: Callable[[Position], Position]
+) -> PlanResult:
     phases, block = _taken_out(plan, gesture)
     changed = [replace(one, goal=new(one.goal)) for one in block]
     return _laid(plan, gesture.side, phases, changed)
@@ -544,10 +553,10 @@ def clamp_to_reach(block: Sequence[HandPhase]) -> tuple[list[HandPhase], tuple[s
         far = math.dist(one.goal, (0.0, 0.0, 0.0)) / ARM_M
         if far > 1:
             out, up, forward = out / far, up / far, forward / far
-            notes.append(f"A place out of reach was brought to {ARM_M:g} m from the chest.")
+            notes.append(f"A hand position out of reach was moved to {ARM_M:g} m from the chest.")
         is_inside = abs(out) < BODY_WIDTH_M and MIN_UP_M < up < MAX_UP_M
         if is_inside and forward < BODY_DEPTH_M:
             forward = BODY_DEPTH_M
-            notes.append("A place inside the body was brought before it.")
+            notes.append("A hand position inside the body was moved in front of it.")
         clamped.append(replace(one, goal=tuple(round(n, 4) for n in (out, up, forward))))
     return clamped, tuple(dict.fromkeys(notes))

@@ -62,7 +62,7 @@ def _of_json(data: bytes, file: str) -> GesturePlan:
         raise PlanError(f"{file} cannot be used: {error}.") from None
 
 
-def annotated_plan(path: Path) -> GesturePlan:
+def read_annotated_plan(path: Path) -> GesturePlan:
     """Read the plan in a TextGrid of the corpus, with phases and goals of both hands.
 
     Raises:
@@ -81,23 +81,25 @@ def _grid_tiers(data: bytes, file: str) -> tuple[list[NamedTier], float, tuple[s
     text, notes = decode_text(data, file, PlanError)
     tiers, duration_s = parse_textgrid(text, file, PlanError)
     if not tiers:
-        raise PlanError(f"{file} has no tier at all.")
+        raise PlanError(f"{file} has no tiers.")
     if not 0 < duration_s < 1e6:
-        raise PlanError(f"{file} lasts {duration_s:g} s, which is not a length of a plan.")
+        raise PlanError(
+            f"{file} lasts {duration_s:g} s; it must last more than 0 s and less than 1,000,000 s."
+        )
     named: list[NamedTier] = []
     for tier in tiers:
         rows = tuple(row for row in tier.rows if row.text or tier.has_points)
         for row in rows:
             if not (0 <= row.start_s < 1e6 and 0 <= row.end_s < 1e6):
                 raise PlanError(
-                    f"{file} has {row.text[:40]!r} from {row.start_s:g} to {row.end_s:g} s, "
-                    "which is not a time of a plan."
+                    f"{file} has {row.text[:40]!r} from {row.start_s:g} to {row.end_s:g} s; times "
+                    "must be from 0 s to less than 1,000,000 s."
                 )
         named.append(NamedTier(tier.name, rows, tier.has_points))
     return named, duration_s, notes
 
 
-def check_ending(path: Path) -> None:
+def check_plan_suffix(path: Path) -> None:
     """Check that a file's suffix is one of a plan.
 
     Raises:
@@ -120,7 +122,7 @@ def write_plan_file(plan: GesturePlan, path: Path, speech: Path | None = None) -
         PlanError: if the suffix is none of ours, or the format cannot hold the plan.
         WriteError: with the reason.
     """
-    check_ending(path)
+    check_plan_suffix(path)
     ending = path.suffix.lower()
     if ending == ".json":
         text = plan.as_json()
@@ -144,7 +146,7 @@ def plan_markers(plan: GesturePlan) -> list[tuple[float, str]]:
             if phase.phase != "rest":
                 markers.append((phase.start_s, f"{side} {phase.phase}{kind}{word}"))
     for look in plan.looks:
-        markers.append((look.start_s, f"look {look.yaw_deg:.0f}° {look.pitch_deg:.0f}°"))
+        markers.append((look.start_s, f"gaze {look.yaw_deg:.0f}° {look.pitch_deg:.0f}°"))
     markers += [(brow.time_s, "frown" if brow.height < 0 else "brows") for brow in plan.brows]
     return sorted([*markers, *((blink.time_s, "blink") for blink in plan.blinks)])
 

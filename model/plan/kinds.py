@@ -1,9 +1,9 @@
 """Kinds of gestures: their usual hand positions, and the choice of a kind for a stroke.
 
-A user chooses from the palette (`PLACES`). For a generated plan, a network decides when and where
-hands move; the kind is then drawn from statistics of annotated plans (`KindTable`): how often each
-speaker makes it, where its strokes end, whether both hands make it, and which words trigger it. A
-kind determines the shape and orientation of the hand.
+A user chooses from the palette (`USUAL_STROKE_ENDS`). For a generated plan, a network decides when
+and where hands move; the kind is then drawn from statistics of annotated plans (`KindTable`): how
+often each speaker makes it, where its strokes end, whether both hands make it, and which words
+trigger it. A kind determines the shape and orientation of the hand.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from model.plan.plan import GAP_S, SIDES, STILL_PHASES, GesturePlan, HandPhase, 
 if TYPE_CHECKING:
     from torch import Tensor
 
-Place = tuple[float, float, float]
+Position = tuple[float, float, float]
 
-REST_PLACE: Place = (0.25, -0.26, 0.25)
+REST_POSITION: Position = (0.25, -0.26, 0.25)
 """Usual rest position of a wrist: before the body."""
-PREPARATION_OFFSET: Place = (-0.066, 0.005, -0.049)
+PREPARATION_OFFSET: Position = (-0.066, 0.005, -0.049)
 """Offset of the preparation's goal from the stroke's: nearer to the body."""
-PLACES: Mapping[str, Place] = MappingProxyType({
+USUAL_STROKE_ENDS: Mapping[str, Position] = MappingProxyType({
     "all": (0.33, -0.08, 0.28), "arc": (0.33, -0.13, 0.30), "back": (0.30, 0.12, 0.20),
     "beat": (0.23, -0.20, 0.35), "big": (0.32, 0.00, 0.28), "brush": (0.26, -0.15, 0.32),
     "carry": (0.19, -0.09, 0.33), "chop": (0.19, -0.10, 0.36), "cup_both": (0.11, -0.13, 0.32),
@@ -58,34 +58,34 @@ TWO_HANDED_KINDS = frozenset({
 """Kinds that both hands make together."""
 
 
-def default_place(kind: str) -> Place:
+def usual_stroke_end(kind: str) -> Position:
     """Return the usual stroke end of a kind; a default for an unknown kind."""
-    return PLACES.get(kind, PLACES["offer"])
+    return USUAL_STROKE_ENDS.get(kind, USUAL_STROKE_ENDS["offer"])
 
 
-def preparation_place(goal: Place) -> Place:
+def preparation_goal(goal: Position) -> Position:
     """Return the goal of the preparation for a stroke that ends at ``goal``."""
     return _moved(goal, PREPARATION_OFFSET)
 
 
-def default_goal(phase: str, kind: str, before: Place) -> Place:
+def default_goal(phase: str, kind: str, before: Position) -> Position:
     """Return the default goal of a phase.
 
     Args:
         before: the goal of the phase before it.
     """
     if phase in ("rest", "retraction"):
-        return REST_PLACE
+        return REST_POSITION
     if phase == "preparation":
-        return preparation_place(default_place(kind))
+        return preparation_goal(usual_stroke_end(kind))
     if phase == "stroke":
-        return default_place(kind)
+        return usual_stroke_end(kind)
     if phase == "beat":
         return _moved(before, (0.0, -0.05, 0.01))
     return before
 
 
-def _moved(place: Place, by: Place) -> Place:
+def _moved(place: Position, by: Position) -> Position:
     out, up, forward = (round(a + b, 4) for a, b in zip(place, by, strict=True))
     return out, up, forward
 
@@ -113,13 +113,13 @@ _PRIOR_STROKES = 20
 
 
 @dataclass(frozen=True)
-class Stroke:
+class GestureSpan:
     """A gesture of one hand: preparation, pre-stroke hold, strokes, holds and beats after them."""
 
     side: Side
-    first: int
+    first_phase: int
     """Index of its first phase among the hand's."""
-    last: int
+    last_phase: int
     """Index of its last phase."""
     last_stroke: HandPhase
     is_bimanual: bool = False
@@ -131,15 +131,15 @@ class KindTable:
     """Statistics of K kinds in annotated plans."""
 
     names: tuple[str, ...]
-    by_speaker: Float[np.ndarray, "speakers K"]
+    shares_by_speaker: Float[np.ndarray, "speakers K"]
     """Smoothed share of each kind by speaker (speakers, K)."""
-    goal: Float[np.ndarray, "K 3"]
-    spread: Float[np.ndarray, "K 3"]
-    both: Float[np.ndarray, " K"]
+    mean_goals: Float[np.ndarray, "K 3"]
+    goal_deviations: Float[np.ndarray, "K 3"]
+    bimanual_shares: Float[np.ndarray, " K"]
     """Share of gestures of each kind (K,) that both hands make."""
-    calls: Mapping[str, Mapping[str, float]]
+    kind_shares_by_word: Mapping[str, Mapping[str, float]]
     """Share of each triggered kind among the strokes on a word, by word."""
-    struck: Mapping[str, float] = field(default_factory=dict)
+    stroke_shares_by_word: Mapping[str, float] = field(default_factory=dict)
     """Share of a triggering word's occurrences with a stroke, by word."""
 
     @staticmethod
@@ -154,7 +154,7 @@ class KindTable:
             word_counts: number of occurrences of each word in all plans.
         """
         counts: defaultdict[int, Counter[str]] = defaultdict(Counter)
-        goals: defaultdict[str, list[Place]] = defaultdict(list)
+        goals: defaultdict[str, list[Position]] = defaultdict(list)
         both: Counter[str] = Counter()
         on_word: defaultdict[str, Counter[str]] = defaultdict(Counter)
         landed: Counter[str] = Counter()
@@ -162,7 +162,7 @@ class KindTable:
         kinds: set[str] = {FOLLOW_BEATS}
         for plan, speaker in plans:
             kinds |= {phase.kind for side in SIDES for phase in plan.hand(side)}
-            for stroke in gesture_strokes(plan):
+            for stroke in gesture_spans(plan):
                 kind, word = stroke.last_stroke.kind, stroke.last_stroke.word
                 counts[speaker][kind] += 1
                 goals[kind].append(stroke.last_stroke.goal)
@@ -199,28 +199,32 @@ class KindTable:
         """Return the number of a kind, from 1; 0 for none or an unknown one."""
         return self.names.index(kind) + 1 if kind in self.names else 0
 
-    def tensors(self) -> dict[str, Tensor]:
+    def to_tensors(self) -> dict[str, Tensor]:
         """Return the tensors to save with trained weights."""
         import torch
 
-        words = sorted(self.calls)
-        called = [[self.calls[word].get(name, 0.0) for name in self.names] for word in words]
+        words = sorted(self.kind_shares_by_word)
+        called = [
+            [self.kind_shares_by_word[word].get(name, 0.0) for name in self.names] for word in words
+        ]
         arrays = {
-            "by_speaker": self.by_speaker, "goal": self.goal, "spread": self.spread,
-            "both": self.both, "called": np.array(called).reshape(len(words), len(self.names)),
+            "by_speaker": self.shares_by_speaker, "goal": self.mean_goals,
+            "spread": self.goal_deviations, "both": self.bimanual_shares,
+            "called": np.array(called).reshape(len(words), len(self.names)),
         }  # fmt: skip
         texts = {"names": self.names, "words": words}
+        struck = [self.stroke_shares_by_word.get(word, 0.0) for word in words]
         return {
             **{f"kinds.{name}": torch.tensor(list("\n".join(rows).encode()), dtype=torch.uint8)
                for name, rows in texts.items()},
-            "kinds.struck": torch.tensor([self.struck.get(word, 0.0) for word in words]),
+            "kinds.struck": torch.tensor(struck),
             **{f"kinds.{name}": torch.from_numpy(np.asarray(array, np.float32))
                for name, array in arrays.items()},
         }  # fmt: skip
 
     @staticmethod
-    def of_tensors(tensors: Mapping[str, Shaped[Tensor, " ..."]]) -> KindTable:
-        """Make the table from saved tensors; the inverse of `tensors`.
+    def from_tensors(tensors: Mapping[str, Shaped[Tensor, " ..."]]) -> KindTable:
+        """Make the table from saved tensors; the inverse of `to_tensors`.
 
         Raises:
             KeyError: if one is missing.
@@ -255,19 +259,21 @@ class KindTable:
         """
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
-        for stroke in sorted(gesture_strokes(plan), key=lambda one: one.last_stroke.end_s):
+        for stroke in sorted(gesture_spans(plan), key=lambda one: one.last_stroke.end_s):
             lands = stroke.last_stroke
             word = _word_at(words, lands.end_s)
-            partner = self.partner(landed, lands.end_s) if stroke.is_bimanual else ""
+            partner = self.simultaneous_kind(landed, lands.end_s) if stroke.is_bimanual else ""
             called = partner or self._called(word, rng)
             kind = called or self.sample_kind(stroke, speaker, rng)
             landed[lands.end_s] = kind
             phases = hands[stroke.side]
-            for k in range(stroke.first, stroke.last + 1):
+            for k in range(stroke.first_phase, stroke.last_phase + 1):
                 phases[k] = replace(phases[k], kind=kind)
-            at = stroke.first + [p.end_s for p in phases[stroke.first :]].index(lands.end_s)
+            at = stroke.first_phase + [p.end_s for p in phases[stroke.first_phase :]].index(
+                lands.end_s
+            )
             goal = lands.goal
-            if called and (not partner or self.calls.get(word)):
+            if called and (not partner or self.kind_shares_by_word.get(word)):
                 moved = np.asarray(goal) + WORD_PLACE_WEIGHT * (self._usual_goal(kind) - goal)
                 goal = (float(moved[0]), float(moved[1]), float(moved[2]))
             phases[at] = replace(phases[at], word=word, goal=goal)
@@ -296,19 +302,19 @@ class KindTable:
         for word in words:
             obeys, which, hand = rng.random(3)
             text = word.text.lower()
-            if obeys >= self.struck.get(text, 0.0) or _has_stroke(plan, word):
+            if obeys >= self.stroke_shares_by_word.get(text, 0.0) or _has_stroke(plan, word):
                 continue
-            shares = self.calls[text]
+            shares = self.kind_shares_by_word[text]
             kind = list(shares)[sample_index(np.array(list(shares.values())), which)]
-            lands_s = word.start_s + STROKE_END_IN_WORD * (word.end_s - word.start_s)
-            is_both = self.both[self.names.index(kind)] > 0.5
-            still = {side: _still_at(hands[side], lands_s) for side in SIDES}
+            stroke_end_s = word.start_s + STROKE_END_IN_WORD * (word.end_s - word.start_s)
+            is_both = self.bimanual_shares[self.names.index(kind)] > 0.5
+            still = {side: _still_at(hands[side], stroke_end_s) for side in SIDES}
             free = [(side, k) for side, k in still.items() if k is not None]
             if not free or (is_both and len(free) < len(SIDES)):
                 continue
             out, up, forward = self._usual_goal(kind).tolist()
             for side, k in free if is_both else [free[int(hand * len(free))]]:
-                struck = _struck(hands[side][k], lands_s, (out, up, forward), kind, text)
+                struck = _struck(hands[side][k], stroke_end_s, (out, up, forward), kind, text)
                 hands[side][k : k + 1] = struck
                 has_changed = True
         if not has_changed:
@@ -316,48 +322,55 @@ class KindTable:
         return replace(plan, left=tuple(hands["left"]), right=tuple(hands["right"]))
 
     @staticmethod
-    def partner(landed: Mapping[float, str], lands_s: float) -> str:
+    def simultaneous_kind(kinds_by_end_s: Mapping[float, str], stroke_end_s: float) -> str:
         """Return the kind of the gesture that ends together with this one, or ""."""
         return next(
-            (kind for at, kind in landed.items() if abs(at - lands_s) < BIMANUAL_TOLERANCE_S), ""
+            (
+                kind
+                for at, kind in kinds_by_end_s.items()
+                if abs(at - stroke_end_s) < BIMANUAL_TOLERANCE_S
+            ),
+            "",
         )
 
-    def sample_kind(self, stroke: Stroke, speaker: int, rng: np.random.Generator) -> str:
+    def sample_kind(self, gesture: GestureSpan, speaker: int, rng: np.random.Generator) -> str:
         """Draw a kind by a gesture's goal and its speaker."""
-        off = (np.asarray(stroke.last_stroke.goal) - self.goal) / self.spread
-        score = np.log(self.by_speaker[speaker].clip(1e-9)) - np.log(self.spread).sum(1)
+        off = (np.asarray(gesture.last_stroke.goal) - self.mean_goals) / self.goal_deviations
+        score = np.log(self.shares_by_speaker[speaker].clip(1e-9)) - np.log(
+            self.goal_deviations
+        ).sum(1)
         score -= 0.5 * (off**2).sum(1)
-        both = self.both.clip(1e-3, 1 - 1e-3)
-        score += np.log(both if stroke.is_bimanual else 1 - both)
+        both = self.bimanual_shares.clip(1e-3, 1 - 1e-3)
+        score += np.log(both if gesture.is_bimanual else 1 - both)
         share = np.exp(score - score.max())
         return self.names[int(rng.choice(len(share), p=share / share.sum()))]
 
     def _called(self, word: str, rng: np.random.Generator) -> str:
         chance = rng.random()
-        for kind, share in self.calls.get(word, {}).items():
+        for kind, share in self.kind_shares_by_word.get(word, {}).items():
             chance -= share
             if chance < 0:
                 return kind
         return ""
 
     def _usual_goal(self, kind: str) -> Float[np.ndarray, 3]:
-        return self.goal[self.names.index(kind)]
+        return self.mean_goals[self.names.index(kind)]
 
 
-def sample_index(shares: Float[np.ndarray, " K"], chance: float) -> int:
+def sample_index(shares: Float[np.ndarray, " K"], uniform: float) -> int:
     """Return the index that a random number from 0 to 1 selects by unnormalised shares."""
     edges = np.cumsum(shares.astype(np.float64))
-    return int(min(np.searchsorted(edges, chance * edges[-1], side="right"), len(edges) - 1))
+    return int(min(np.searchsorted(edges, uniform * edges[-1], side="right"), len(edges) - 1))
 
 
-def gesture_strokes(plan: GesturePlan) -> list[Stroke]:
+def gesture_spans(plan: GesturePlan) -> list[GestureSpan]:
     """Return the gestures of both hands, after Kita et al. (1998).
 
     A gesture is its preparation, the hold before its stroke, the stroke, and the holds and beats
     after it. Strokes in direct succession are one gesture, unless their kinds differ; a gap between
     them is a hold (`fill_gaps`), after which another gesture begins.
     """
-    strokes: list[Stroke] = []
+    strokes: list[GestureSpan] = []
     for side in SIDES:
         phases = plan.hand(side)
         k = 0
@@ -378,12 +391,12 @@ def gesture_strokes(plan: GesturePlan) -> list[Stroke]:
             while k < len(phases) and phases[k].phase in ("hold", "beat"):
                 k += 1
             if lands < len(phases) and phases[lands].phase == "stroke":
-                strokes.append(Stroke(side, first, k - 1, phases[lands]))
+                strokes.append(GestureSpan(side, first, k - 1, phases[lands]))
     ends = {
         side: np.array([s.last_stroke.end_s for s in strokes if s.side == side]) for side in SIDES
     }
 
-    def meets(stroke: Stroke) -> bool:
+    def meets(stroke: GestureSpan) -> bool:
         other = ends[SIDES[1 - SIDES.index(stroke.side)]]
         return bool(
             len(other) and np.abs(other - stroke.last_stroke.end_s).min() < BIMANUAL_TOLERANCE_S
@@ -398,7 +411,7 @@ def _are_separate(stroke: HandPhase, then: HandPhase) -> bool:
     return differ or then.start_s - stroke.end_s > GAP_S
 
 
-def kinds_of(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
+def kind_indices(plan: GesturePlan, num_frames: int, table: KindTable) -> UInt8[np.ndarray, "T 2"]:
     """Return the number of the gesture type of each hand in each frame whose centre it covers."""
     kinds = np.zeros((num_frames, 2), np.uint8)
     for column, side in enumerate(SIDES):
@@ -444,31 +457,33 @@ def _has_stroke(plan: GesturePlan, word: Interval) -> bool:
     )
 
 
-def _still_at(phases: Sequence[HandPhase], lands_s: float) -> int | None:
+def _still_at(phases: Sequence[HandPhase], stroke_end_s: float) -> int | None:
     """Return the rest or hold with room for preparation, stroke and a short hold around a time."""
-    begins_s = lands_s - STROKE_S - PREPARATION_S - MIN_REST_S
+    begins_s = stroke_end_s - STROKE_S - PREPARATION_S - MIN_REST_S
     for k, phase in enumerate(phases):
-        if phase.start_s <= begins_s and lands_s + HOLD_S <= phase.end_s:
+        if phase.start_s <= begins_s and stroke_end_s + HOLD_S <= phase.end_s:
             return k if phase.phase in STILL_PHASES else None
     return None
 
 
-def _struck(old: HandPhase, lands_s: float, goal: Place, kind: str, word: str) -> list[HandPhase]:
+def _struck(
+    old: HandPhase, stroke_end_s: float, goal: Position, kind: str, word: str
+) -> list[HandPhase]:
     """Insert a stroke into a rest or hold, and return the new phases with the remainder."""
-    strikes_s, readies_s = lands_s - STROKE_S, lands_s - STROKE_S - PREPARATION_S
+    strikes_s, readies_s = stroke_end_s - STROKE_S, stroke_end_s - STROKE_S - PREPARATION_S
     out, up, forward = (at + off for at, off in zip(goal, PREPARATION_OFFSET, strict=True))
     new = [
         replace(old, end_s=readies_s),
         HandPhase(readies_s, strikes_s, "preparation", (out, up, forward), kind),
-        HandPhase(strikes_s, lands_s, "stroke", goal, kind, word),
+        HandPhase(strikes_s, stroke_end_s, "stroke", goal, kind, word),
     ]
-    retracts_s = lands_s + HOLD_S
+    retracts_s = stroke_end_s + HOLD_S
     rests_s = retracts_s + RETRACTION_S
     if old.phase != "rest" or rests_s + MIN_REST_S > old.end_s:
-        return [*new, HandPhase(lands_s, old.end_s, "hold", goal, kind)]
+        return [*new, HandPhase(stroke_end_s, old.end_s, "hold", goal, kind)]
     return [
         *new,
-        HandPhase(lands_s, retracts_s, "hold", goal, kind),
+        HandPhase(stroke_end_s, retracts_s, "hold", goal, kind),
         HandPhase(retracts_s, rests_s, "retraction", old.goal, kind),
         replace(old, start_s=rests_s),
     ]

@@ -84,7 +84,7 @@ class HandPhase(Span):
     goal: tuple[float, float, float]
     """Position of the wrist at the end (out, up, forward) in metres; a hold may drift a little."""
     kind: ShortText = ""
-    """Name of the gesture form, one of `model.plan.kinds.PLACES`; empty at rest."""
+    """Name of the gesture form, one of `model.plan.kinds.USUAL_STROKE_ENDS`; empty at rest."""
     word: ShortText = ""
     """Word during which a stroke ends; no lexical affiliate."""
 
@@ -170,7 +170,7 @@ class GesturePlan(_FromJson):
         for name, events in self._lists():
             if len(events) > MAX_EVENTS:
                 raise PlanError(
-                    f"The plan has {len(events)} {name}; at most {MAX_EVENTS} are read."
+                    f"The plan has {len(events)} events in `{name}`; at most {MAX_EVENTS} are read."
                 )
             for event in events:
                 _check(name, event)
@@ -270,18 +270,18 @@ class PlanResult:
 def _check(name: str, event: Any) -> None:
     numbers = {f.name: getattr(event, f.name) for f in dataclasses.fields(event)}
     if not all(math.isfinite(n) for n in numbers.values() if isinstance(n, float)):
-        raise PlanError(f"One of its {name} has a number that is not finite.")
+        raise PlanError(f"An event in `{name}` has a number that is not finite.")
     for field_name, number in numbers.items():
         limit = MAX_SECONDS if field_name.endswith("_s") else MAX_NUMBER
         if isinstance(number, int | float) and abs(number) > limit:
             raise PlanError(
-                f"One of its {name} has the {field_name} {number:g}; at most {limit:g} is read."
+                f"An event in `{name}` has {field_name} {number:g}; the limit is {limit:g}."
             )
     if "goal" in numbers and not all(abs(n) <= REACH_M for n in numbers["goal"]):
-        raise PlanError(f"One of its {name} has a goal farther than {REACH_M:g} m from the chest.")
+        raise PlanError(f"An event in `{name}` has a goal over {REACH_M:g} m from the chest.")
     if isinstance(event, Span) and not event.start_s < event.end_s:
         raise PlanError(
-            f"One of its {name} goes from {event.start_s:g} to {event.end_s:g} s; it must end "
+            f"An event in `{name}` goes from {event.start_s:g} to {event.end_s:g} s; it must end "
             "after it begins."
         )
 

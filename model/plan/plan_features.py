@@ -155,35 +155,35 @@ def _while(
 
 
 @dataclass(frozen=True)
-class EventChain:
-    """An event chain's states and marks."""
+class EventTier:
+    """Kind of event chain: its name, states and the scales of its marks."""
 
     name: str
     states: tuple[str, ...]
-    units: tuple[float, ...] = ()
+    mark_scales: tuple[float, ...] = ()
     """Scale of each value of a mark."""
-    coupled_chain: str = ""
+    coupled_tier: str = ""
     """Name of the coupled tier. Tiers are sampled in order: a later one is known up to the frame
     before, an earlier one up to this frame."""
 
     @property
     def state_dim(self) -> int:
         """Number of values that describe the chain's state."""
-        return len(self.states) + 2 + len(self.units)
+        return len(self.states) + 2 + len(self.mark_scales)
 
 
 _METRES = (0.2, 0.2, 0.2)
-TIERS: tuple[EventChain, ...] = (
-    EventChain("right", PHASES, _METRES, coupled_chain="left"),
-    EventChain("left", PHASES, _METRES, coupled_chain="right"),
-    EventChain("look", ("look",), (10.0, 5.0)),
-    EventChain("nod", ("nod",), (4.0,)),
-    EventChain("brow", ("brow",), (0.4,)),
-    EventChain("blink", ("blink",)),
-    EventChain("stand", ("both", "left", "right")),
-    EventChain("left foot", ("step", "planted"), coupled_chain="right foot"),
-    EventChain("right foot", ("step", "planted"), coupled_chain="left foot"),
-    EventChain("smile", ("serious", "smile"), (0.3,)),
+TIERS: tuple[EventTier, ...] = (
+    EventTier("right", PHASES, _METRES, coupled_tier="left"),
+    EventTier("left", PHASES, _METRES, coupled_tier="right"),
+    EventTier("look", ("look",), (10.0, 5.0)),
+    EventTier("nod", ("nod",), (4.0,)),
+    EventTier("brow", ("brow",), (0.4,)),
+    EventTier("blink", ("blink",)),
+    EventTier("stand", ("both", "left", "right")),
+    EventTier("left foot", ("step", "planted"), coupled_tier="right foot"),
+    EventTier("right foot", ("step", "planted"), coupled_tier="left foot"),
+    EventTier("smile", ("serious", "smile"), (0.3,)),
 )
 CHAINS_BY_NAME = {tier.name: tier for tier in TIERS}
 MAX_STATE_S = 8.0
@@ -221,7 +221,7 @@ def plan_to_chains(plan: GesturePlan) -> dict[str, list[EventOnset]]:
 
     def add(name: str, start_s: float, state: str, mark: Sequence[float] = ()) -> None:
         tier = CHAINS_BY_NAME[name]
-        scaled = tuple(float(m / unit) for m, unit in zip(mark, tier.units, strict=True))
+        scaled = tuple(float(m / unit) for m, unit in zip(mark, tier.mark_scales, strict=True))
         begun = EventOnset(max(0, round(start_s * FPS)), tier.states.index(state), scaled)
         chain = chains.setdefault(name, [])
         if chain and chain[-1].frame >= begun.frame:
@@ -243,7 +243,7 @@ def plan_to_chains(plan: GesturePlan) -> dict[str, list[EventOnset]]:
         ("brow", [(brow.time_s, (brow.height,)) for brow in plan.brows]),
         ("blink", [(blink.time_s, ()) for blink in plan.blinks]),
     ):
-        add(name, 0.0, name, (0.0,) * len(CHAINS_BY_NAME[name].units))
+        add(name, 0.0, name, (0.0,) * len(CHAINS_BY_NAME[name].mark_scales))
         for start_s, mark in begins:
             add(name, start_s, name, mark)
     add("smile", 0.0, "serious", (0.0,))
@@ -262,7 +262,7 @@ def chains_to_plan(chains: dict[str, list[EventOnset]], num_frames: int) -> Gest
 
     def spans(name: str) -> Iterator[tuple[EventOnset, float, float, tuple[float, ...]]]:
         """Yield each state with its start and end (s) and its mark."""
-        chain, units = chains[name], CHAINS_BY_NAME[name].units
+        chain, units = chains[name], CHAINS_BY_NAME[name].mark_scales
         for one, two in zip(chain, [*chain[1:], None], strict=True):
             stop = two.frame if two else num_frames
             if stop > one.frame:
@@ -302,7 +302,7 @@ def chains_to_plan(chains: dict[str, list[EventOnset]], num_frames: int) -> Gest
 
 
 def chain_states(
-    tier: EventChain, chain: Sequence[EventOnset], frames: Int[np.ndarray, " T"]
+    tier: EventTier, chain: Sequence[EventOnset], frames: Int[np.ndarray, " T"]
 ) -> ChainStates:
     """Describe a chain at some frames; the chain begins at frame 0."""
     first = np.array([begun.frame for begun in chain])
@@ -320,7 +320,7 @@ def chain_states(
 
 
 def _state_features(
-    tier: EventChain,
+    tier: EventTier,
     states: Int[np.ndarray, " T"],
     lasted: Int[np.ndarray, " T"],
     marks: Float[np.ndarray, "T units"],
@@ -339,23 +339,23 @@ def coupled_states(
     states = {}
     for tier in TIERS:
         own = chains[tier.name].state_before
-        if tier.coupled_chain:
-            other = chains[tier.coupled_chain]
-            now = other.state_after if tier.coupled_chain in drawn else other.state_before
+        if tier.coupled_tier:
+            other = chains[tier.coupled_tier]
+            now = other.state_after if tier.coupled_tier in drawn else other.state_before
             own = np.concatenate([own, now], axis=1)
         states[tier.name] = own
         drawn.add(tier.name)
     return states
 
 
-def chain_state_at(tier: EventChain, begun: EventOnset, frame: int) -> Float[np.ndarray, " seen"]:
+def chain_state_at(tier: EventTier, onset: EventOnset, frame: int) -> Float[np.ndarray, " seen"]:
     """Describe a chain at one frame, as `_state_features` does for many; called at every frame."""
-    seconds = min((frame - begun.frame) / FPS, MAX_STATE_S)
+    seconds = min((frame - onset.frame) / FPS, MAX_STATE_S)
     count = len(tier.states)
     state = np.zeros(tier.state_dim, np.float32)
-    state[begun.state] = 1.0
+    state[onset.state] = 1.0
     state[count : count + 2] = seconds, np.log(seconds + 0.1)
-    state[count + 2 :] = begun.mark
+    state[count + 2 :] = onset.mark
     return state
 
 

@@ -32,7 +32,7 @@ from model.plan.editing import (
     speed_up_gesture,
     stroke_time_on_word,
 )
-from model.plan.kinds import BIMANUAL_TOLERANCE_S, REST_PLACE, gesture_strokes
+from model.plan.kinds import BIMANUAL_TOLERANCE_S, REST_POSITION, gesture_spans
 from model.plan.plan import SIDES, GesturePlan, HandPhase, PlanError, PlanResult, Smile
 from model.storage.files import parse_toml, read_capped
 
@@ -68,7 +68,7 @@ class Style:
 
 def style_of(plan: GesturePlan) -> Style:
     """Measure the style of a plan, which is also the initial value of its sliders."""
-    strokes = gesture_strokes(plan)
+    strokes = gesture_spans(plan)
     goals = [stroke.last_stroke.goal for stroke in strokes]
     twice = sum(stroke.is_bimanual for stroke in strokes) / 2
     count = len(strokes) - twice
@@ -79,7 +79,7 @@ def style_of(plan: GesturePlan) -> Style:
 
     return Style(**_within({
         "gestures_per_min": 60 * count / plan.duration_s,
-        "size_m": mean([math.dist(goal, REST_PLACE) for goal in goals], 0.2),
+        "size_m": mean([math.dist(goal, REST_POSITION) for goal in goals], 0.2),
         "height_m": mean([up for _, up, _ in goals], -0.1),
         "stroke_s": mean([one.last_stroke.end_s - one.last_stroke.start_s for one in strokes], 0.3),
         "both": twice / count if count else 0.0,
@@ -87,14 +87,14 @@ def style_of(plan: GesturePlan) -> Style:
     }))  # fmt: skip
 
 
-def with_arousal(style: Style, by: float) -> Style:
-    """Make a style calmer (``by`` -1) or more excited (1)."""
+def with_arousal(style: Style, arousal: float) -> Style:
+    """Make a style calmer (``arousal`` -1) or more excited (1)."""
     return replace(style, **_within({
-        "gestures_per_min": style.gestures_per_min * 1.6**by,
-        "size_m": style.size_m * 1.3**by,
-        "height_m": style.height_m + 0.06 * by,
-        "stroke_s": style.stroke_s / 1.25**by,
-        "both": style.both + 0.15 * by,
+        "gestures_per_min": style.gestures_per_min * 1.6**arousal,
+        "size_m": style.size_m * 1.3**arousal,
+        "height_m": style.height_m + 0.06 * arousal,
+        "stroke_s": style.stroke_s / 1.25**arousal,
+        "both": style.both + 0.15 * arousal,
     }))  # fmt: skip
 
 
@@ -110,7 +110,7 @@ def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) 
         plan = _with_rate(plan, style.gestures_per_min, words)
         got = style_of(plan).gestures_per_min
         if abs(got - style.gestures_per_min) * plan.duration_s / 60 > 1:
-            notes.append(f"There is room for {got:.0f} gestures a minute.")
+            notes.append(f"There is room for only {got:.0f} gestures per minute.")
     if _differs(style.both, now.both):
         plan = _with_both(plan, style.both)
     now = style_of(plan)
@@ -132,14 +132,16 @@ def _differs(wish: float, now: float) -> bool:
     return abs(wish - now) > _RELATIVE_TOLERANCE * max(abs(wish), abs(now), 0.05)
 
 
-def bimanual_groups(plan: GesturePlan) -> list[list[Gesture]]:
+def gesture_groups(plan: GesturePlan) -> list[list[Gesture]]:
     """Return all gestures in order of time, grouped if both hands make one together."""
     groups: list[list[Gesture]] = []
-    every = sorted((g for side in SIDES for g in gestures(plan, side)), key=lambda g: g.lands_s)
+    every = sorted(
+        (g for side in SIDES for g in gestures(plan, side)), key=lambda g: g.stroke_end_s
+    )
     for gesture in every:
         last = groups[-1] if groups else []
         is_partner = len(last) == 1 and last[0].side != gesture.side
-        if is_partner and gesture.lands_s - last[0].lands_s < BIMANUAL_TOLERANCE_S:
+        if is_partner and gesture.stroke_end_s - last[0].stroke_end_s < BIMANUAL_TOLERANCE_S:
             last.append(gesture)
         else:
             groups.append([gesture])
@@ -152,7 +154,7 @@ def _spread(count: int, most: int) -> list[int]:
 
 
 def _with_rate(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> GesturePlan:
-    there = bimanual_groups(plan)
+    there = gesture_groups(plan)
     wanted = round(per_min * plan.duration_s / 60)
     for k in _spread(max(0, len(there) - wanted), len(there)):
         for gesture in there[k]:
@@ -172,7 +174,7 @@ def _with_rate(plan: GesturePlan, per_min: float, words: Sequence[Interval]) -> 
 
 
 def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
-    groups = bimanual_groups(plan)
+    groups = gesture_groups(plan)
     both = [group for group in groups if len(group) == 2]
     single = [group for group in groups if len(group) == 1]
     missing = round(share * len(groups)) - len(both)
@@ -192,7 +194,7 @@ def _with_both(plan: GesturePlan, share: float) -> GesturePlan:
 
 def _each(plan: GesturePlan, change: Callable[[GesturePlan, Gesture], PlanResult]) -> GesturePlan:
     """Apply a change to every gesture for which it is possible."""
-    for gesture in (each for group in bimanual_groups(plan) for each in group):
+    for gesture in (each for group in gesture_groups(plan) for each in group):
         try:
             plan = change(plan, gesture).plan
         except PlanError:
@@ -221,9 +223,9 @@ _TIMES = tuple(name for name in _NUMBERS if name != "height_m")
 class StyleChange:
     """Wanted change of a plan's style; the default changes nothing."""
 
-    to: Mapping[str, float] = field(default_factory=dict)
+    targets: Mapping[str, float] = field(default_factory=dict)
     """Target values of `Style` by name."""
-    times: Mapping[str, float] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
     """Factors of the plan's values by name; heights have none, as their zero is the chest."""
     excite: float = 0.0
     wrong_words: bool = False
@@ -231,9 +233,9 @@ class StyleChange:
     def apply(self, plan: GesturePlan, words: Sequence[Interval] = ()) -> PlanResult:
         """Apply the change to a plan, as far as there are gestures, words and time for it."""
         now = style_of(plan)
-        times = _within({name: getattr(now, name) * by for name, by in self.times.items()})
+        times = _within({name: getattr(now, name) * by for name, by in self.factors.items()})
         wish = replace(now, **times)
-        changed = with_style(plan, with_arousal(replace(wish, **self.to), self.excite), words)
+        changed = with_style(plan, with_arousal(replace(wish, **self.targets), self.excite), words)
         return (
             changed.then(lambda new: misalign_gestures(new, words)) if self.wrong_words else changed
         )
@@ -244,14 +246,14 @@ def misalign_gestures(plan: GesturePlan, words: Sequence[Interval] = ()) -> Plan
 
     It moves to another word if words are known; if there is no room it stays, with a note.
     """
-    groups = bimanual_groups(plan)
-    called = np.array([group[0].lands_s for group in groups])
+    groups = gesture_groups(plan)
+    called = np.array([group[0].stroke_end_s for group in groups])
     places = [stroke_time_on_word(word) for word in words]
     texts = {stroke_time_on_word(word): word.text.lower() for word in words}
     steps = np.arange(MIN_MISALIGNMENT_S, FARTHEST_S + STEP_S / 2, STEP_S)
     stayed = 0
     for group in groups:
-        at_s = group[0].lands_s
+        at_s = group[0].stroke_end_s
         wished = places or [at_s + sign * step for step in steps for sign in (1, -1)]
         free = [
             to
@@ -262,14 +264,18 @@ def misalign_gestures(plan: GesturePlan, words: Sequence[Interval] = ()) -> Plan
             changed, by_s, word = plan, to_s - at_s, texts.get(to_s, "")
             try:
                 for each in group:
-                    changed = move_gesture(changed, each, each.lands_s + by_s, word).plan
+                    changed = move_gesture(changed, each, each.stroke_end_s + by_s, word).plan
             except PlanError:
                 continue
             plan = changed
             break
         else:
             stayed += 1
-    notes = (f"{stayed} of {len(groups)} gestures stay on their words.",) if stayed else ()
+    notes = (
+        (f"{stayed} of {len(groups)} gestures could not be moved off their words.",)
+        if stayed
+        else ()
+    )
     return PlanResult(plan, notes)
 
 
@@ -294,13 +300,13 @@ def parse_style(content: Mapping[str, Any]) -> StyleChange:
         raise PlanError(f"a style has no {unknown[0][:40]!r}; it may have {', '.join(keys)}.")
     times = content.get("times", {})
     if not isinstance(times, Mapping) or set(times) - set(_TIMES):
-        raise PlanError(f"`times` is a table of some of {', '.join(_TIMES)}.")
+        raise PlanError(f"`times` must be a table with keys from {', '.join(_TIMES)}.")
     wrong = content.get("wrong_words", False)
     if not isinstance(wrong, bool):
-        raise PlanError("`wrong_words` is true or false.")
+        raise PlanError("`wrong_words` must be true or false.")
     both = sorted(set(content) & set(times))
     if both:
-        raise PlanError(f"{both[0]} is given twice, alone and in `times`; leave one out.")
+        raise PlanError(f"{both[0]} is set twice, alone and in `times`; remove one.")
     return StyleChange(
         {name: _number(name, content[name], *LIMITS[name]) for name in _NUMBERS if name in content},
         {name: _number(f"times.{name}", times[name], 0.0, MAX_TIMES) for name in times},
@@ -312,7 +318,9 @@ def parse_style(content: Mapping[str, Any]) -> StyleChange:
 def _number(name: str, value: object, least: float, most: float) -> float:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     if not (is_number and least <= value <= most):  # pyright: ignore[reportOperatorIssue]
-        raise PlanError(f"{name} is a number from {least:g} to {most:g}; got {str(value)[:20]}.")
+        raise PlanError(
+            f"{name} must be a number from {least:g} to {most:g}; got {str(value)[:20]}."
+        )
     return float(value)  # pyright: ignore[reportArgumentType]
 
 
@@ -341,7 +349,7 @@ class LiveStyle:
         """Parse a JSON object of numbers."""
         if not isinstance(content, dict) or not set(content) <= set(LIVE_STYLE_LIMITS):
             raise PlanError(
-                f"A manner is an object of some of {', '.join(sorted(LIVE_STYLE_LIMITS))}."
+                f"A style must be an object with keys from {', '.join(sorted(LIVE_STYLE_LIMITS))}."
             )
         return LiveStyle(
             **{name: _number(name, content[name], *LIVE_STYLE_LIMITS[name]) for name in content}
@@ -352,6 +360,6 @@ class LiveStyle:
         if phase.phase in ("rest", "retraction") or (self.large, self.high_m) == (1.0, 0.0):
             return phase
         out, up, forward = (
-            r + self.large * (g - r) for g, r in zip(phase.goal, REST_PLACE, strict=True)
+            r + self.large * (g - r) for g, r in zip(phase.goal, REST_POSITION, strict=True)
         )
         return clamp_to_reach([replace(phase, goal=(out, up + self.high_m, forward))])[0][0]

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 from conventions.rates import FPS
 from model.plan.annotation_files import Interval, NamedTier
-from model.plan.kinds import REST_PLACE, Place, default_goal
+from model.plan.kinds import REST_POSITION, Position, default_goal
 from model.plan.plan import (
     PHASES,
     SIDES,
@@ -90,7 +90,7 @@ def plan_to_tiers(plan: GesturePlan, *, for_praat: bool = False) -> tuple[NamedT
         for before, after in pairwise(rows):
             if after.start_s < before.end_s:
                 raise PlanError(
-                    f"The plan's rows of {name} overlap at {after.start_s:.2f} s, which a tier "
+                    f"The plan's events in {name} overlap at {after.start_s:.2f} s, which a tier "
                     "cannot hold; change their times, or write the plan as JSON."
                 )
         tiers.append(NamedTier(name, tuple(rows), name in ("nods", "brows", "blinks")))
@@ -186,15 +186,15 @@ def tiers_to_plan(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
     if not of_phases and not phrases:
         tier_names = ", ".join(tier.name[:40] for tier in tiers[:_MAX_LISTED]) or "no tier"
         raise PlanError(
-            "No tier has the gestures of a hand: name one gesture_right or gesture_left; found "
-            f"{tier_names}."
+            "No tier has the gestures of a hand; name one gesture_right or gesture_left (tiers: "
+            f"{tier_names})."
         )
     for tier, meaning in phrases if of_phases else ():
         for side in _hands_of(meaning):
             rows[KIND_TIER, side] += tier.rows
     notes = _add_phases(of_phases or phrases, rows)
     if unknown := [tier.name for tier, meaning in meanings if tier.rows and not meaning.content]:
-        notes.append(f"Ignored, because their names mean nothing here: {_listed(unknown)}.")
+        notes.append(f"Ignored tiers with unknown names: {_listed(unknown)}.")
     left, right = (_hand(rows, side, notes) for side in SIDES)
     return PlanResult(_plan(duration_s, left, right, rows), tuple(notes))
 
@@ -205,7 +205,9 @@ def _check_tiers(tiers: Sequence[NamedTier]) -> None:
         raise PlanError(f"There are two tiers called {twice[:40]}; rename or delete one of them.")
     for tier in tiers:
         if len(tier.rows) > MAX_ROWS:
-            raise PlanError(f"Tier {tier.name[:40]} has over {MAX_ROWS} rows.")
+            raise PlanError(
+                f"Tier {tier.name[:40]} has more than {MAX_ROWS} annotations, the limit."
+            )
 
 
 def _meaning(tier: NamedTier) -> _Meaning:
@@ -266,23 +268,25 @@ def _add_phases(tiers: Sequence[tuple[NamedTier, _Meaning]], rows: _Rows) -> lis
             phases.append(replace(row, text=f"{phase} {kind}"))
         if tier.rows and (has_types or meaning.content == _PHRASES):
             notes.append(
-                f"Tier {tier.name[:40]} has whole gestures without their phases: each is performed "
-                "as one long stroke."
+                f"Tier {tier.name[:40]} has whole gestures without phases; each is performed as "
+                "one long stroke."
             )
         if has_types and any(row.text == "stroke beat" for row in phases):
             notes.append(
-                f"Beats of tier {tier.name[:40]} are read as gestures of that type, as it has no "
-                "phases; the phase of that name is a small movement after a stroke."
+                f"Beats in tier {tier.name[:40]} are read as beat gestures, because the tier has "
+                "no phases; the phase called beat is a small movement after a stroke."
             )
         for side in _hands_of(meaning):
             rows[PHASE_TIER, side] += phases
     if kinds:
         notes.append(
-            f"Read as strokes of these kinds: {_listed(sorted(kinds))}; phases are "
+            f"Read as strokes of these gesture types: {_listed(sorted(kinds))}; the phases are "
             f"{', '.join(PHASES)}."
         )
     if rests:
-        notes.append(f"Read as rest, because they name no gesture: {_listed(sorted(rests))}.")
+        notes.append(
+            f"Read as rest, because these labels name no gesture: {_listed(sorted(rests))}."
+        )
     return notes
 
 
@@ -336,7 +340,8 @@ def _hand(rows: _Rows, side: Side, notes: list[str]) -> tuple[HandPhase, ...]:
     places = sorted(rows[GOAL_TIER, side], key=lambda row: row.end_s)
     if phases and not places:
         notes.append(
-            f"The {side} hand has no goals; its strokes end where those of their kind usually do."
+            f"The {side} hand has no goals; each stroke ends at the usual position of its gesture "
+            "type."
         )
     goals = _goals(phases, places) if places else _usual_goals(names, kinds)
     words_at = {round(row.end_s, 4): row.text for row in rows[WORD_TIER, side]}
@@ -360,7 +365,7 @@ def _kinds(phases: Sequence[Interval], kinds: Sequence[Interval]) -> list[str]:
     ]
 
 
-def _goals(phases: Sequence[Interval], places: Sequence[Interval]) -> list[Place]:
+def _goals(phases: Sequence[Interval], places: Sequence[Interval]) -> list[Position]:
     """Return the goal of each phase: that at its end, or else the last one reached by then."""
     places_by_end = {round(row.end_s, 4): _place(row) for row in places}
     times = list(places_by_end)
@@ -371,12 +376,12 @@ def _goals(phases: Sequence[Interval], places: Sequence[Interval]) -> list[Place
     return goals
 
 
-def _usual_goals(names: Sequence[Phase], kinds: Sequence[str]) -> list[Place]:
+def _usual_goals(names: Sequence[Phase], kinds: Sequence[str]) -> list[Position]:
     """Return the default goal of each phase by its kind, or by that of the next stroke."""
-    goals: list[Place] = []
+    goals: list[Position] = []
     for k, (phase, kind) in enumerate(zip(names, kinds, strict=True)):
         stroke = names.index("stroke", k) if "stroke" in names[k:] else k
-        before = goals[-1] if goals else REST_PLACE
+        before = goals[-1] if goals else REST_POSITION
         goals.append(default_goal(phase, kind or kinds[stroke], before))
     return goals
 
@@ -430,7 +435,7 @@ def _numbers(row: Interval) -> list[float]:
         except ValueError:
             break
         if not math.isfinite(number):
-            raise PlanError(f"The label {row.text[:40]!r} at {row.start_s:g} s is not finite.")
+            raise PlanError(f"A number in {row.text[:40]!r} at {row.start_s:g} s is not finite.")
         numbers.append(number)
     return numbers
 
@@ -439,12 +444,12 @@ def _first(row: Interval, usual: float) -> float:
     return (_numbers(row) or [usual])[0]
 
 
-def _place(row: Interval) -> Place:
+def _place(row: Interval) -> Position:
     numbers = _numbers(row)
     if len(numbers) != 3:
         raise PlanError(
-            f"The goal {row.text[:40]!r} at {row.end_s:g} s must be three numbers: metres out, up "
-            "and forward of the chest."
+            f"The goal {row.text[:40]!r} at {row.end_s:g} s must be three numbers: metres outward, "
+            "up and forward from the chest."
         )
     return numbers[0], numbers[1], numbers[2]
 
@@ -473,9 +478,7 @@ def _stand(row: Interval) -> Stance:
     for leg in (*SIDES, "both"):
         if leg in words:
             return Stance(row.start_s, row.end_s, leg)
-    raise PlanError(
-        f"The weight {row.text[:40]!r} at {row.start_s:g} s must be left, right or both."
-    )
+    raise PlanError(f"The leg {row.text[:40]!r} at {row.start_s:g} s must be left, right or both.")
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -121,11 +121,11 @@ def load_speech(path: str | Path, limits: SpeechLimits = SpeechLimits()) -> Spee
     if limits.channel is not None:
         if limits.channel >= num_channels > 0:
             raise SpeechError(
-                f"{name} has {pluralise(num_channels, 'channel')}; number {limits.channel + 1} was "
-                "asked for."
+                f"{name} has {pluralise(num_channels, 'channel')}, but channel "
+                f"{limits.channel + 1} was requested."
             )
         if num_channels > 1:
-            notes.append(f"Of {num_channels} channels only number {limits.channel + 1} was used.")
+            notes.append(f"Only channel {limits.channel + 1} of {num_channels} was used.")
     elif num_channels > 1:
         notes.append(f"The file has {num_channels} channels; they were mixed to one.")
         loudest = int(decoded.channel_rms.argmax())
@@ -167,7 +167,7 @@ def _first_audible_track(
         decoded = first if track == 0 else _decode(path, name, limits, limits.channel, track)
         if np.abs(decoded.waveform).max(initial=0.0) >= SILENCE_PEAK:
             why = ", the first that is not silent," if track else ""
-            note = f"Of {first.num_tracks} sound tracks number {track + 1}{why} was used."
+            note = f"Sound track {track + 1} of {first.num_tracks}{why} was used."
             return decoded, track, [note]
     return first, 0, []
 
@@ -290,8 +290,8 @@ def _decode(
     if stamps.dropped > sum(stamps.filled):
         whole = _decode(path, name, limits, channel, track, _RESAMPLE)
         note = (
-            f"By the time stamps of the file {stamps.dropped / SAMPLE_RATE:.1f} s of sound overlap "
-            "others; the time stamps were ignored, and all sound was kept."
+            f"According to the file's time stamps, {stamps.dropped / SAMPLE_RATE:.1f} s of sound "
+            "overlap; the time stamps were ignored, and all sound was kept."
         )
         return replace(whole, notes=(note,))
     waveform, notes = _with_late_start(waveform, text, track, limits.max_s)
@@ -417,11 +417,11 @@ def _gap_notes(waveform: Float32[np.ndarray, " N"], filled: Sequence[int]) -> li
     if gaps := [gap for gap in gap_spans if gap[0] > 0]:
         (first_s, length_s), total_s = gaps[0], sum(length for _, length in gaps)
         notes.append(
-            f"The sound has {pluralise(len(gaps), 'gap')} by the time stamps of the file, of "
-            f"{total_s:.1f} s in all, the first at {first_s:.1f} s; silence was filled in."
+            f"According to the file's time stamps, the sound has {pluralise(len(gaps), 'gap')}, "
+            f"{total_s:.1f} s in total, the first at {first_s:.1f} s; silence was filled in."
             if len(gaps) > 1
-            else f"The sound has a gap of {length_s:.1f} s at {first_s:.1f} s by the time stamps "
-            "of the file; silence was filled in."
+            else f"According to the file's time stamps, the sound has a gap of {length_s:.1f} s at "
+            f"{first_s:.1f} s; silence was filled in."
         )
     return notes
 

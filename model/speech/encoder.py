@@ -49,7 +49,7 @@ speed of both planned wrists in the tiers' units per second."""
 
 
 @dataclass(frozen=True)
-class CodesConfig:
+class SpeechCodesConfig:
     """Shape of the trained speech encoder's network."""
 
     speech_dim: int = 68

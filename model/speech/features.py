@@ -40,8 +40,8 @@ class VoiceReference:
     """Level and pitch of a speaker, to which features are relative."""
 
     level_db: float
-    """Level of the loud parts of the speech (dB), comparable to `SpectralFrames.energy`."""
-    pitch: float
+    """Level of the loud parts of the speech (dB), comparable to `SpectralFrames.energy_db`."""
+    log2_pitch_hz: float
     """Median pitch, log2 of Hz."""
 
 
@@ -51,16 +51,16 @@ class SpectralFrames:
 
     log_mel: Float64[np.ndarray, "hops mels"]
     """Power per mel band (hops, mels) in dB."""
-    energy: Float64[np.ndarray, " hops"]
+    energy_db: Float64[np.ndarray, " hops"]
     """Total power (hops,) in dB."""
-    pitch: Float64[np.ndarray, " hops"]
+    log2_pitch_hz: Float64[np.ndarray, " hops"]
     """Log2 of the fundamental frequency in Hz (hops,), meaningful where `is_tonal`."""
     is_tonal: Bool[np.ndarray, " hops"]
     """Mask (hops,) of a steady fundamental within `PITCH_RANGE_HZ`."""
 
     def voiced(self, level_db: float) -> Bool[np.ndarray, " hops"]:
         """Return a mask (hops,) of tonal hops that are not much quieter than the speech."""
-        return self.is_tonal & (self.energy - level_db > -25.0)
+        return self.is_tonal & (self.energy_db - level_db > -25.0)
 
 
 class MelEncoder:
@@ -76,9 +76,9 @@ class MelEncoder:
     def encode(
         self, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
-        return self.relative_to(None, waveform, num_frames)
+        return self.encode_relative_to(None, waveform, num_frames)
 
-    def relative_to(
+    def encode_relative_to(
         self, voice: VoiceReference | None, waveform: Float32[np.ndarray, " N"], num_frames: int
     ) -> Float32[np.ndarray, "num_frames dim"]:
         """Return the features of `encode` relative to a voice; None uses that of the clip."""
@@ -131,7 +131,7 @@ def analyse_hops(waveform: Float32[np.ndarray, " N"], first: int, last: int) -> 
 def hop_features(hops: SpectralFrames, voice: VoiceReference) -> Float64[np.ndarray, "hops 68"]:
     """Normalise hops by a voice; the onset strength of the first is unknown, and 0."""
     log_mel = np.maximum(hops.log_mel - voice.level_db, FLOOR_DB)
-    energy = np.maximum(hops.energy - voice.level_db, FLOOR_DB)
+    energy = np.maximum(hops.energy_db - voice.level_db, FLOOR_DB)
     voiced = hops.voiced(voice.level_db).astype(float)
     onset = np.zeros_like(energy)
     onset[1:] = np.maximum(np.diff(log_mel, axis=0), 0).mean(1)
@@ -140,7 +140,7 @@ def hop_features(hops: SpectralFrames, voice: VoiceReference) -> Float64[np.ndar
             (log_mel + 40.0) / 20.0,
             (energy[:, None] + 20.0) / 20.0,
             onset[:, None] / 3.0,
-            np.clip(2.0 * (hops.pitch - voice.pitch) * voiced, -2.5, 2.5)[:, None],
+            np.clip(2.0 * (hops.log2_pitch_hz - voice.log2_pitch_hz) * voiced, -2.5, 2.5)[:, None],
             voiced[:, None],
         ],
         axis=1,
@@ -148,9 +148,11 @@ def hop_features(hops: SpectralFrames, voice: VoiceReference) -> Float64[np.ndar
 
 
 def _voice_of(hops: SpectralFrames) -> VoiceReference:
-    level_db = float(np.percentile(hops.energy, SPEECH_PERCENTILE))
+    level_db = float(np.percentile(hops.energy_db, SPEECH_PERCENTILE))
     voiced = hops.voiced(level_db)
-    return VoiceReference(level_db, float(np.median(hops.pitch[voiced])) if voiced.any() else 0.0)
+    return VoiceReference(
+        level_db, float(np.median(hops.log2_pitch_hz[voiced])) if voiced.any() else 0.0
+    )
 
 
 def _padded_samples(
@@ -238,7 +240,7 @@ class RunningVoice:
 
     WINDOW_HOPS = 3000
     START_HOPS = 50
-    START = VoiceReference(level_db=28.0, pitch=7.3)
+    START = VoiceReference(level_db=28.0, log2_pitch_hz=7.3)
     """Typical voice: loud parts at -18 dB of full scale; 158 Hz."""
     QUIETEST_DB = 0.0
     """Lowest speech level, -46 dB of full scale: quieter sound stays quiet, however long it
@@ -248,17 +250,20 @@ class RunningVoice:
     pauses."""
 
     def __init__(self) -> None:
-        start = [self.START.level_db] * self.START_HOPS, [self.START.pitch] * self.START_HOPS
+        start = (
+            [self.START.level_db] * self.START_HOPS,
+            [self.START.log2_pitch_hz] * self.START_HOPS,
+        )
         self._energy = deque(start[0], maxlen=self.WINDOW_HOPS)
         self._pitch = deque(start[1], maxlen=self.WINDOW_HOPS)
         self._voice = self.START
 
-    def voice(self, hops: SpectralFrames) -> VoiceReference:
+    def update(self, hops: SpectralFrames) -> VoiceReference:
         """Update the estimate with the next hops, and return it."""
         voiced: Bool[np.ndarray, " hops"] = hops.voiced(self._voice.level_db)
         if voiced.any():
-            self._energy.extend(hops.energy[voiced].tolist())
-            self._pitch.extend(hops.pitch[voiced].tolist())
+            self._energy.extend(hops.energy_db[voiced].tolist())
+            self._pitch.extend(hops.log2_pitch_hz[voiced].tolist())
             level_db = float(np.percentile(self._energy, self.PERCENTILE))
             pitch = float(np.median(self._pitch))
             self._voice = VoiceReference(max(level_db, self.QUIETEST_DB), pitch)
@@ -294,7 +299,7 @@ class CausalMel:
         before = min(1, start)  # for the onset and the steadiness of the first new hop
         block = analyse_hops(self._sound, start - before, start + hops)
         new = SpectralFrames(*(values[before:] for values in vars(block).values()))
-        columns = hop_features(block, self._voice.voice(new))[before:]
+        columns = hop_features(block, self._voice.update(new))[before:]
         self._next_hop += hops
         self._drop_before(self._next_hop - _NUM_PAST_HOPS)
         silence = np.zeros(MelEncoder.dim)  # none is needed: a block's hops are its frames'

@@ -31,7 +31,7 @@ def load_librosa() -> ModuleType:
         return _imported()
 
 
-def begin_import() -> None:
+def import_in_background() -> None:
     """Import the library in a thread, while the caller reads something else.
 
     SciPy is imported before: its modules import each other in circles, and two threads that import

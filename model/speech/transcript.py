@@ -110,11 +110,13 @@ class WordsFile:
         whole = self.transcript
         words = _before(speech_s, whole.words)
         note = (
-            f"{self.name} goes on to {self.length_s:.1f} s and the speech to {speech_s:.1f} s: it "
-            "may belong to another clip."
+            f"{self.name} ends at {self.length_s:.1f} s and the speech at {speech_s:.1f} s; the "
+            "file may belong to another clip."
         )
         if num_beyond := len(whole.words) - len(words):
-            note += f" {num_beyond} of its {len(whole.words)} words lie beyond and are left out."
+            note += (
+                f" {num_beyond} of its {len(whole.words)} words lie after the end and are left out."
+            )
         gestures = {name: _before(speech_s, rows) for name, rows in whole.gestures.items()}
         transcript = replace(
             whole,
@@ -179,7 +181,7 @@ def read_words(path: str | Path) -> WordsFile:
                 )
         case _:
             raise TranscriptError(
-                f"{name} is not a TextGrid, and its ending is none of a file of words "
+                f"{name} is not a TextGrid and does not end as a file of words does "
                 f"({', '.join(ENDINGS)})."
             )
     transcript = WordsFile(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
@@ -212,7 +214,7 @@ def _of_rows(rows: Sequence[Interval], name: str, are_words: bool = False) -> Wo
         words = tuple(Word(row.start_s, row.end_s, row.text) for row in intervals)
         return WordsFile(Transcript(words), name=name, length_s=length_s)
     text = _plain(" ".join(row.text for row in intervals), name)
-    note = f"{name} gives times of sentences only: its words are looked for in the speech."
+    note = f"{name} has times for sentences only; the times of its words are found by alignment."
     return WordsFile(text=text, notes=(note,), name=name)
 
 

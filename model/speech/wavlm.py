@@ -63,8 +63,8 @@ def load_speech_model(folder: Path, name: str) -> tuple[SpeechModel, int]:
         import transformers
     except ImportError as error:
         raise EncoderError(
-            "The package transformers is needed to hear by WavLM or HuBERT; pip install it, or use "
-            "the encoder mel64, or features that were prepared."
+            "WavLM and HuBERT need the package transformers: pip install transformers, or use the "
+            "encoder mel64 or prepared features."
         ) from error
     try:
         model = getattr(transformers, name).from_pretrained(folder, local_files_only=True)

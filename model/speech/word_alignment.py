@@ -190,24 +190,26 @@ class TimedWord:
     """A word with its times in frames of the recogniser, and its phones."""
 
     text: str
-    start: int
-    end: int
+    start_frame: int
+    end_frame: int
     """First frame after the word."""
     confidence: float
     phones: list[tuple[str, int, int]] = field(default_factory=list)
 
-    def moved(self, frames: int) -> TimedWord:
+    def delayed(self, frames: int) -> TimedWord:
         """Return the word delayed by a number of frames."""
         phones = [(name, start + frames, end + frames) for name, start, end in self.phones]
-        return TimedWord(self.text, self.start + frames, self.end + frames, self.confidence, phones)
+        return TimedWord(
+            self.text, self.start_frame + frames, self.end_frame + frames, self.confidence, phones
+        )
 
-    def as_interval(self) -> tuple[Word, tuple[Interval, ...]]:
+    def as_intervals(self) -> tuple[Word, tuple[Interval, ...]]:
         """Convert the word and its phones to seconds, for the parent process."""
         phones = tuple(
             Interval(start / FRAMES_PER_S, end / FRAMES_PER_S, name)
             for name, start, end in self.phones
         )
-        start_s, end_s = self.start / FRAMES_PER_S, self.end / FRAMES_PER_S
+        start_s, end_s = self.start_frame / FRAMES_PER_S, self.end_frame / FRAMES_PER_S
         return Word(start_s, end_s, self.text, round(self.confidence, 3)), phones
 
 
@@ -247,7 +249,7 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
             )
             if len(fitted) == len(segments):
                 word.phones = fitted[number].phones
-            words.append(word.moved(at))
+            words.append(word.delayed(at))
     return words
 
 
@@ -291,7 +293,7 @@ def _align_part(
     _decode(decoder, sound)
     fitted = _align_phones(decoder, sound) if decoder.hyp() is not None else []
     if len(fitted) == len(names):
-        return [word.moved(start) for word in fitted]
+        return [word.delayed(start) for word in fitted]
     if len(names) == 1:
         return [TimedWord("", *rough[0], _NO_FIT)]
     cut = max(
@@ -395,7 +397,7 @@ def _align_phones(decoder: Any, sound: bytes) -> list[TimedWord]:
 def _likelihoods(words: list[TimedWord]) -> list[float]:
     """Convert each word's fit, averaged with those of its neighbours, to a likelihood."""
     fits = np.array([word.confidence for word in words])
-    frames = np.array([word.end - word.start for word in words], np.float64)
+    frames = np.array([word.end_frame - word.start_frame for word in words], np.float64)
     reach = _FIT_WORDS // 2
     batches = []
     for number in range(len(words)):
@@ -427,7 +429,7 @@ def main() -> None:
     channel, _ = parent_channel()
     text, waveform = channel.recv()
     words = recognise(waveform) if text is None else align(waveform, text)
-    channel.send([word.as_interval() for word in words])
+    channel.send([word.as_intervals() for word in words])
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def parse_ctm(text: str, name: str, error: type[ValueError]) -> list[Interval]:
         times = [_number(column) for column in columns[2:4]]
         if len(columns) < 5 or None in times:
             raise error(
-                f"Line {number} of {name} is not recording, channel, start, duration and word."
+                f"Line {number} of {name} must hold recording, channel, start, duration and word."
             )
         start_s, duration_s = (time or 0.0 for time in times)
         recordings[f"{columns[0]} {columns[1]}"] = None

@@ -32,17 +32,19 @@ TIMEOUT_S = (60.0, 6.0)
 second on one free core."""
 
 UNSURE_NOTE = (
-    "{unsure} of {count} recognised words are unsure: the speech is probably in another language "
-    "than English, or hard to hear. No words are used; motion and measures need none."
+    "{unsure} of {count} recognised words are uncertain: the speech is probably not in English, or "
+    "hard to understand. No words are used; motion and metrics do not need them."
 )
-FEW_NOTE = "{unsure} of {count} recognised words were unsure and are left out."
+FEW_NOTE = "{unsure} of {count} recognised words were uncertain and are left out."
 SILENT_NOTE = "No words were recognised in the speech."
 MISMATCH_NOTE = (
-    "The text could not be followed in the speech: {found}. Its words are not used; give what is "
-    "said, in English, in the order in which it is said."
+    "The text does not match the speech: {found}. Its words are not used; give the spoken words "
+    "in English and in order."
 )
-PART_NOTE = "{unsure} of the {count} words of the text were not found where they should be said."
-FAILED_NOTE = "Words could not be found in the speech, and are missing from the results: {why}."
+PART_NOTE = (
+    "{unsure} of the {count} words of the text were not found in the speech and are left out."
+)
+FAILED_NOTE = "The results have no words, because they could not be found in the speech: {why}."
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class WordRecognition:
         self._ends = time.monotonic() + TIMEOUT_S[0] + TIMEOUT_S[1] * duration_s
         count = len((text or "").split())
         if count > MAX_WORDS_A_SECOND * (duration_s + 1.0):
-            problem = f"it has {count} words, more than are said in {duration_s:.1f} s"
+            problem = f"it has {count} words, too many for {duration_s:.1f} s"
             self._result = RecognitionResult(notes=(MISMATCH_NOTE.format(found=problem),))
             return
         try:
@@ -132,9 +134,11 @@ def _judged(words: list[tuple[Word, tuple[Interval, ...]]], is_aligned: bool) ->
     count, unsure = len(words), len(words) - len(sure)
     share = len(sure) / max(1, count)
     if is_aligned and share < MIN_CONFIDENT_SHARE:
-        problem = f"{unsure} of its {count} words are not where they should be"
+        problem = f"{unsure} of its {count} words were not found"
         return RecognitionResult(
-            notes=(MISMATCH_NOTE.format(found=problem if words else "it is not said"),)
+            notes=(
+                MISMATCH_NOTE.format(found=problem if words else "none of its words were found"),
+            )
         )
     if count >= MIN_WORDS_FOR_LANGUAGE and share < MIN_CONFIDENT_SHARE:
         return RecognitionResult(notes=(UNSURE_NOTE.format(unsure=unsure, count=count),))

@@ -46,8 +46,8 @@ def check_family(family: object) -> None:
         FamilyError: if it is not a family, or a required declaration is missing.
     """
     if not isinstance(family, Family):
-        raise FamilyError(f"it names a {type(family).__name__}, not a Family.")
-    for name in family.names:
+        raise FamilyError(f"its entry point is a {type(family).__name__}, not a Family.")
+    for name in family.network_names:
         if not _NAME.fullmatch(name):
             raise FamilyError(
                 f"the name {name!r} must be small letters, digits, dots and dashes, with one slash "
@@ -55,7 +55,7 @@ def check_family(family: object) -> None:
             )
     for name in family.systems:
         if name not in family.about:
-            raise FamilyError(f"nothing is said about {name}.")
+            raise FamilyError(f"it has no description of {name}.")
         if not family.samplers_of(name):
             raise FamilyError(f"{name} has no sampler.")
     if family.weights is None:
@@ -84,7 +84,7 @@ def _bundled() -> list[Family]:
     bundled_families = [
         import_module(f"{model.systems.__name__}.{name}.config").FAMILY for name in folders
     ]
-    return sorted(bundled_families, key=lambda family: (family.place, family.name))
+    return sorted(bundled_families, key=lambda family: (family.display_order, family.name))
 
 
 _FAMILIES = _bundled()
@@ -101,8 +101,8 @@ def register(family: Family) -> None:
     Raises:
         FamilyError: if one of its names is taken.
     """
-    taken = {name for existing in _FAMILIES for name in (existing.name, *existing.names)}
-    doubles = [name for name in (family.name, *family.names) if name in taken]
+    taken = {name for existing in _FAMILIES for name in (existing.name, *existing.network_names)}
+    doubles = [name for name in (family.name, *family.network_names) if name in taken]
     if doubles:
         raise FamilyError(f"the name {doubles[0]!r} is taken.")
     _FAMILIES.append(family)
@@ -120,9 +120,9 @@ def family_of(name: str) -> Family:
         UnknownNameError: with the names of all systems and helpers.
     """
     for family in _FAMILIES:
-        if name in family.names:
+        if name in family.network_names:
             return family
-    valid = ", ".join(name for family in _FAMILIES for name in family.names)
+    valid = ", ".join(name for family in _FAMILIES for name in family.network_names)
     raise UnknownNameError(f"There is no system {name!r}; choose one of {valid}.")
 
 
@@ -133,7 +133,7 @@ def representatives(topic: Topic) -> tuple[str, ...]:
 
 def planning_systems() -> tuple[str, ...]:
     """Return the systems that plan first, and accept a plan."""
-    return tuple(name for family in _FAMILIES for name in family.plans)
+    return tuple(name for family in _FAMILIES for name in family.planning_systems)
 
 
 def default_planner() -> str:
@@ -179,10 +179,12 @@ def system_files(name: str, folder: Path = BUNDLED_WEIGHTS) -> Iterator[Path]:
     They are all weights and cards of its folder, and the files named for its family.
     """
     for family in _FAMILIES:
-        if name in family.names:
-            for home in {folder, family.home_of(name, folder)}:
+        if name in family.network_names:
+            for home in {folder, family.weights_folder(name, folder)}:
                 yield from (*home.glob("[!.]*.safetensors"), *home.glob("[!.]*.json"))
-            for named in filter(None, (os.environ.get(each.variable) for each in family.files)):
+            for named in filter(
+                None, (os.environ.get(each.environment_variable) for each in family.files)
+            ):
                 yield from (Path(named), *Path(named).rglob("*"))
 
 
@@ -205,7 +207,7 @@ def load_system(name: str, folder: Path = BUNDLED_WEIGHTS) -> "System":
         if family in _BUNDLED or isinstance(error, CheckpointError):
             raise
         raise FamilyError(
-            f"{name} cannot be read, the package {family.package} fails: "
+            f"{name} cannot be loaded because its package {family.package} fails: "
             f"{type(error).__name__}: {error}"
         ) from error
 

@@ -61,7 +61,7 @@ def kl_loss(
     return torch.stack(by_scale).sum(0)
 
 
-def difference_loss(
+def first_difference_loss(
     x_1: Float[Tensor, "B T C"], target: Float[Tensor, "B T C"]
 ) -> Float[Tensor, " B"]:
     """Compute the mean squared error of first differences, normalised channels."""

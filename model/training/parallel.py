@@ -37,13 +37,13 @@ class Shard:
         return self.rank == 0
 
     @property
-    def mine(self) -> slice:
+    def rows(self) -> slice:
         """Rows of the whole batch for this process."""
         return slice(self.rank, None, self.count)
 
     def of(self, rows: Shaped[Tensor, "B ..."]) -> Tensor:
         """Return this process's rows of a tensor that holds the whole batch, on its device."""
-        return rows[self.mine].to(self.device)
+        return rows[self.rows].to(self.device)
 
     def autocast(self) -> torch.autocast:
         """Return the autocast context: bf16 for the network on a GPU."""
@@ -119,7 +119,7 @@ class ShardedRandom:
         """Draw ``u ** power`` with u uniform in [0, 1)."""
         return self.shard.of(torch.rand(self.size, generator=self.generator) ** power)
 
-    def keep(self, dropout: float) -> Bool[Tensor, " B"]:
+    def keep_mask(self, dropout: float) -> Bool[Tensor, " B"]:
         """Draw a mask that is false for that share of the samples."""
         return self.shard.of(torch.rand(self.size, generator=self.generator) >= dropout)
 

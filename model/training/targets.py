@@ -56,7 +56,7 @@ class Targets:
     skeleton: RestSkeleton
     vectors: np.ndarray
     """Motion vectors (N, C), not normalised."""
-    rooted: np.ndarray
+    pelvis_aligned_positions: np.ndarray
     """Joint positions (N, 165) in metres, with the pelvis at its place in the rest pose."""
 
     def of(self, batch: Batch, *, rotations: bool) -> tuple[Float[Tensor, "B T C"], Decoded]:
@@ -66,7 +66,9 @@ class Targets:
             return vectors, decode(vectors, self.space, self.skeleton, self.root)
         decoded = Decoded(
             R_world_joint=rotations_of(vectors, self.space) if rotations else None,
-            rooted=torch.from_numpy(self.rooted[batch.frames]).unflatten(-1, (NUM_JOINTS, 3)),
+            rooted=torch.from_numpy(self.pelvis_aligned_positions[batch.frames]).unflatten(
+                -1, (NUM_JOINTS, 3)
+            ),
             root=root_positions(vectors[..., -ROOT_DIM:], self.root),
             global_vectors=vectors if rotations else None,
         )
@@ -145,7 +147,7 @@ def network_conditions(
         ("seed", "speaker", "speech"), draws.shard.of(everybody)
     )
     for name in hidden:
-        conditions[name] = draws.keep(getattr(config, f"{name}_dropout"))
+        conditions[name] = draws.keep_mask(getattr(config, f"{name}_dropout"))
     return {
         "speech": draws.shard.of(augmented_speech(config, network, batch, draws.generator)),
         "speaker": draws.shard.of(batch.speaker) * conditions["speaker"],

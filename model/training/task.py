@@ -63,8 +63,8 @@ class TaskSetup:
             ]
             if outside:
                 raise DataError(
-                    f"The speakers {', '.join(outside)} do not fit the table of {num_speakers}; "
-                    f"number them from 1 to {num_speakers - 1}."
+                    f"The numbers of the speakers {', '.join(outside)} must be from 1 to "
+                    f"{num_speakers - 1}."
                 )
         torch.manual_seed(config.random_seed)
         if self.start is None:

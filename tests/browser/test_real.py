@@ -138,7 +138,7 @@ def plan_file(page: Page, ending: str, folder: Path) -> Path:
 def right_hand(page: Page, folder: Path) -> list[float]:
     """Where its gestures land in the plan that is edited, as its file says it."""
     plan = read_plan_file(plan_file(page, ".eaf", folder)).plan
-    return [round(one.lands_s, 2) for one in gestures(plan, "right")]
+    return [round(one.stroke_end_s, 2) for one in gestures(plan, "right")]
 
 
 def hold_ends(page: Page, folder: Path) -> float:
@@ -271,7 +271,7 @@ def test_a_run_ends_with_everything_and_its_gestures_are_edited(
     seconds = width / plot.evaluate("it => it.getBoundingClientRect().width") * LONG_S
     drag(page, stroke(page, "offer"), -0.9 * seconds, is_edge=True)
     page.mouse.up()
-    said(page, "lasts 0.2 s at least")
+    said(page, "must last at least 0.2 s")
     next(numbers)
     shorter = right_hand(page, tmp_path)
     assert abs(shorter[0] - landed + 0.11) < 0.02 and shorter[1] == 6.5

@@ -113,7 +113,7 @@ def make_weights(folder: Path, systems: dict[str, NetworkConfig] = TINY_SYSTEMS)
     statistics = made_components(torch.full((52,), 0.2), 0.1).tensors()
     save_made(folder, config, expression, statistics | {"prior.covariance": prior.covariance})
     for system, network_config in systems.items():
-        if network_config.prior:
+        if network_config.has_prior:
             mean = torch.zeros(network_config.motion_dim)
             mean[-2] = 1.2
             normaliser = made_components(mean, 0.1)

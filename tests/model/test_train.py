@@ -17,7 +17,7 @@ from torch.utils._pytree import tree_leaves
 from model.data.prepared import PreparedData, prepare
 from model.data.recordings import DataError
 from model.networks.autoencoder import load_encoder
-from model.speech.encoder import CodesConfig
+from model.speech.encoder import SpeechCodesConfig
 from model.speech.features import MelEncoder
 from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError, to_json
 from model.storage.checkpoint import load_weights, save_weights
@@ -162,7 +162,7 @@ def test_shares_of_processes_add_up_on_their_device_and_a_loss_is_descended(
     """``meta`` stands for a GPU: it mixes with the processor as little."""
     config = quick(system, learning_rate=3e-3, steps=10**6)
     if system == PLANNER:
-        config = replace(config, planner=replace(config.planner, codes=CodesConfig.codes))
+        config = replace(config, planner=replace(config.planner, codes=SpeechCodesConfig.codes))
     task, batch = made_task(config, data, size=2)
     assert isinstance(task, SingleNetworkTask)
 
@@ -221,7 +221,7 @@ def test_encoders_of_distances_train_on_what_they_see(data, tmp_path, system, di
     assert codes.shape == (2, 3, 32)
     if "face" in parts:
         faceless = replace(data, expression=np.zeros_like(data.expression))
-        with pytest.raises(DataError, match=f"{system} learns from faces in ARKit's units"):
+        with pytest.raises(DataError, match=f"{system} needs faces as ARKit blendshapes"):
             made_task(quick(system), faceless)
 
 
@@ -268,7 +268,7 @@ def test_a_full_disk_is_told_in_one_sentence(root, annotated_folder, monkeypatch
 def test_speakers_beyond_the_table_are_named(data):
     config = quick("globaldiff/local")
     small = replace(config, network=replace(config.network, num_speakers=3))
-    with pytest.raises(DataError, match=r"speakers 3 \(eve\) do not fit the table of 3"):
+    with pytest.raises(DataError, match=r"speakers 3 \(eve\) must be from 1 to 2"):
         made_task(small, data)
 
 

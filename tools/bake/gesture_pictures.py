@@ -19,7 +19,7 @@ from model.generation.windows import GenerateOptions, generate_motion
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points
 from model.plan.editing import add_gesture
-from model.plan.kinds import PLACES
+from model.plan.kinds import USUAL_STROKE_ENDS
 from model.plan.plan import GesturePlan
 from model.speech.audio import Speech
 from model.storage.files import write_atomically
@@ -77,7 +77,7 @@ def main(out: Path) -> None:
         "chains": [[POINTS.index(name) for name in chain] for chain in CHAINS],
         "points": {
             kind: base64.b64encode(picture(system, kind).tobytes()).decode()
-            for kind in sorted(PLACES)
+            for kind in sorted(USUAL_STROKE_ENDS)
         },
     }
     write_atomically(out, json.dumps(content, separators=(",", ":")) + "\n")

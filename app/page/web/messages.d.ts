@@ -188,7 +188,7 @@ export interface HandPhase {
   phase: "rest" | "preparation" | "stroke" | "hold" | "beat" | "retraction";
   /** Position of the wrist at the end (out, up, forward) in metres; a hold may drift a little. */
   goal: [number, number, number];
-  /** Name of the gesture form, one of `model.plan.kinds.PLACES`; empty at rest. */
+  /** Name of the gesture form, one of `model.plan.kinds.USUAL_STROKE_ENDS`; empty at rest. */
   kind: string;
   /** Word during which a stroke ends; no lexical affiliate. */
   word: string;

@@ -12,7 +12,7 @@ from app.errors import RunError
 from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RunRecord, file_of, read_run
 from conventions.names import FilterVersion
 from model.plan.files import read_plan_file, write_plan_file
-from model.plan.kinds import Place
+from model.plan.kinds import Position
 from model.plan.plan import PlanError, Side
 from model.speech.transcript import TranscriptSource
 from model.storage.json_validation import STRICT, FieldError, read_json
@@ -94,7 +94,7 @@ class PlanEditorData(TypedDict):
     style: dict[str, float]
     kinds: dict[str, Literal["both", "right"]]
     """Hands that usually make a gesture of each kind."""
-    places: dict[str, Place]
+    places: dict[str, Position]
     """Usual stroke ends by kind (m), relative to the chest."""
     around: tuple[float, float]
     """Usual start and end of a gesture, relative to its stroke end (s)."""

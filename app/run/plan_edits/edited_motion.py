@@ -51,11 +51,11 @@ from model.plan.editing import other_hand_gesture
 from model.plan.files import read_plan_file
 from model.plan.kinds import (
     HOLD_S,
-    PLACES,
     PREPARATION_S,
     STROKE_S,
     TWO_HANDED_KINDS,
-    gesture_strokes,
+    USUAL_STROKE_ENDS,
+    gesture_spans,
 )
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
@@ -137,7 +137,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
 
         options = replace(options, conditions=(written,))
         made = regenerate(system, speech, options, before, callbacks.should_cancel, on_piece)
-        take.regenerated_s = [(part.start / FPS, part.stop / FPS) for part in made.fresh]
+        take.regenerated_s = [(part.start / FPS, part.stop / FPS) for part in made.changed_frames]
         row.files["state"] = viewer_file_name(name, STATE_SUFFIX)
         save_state(made, request.run / row.files["state"])
         shown = apply_post_filter(made.motion, sampling.post_filter)
@@ -218,8 +218,8 @@ def _there(folder: Path, record: RunRecord, name: str) -> Path:
 def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     """Return the plan editor's JSON: gestures, style parameters and available gesture types."""
     gestures = []
-    for stroke in gesture_strokes(plan):
-        phases = plan.hand(stroke.side)[stroke.first : stroke.last + 1]
+    for stroke in gesture_spans(plan):
+        phases = plan.hand(stroke.side)[stroke.first_phase : stroke.last_phase + 1]
         lands = stroke.last_stroke
         holds = [each for each in phases if each.phase == "hold" and each.start_s >= lands.end_s]
         hold_s = sum(each.end_s - each.start_s for each in holds)
@@ -227,13 +227,16 @@ def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
         gestures.append({
             "side": stroke.side, "start": phases[0].start_s, "end": phases[-1].end_s,
             "lands": lands.end_s, "hold": round(hold_s, 4), "kind": lands.kind,
-            "partner": None if partner is None else partner.lands_s,
+            "partner": None if partner is None else partner.stroke_end_s,
         })  # fmt: skip
     return {
         "gestures": sorted(gestures, key=lambda each: (each["lands"], each["side"])),
         "style": {name: round(value, 4) for name, value in asdict(style_of(plan)).items()},
-        "kinds": {kind: "both" if kind in TWO_HANDED_KINDS else "right" for kind in sorted(PLACES)},
-        "places": dict(PLACES),
+        "kinds": {
+            kind: "both" if kind in TWO_HANDED_KINDS else "right"
+            for kind in sorted(USUAL_STROKE_ENDS)
+        },
+        "places": dict(USUAL_STROKE_ENDS),
         "around": [-STROKE_S - PREPARATION_S, HOLD_S],
         "words": [[word.start_s, word.end_s, word.text] for word in words],
     }

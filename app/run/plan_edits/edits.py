@@ -14,7 +14,7 @@ from app.errors import RunError
 from conventions.names import printable
 from model.plan import editing
 from model.plan.editing import TIME_TOLERANCE_S, Gesture, Hands, NoRoomError
-from model.plan.files import check_ending, parse_plan
+from model.plan.files import check_plan_suffix, parse_plan
 from model.plan.plan import (
     SIDES,
     Blink,
@@ -151,9 +151,11 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
     except NoRoomError as error:
         offers = []
         if edit.do in ("add", "move"):
-            lands_s, _ = _place(edit.values, words)
+            stroke_end_s, _ = _place(edit.values, words)
             steps = range(1, 1 + round(plan.duration_s / STEP_S))
-            places = (round(lands_s + by * STEP_S, 3) for step in steps for by in (step, -step))
+            places = (
+                round(stroke_end_s + by * STEP_S, 3) for step in steps for by in (step, -step)
+            )
             others = {name: value for name, value in edit.values.items() if name != "word"}
             moved = (Edit(edit.do, {**others, "at": at}) for at in places if at >= 0)
             suggestion = next((each for each in moved if can_be(each)), None)
@@ -164,7 +166,7 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
                     )
                 )
         if error.gesture is not None:
-            one = {"side": error.gesture.side, "lands": error.gesture.lands_s}
+            one = {"side": error.gesture.side, "lands": error.gesture.stroke_end_s}
             kind = repr(error.kind.replace("_", " ")) if error.kind else "existing"
             instead = EditSuggestion(f"Replace the {kind} gesture", (Edit("delete", one), edit))
             offers += [instead] if can_be(*instead.edits) else []
@@ -233,24 +235,26 @@ def _of_both(change: Callable[..., PlanResult], *names: str) -> ApplyEdit:
 
 
 def _move(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
-    lands_s, word = _place(values, words)
+    stroke_end_s, word = _place(values, words)
     if word is None:
-        word = _word_at(words, lands_s)
-    by_s = lands_s - values["lands"]
-    moved = _of_both(lambda each, one: editing.move_gesture(each, one, one.lands_s + by_s, word))
+        word = _word_at(words, stroke_end_s)
+    by_s = stroke_end_s - values["lands"]
+    moved = _of_both(
+        lambda each, one: editing.move_gesture(each, one, one.stroke_end_s + by_s, word)
+    )
     return moved(plan, values, words)
 
 
 def _add(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
-    lands_s, word = _place(values, words)
-    return editing.add_gesture(plan, values["kind"], lands_s, values.get("hands"), word or "")
+    stroke_end_s, word = _place(values, words)
+    return editing.add_gesture(plan, values["kind"], stroke_end_s, values.get("hands"), word or "")
 
 
 def _end(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     """Move the end of a phase, of both hands if they share it, and update words of strokes."""
     side, by_s = cast(Side, values["side"]), values["at"] - values["ends"]
     done = editing.move_phase_end(plan, side, values["ends"], values["at"])
-    also_s = editing.counterpart(plan, side, values["ends"])
+    also_s = editing.other_hand_phase_end(plan, side, values["ends"])
     if also_s is not None:
         other = SIDES[1 - SIDES.index(side)]
         done = done.then(lambda new: editing.move_phase_end(new, other, also_s, also_s + by_s))
@@ -295,7 +299,7 @@ def _style(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
 def _plan(plan: GesturePlan, values: Values, words: Words) -> PlanResult:
     """Replace the whole plan by another one of the same length."""
     name = f"plan{printable(Path(values['name']).suffix.lower())[:12]}"
-    check_ending(Path(name))
+    check_plan_suffix(Path(name))
     read = parse_plan(values["text"].encode("utf-8", "replace"), name)
     return PlanResult(check_duration(read.plan, plan.duration_s), read.notes)
 

@@ -91,18 +91,18 @@ def presets(system: str) -> dict[str, AsynFusionConfig]:
 
 FAMILY = Family(
     name="asynfusion",
-    title="AsynFusion: face and body that hear each other",
+    title="AsynFusion: face and body networks that exchange features",
     systems=SYSTEMS,
     about={
         DDIM: "Two networks side by side, one for the face and one for the body; after every block "
-        "each reads what the other has made of it so far. 25 diffusion steps each.",
-        LCM_SYNC: "Distilled from it (latent consistency): 8 steps in place of many small ones.",
-        LCM_ASYNC: "The same distilled network. The face takes 4 steps while the body takes 8; in "
+        "each attends to the other's features. 25 diffusion steps each.",
+        LCM_SYNC: "The same networks, distilled (latent consistency) to 8 steps instead of 25.",
+        LCM_ASYNC: "The distilled networks. The face takes 4 steps while the body takes 8; in "
         "between, the body uses the face's last state.",
     },
     presets=presets,
     package="model.systems.asynfusion",
-    place=3,
+    display_order=3,
     samplers={
         DDIM: make_samplers("ddim", steps=25, strength=2.5),
         **dict.fromkeys((LCM_SYNC, LCM_ASYNC), make_samplers("lcm", steps=8, strength=2.5)),

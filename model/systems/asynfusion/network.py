@@ -63,7 +63,7 @@ class Branch(MotionBranch):
 
 
 @dataclass(frozen=True)
-class Stream:
+class BranchStatistics:
     """Normalisation and prior of the motion of one branch."""
 
     normaliser: Normaliser
@@ -74,8 +74,8 @@ class Stream:
         return self.normaliser.tensors() | {"prior.covariance": self.prior.covariance}
 
 
-Streams = tuple[Stream, Stream]
-"""Streams of the expression branch and of the gesture branch."""
+PairStatistics = tuple[BranchStatistics, BranchStatistics]
+"""Statistics of the expression branch and of the gesture branch."""
 
 
 class DualBranchNetwork(ConditionedNetwork):
@@ -89,7 +89,9 @@ class DualBranchNetwork(ConditionedNetwork):
             mean. It decides which part of the prior the network extends.
     """
 
-    def __init__(self, config: DualBranchConfig, streams: Streams, *, consistent: bool) -> None:
+    def __init__(
+        self, config: DualBranchConfig, streams: PairStatistics, *, consistent: bool
+    ) -> None:
         super().__init__(config)
         self.config = config
         self.consistent = consistent
@@ -178,18 +180,18 @@ class DualBranchNetwork(ConditionedNetwork):
 _FACE = ".face."
 
 
-def face_tensors(stream: Stream) -> dict[str, Tensor]:
+def face_tensors(stream: BranchStatistics) -> dict[str, Tensor]:
     """Rename the face's statistics, so that the plain names remain for the body."""
     return {name.replace(".", _FACE, 1): tensor for name, tensor in stream.tensors().items()}
 
 
-def read_streams(trained: TrainedWeights, seed_frames: int) -> Streams:
-    """Read both streams as saved."""
+def read_statistics(trained: TrainedWeights, seed_frames: int) -> PairStatistics:
+    """Read the statistics of both branches as saved."""
     named = trained.tensors.items()
     face = replace(
         trained, tensors={name.replace(_FACE, ".", 1): t for name, t in named if _FACE in name}
     )
     expression, gesture = (
-        Stream(each.normaliser, each.prior(seed_frames)) for each in (face, trained)
+        BranchStatistics(each.normaliser, each.prior(seed_frames)) for each in (face, trained)
     )
     return expression, gesture

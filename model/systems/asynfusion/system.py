@@ -33,9 +33,9 @@ from model.systems.asynfusion.network import (
     DualBranchNetwork,
     FeatureBuffer,
     Pair,
-    Streams,
+    PairStatistics,
     map_branches,
-    read_streams,
+    read_statistics,
 )
 
 NUM_STEPS = 1000
@@ -89,7 +89,7 @@ def sample(
     guide: ClassifierFreeGuidance,
     noise: Noise,
     counts: Sequence[int],
-    way: SamplerName,
+    sampler: SamplerName,
     *,
     speech: Float[Tensor, "copies T width"],
     seed: Pair,
@@ -102,8 +102,8 @@ def sample(
         guide: guidance of the body; the face stays as trained. With guidance, both branches of the
             unconditional copies have no speech, as in training.
         counts: steps of the expression branch and of the gesture branch.
-        way: ``ddim`` follows the path of the noise that a step predicts; ``lcm`` adds new noise to
-            the motion that it predicts (Luo et al. 2023).
+        sampler: ``ddim`` follows the path of the noise that a step predicts; ``lcm`` adds new noise
+            to the motion that it predicts (Luo et al. 2023).
         speech: tokens of the speech, with guidance followed by those of absent speech.
     """
     twice = guide.duplicate
@@ -127,7 +127,7 @@ def sample(
             if done == counts[which]:
                 x[which], t[which] = clean, torch.ones_like(t[which])
                 continue
-            follows = way == "ddim"
+            follows = sampler == "ddim"
             renoised = (
                 noise_from_clean(x[which], clean, t[which]) if follows else noise(which, done)
             )
@@ -148,42 +148,42 @@ class DualWindow(Window):
 
 @dataclass(frozen=True, kw_only=True)
 class AsynFusionSystem(System):
-    """Two branches with the statistics of their streams; they include the face."""
+    """Two branches with the statistics; they include the face."""
 
     config: DualBranchConfig
     network: DualBranchNetwork
-    streams: Streams
+    statistics: PairStatistics
 
     @torch.inference_mode()
-    def window(self, speech: SpeechWindow, before: Window | None, draw: WindowSpec) -> DualWindow:
+    def window(self, speech: SpeechWindow, before: Window | None, spec: WindowSpec) -> DualWindow:
         assert before is None or isinstance(before, DualWindow)
-        config, size = self.config, draw.samples
+        config, size = self.config, spec.samples
         channels = config.expression_dim, config.gesture_dim
         if before is None:
             seed = [torch.zeros(size, config.seed_frames, count) for count in channels]
         else:
             seed = [stream[:, -config.seed_frames :] for stream in (before.face, before.body)]
         around = speech.with_context(config.speech_context, config.window_frames)
-        guide = draw.guide(self.streams[GESTURE].normaliser, "axis-angle")
+        guide = spec.guide(self.statistics[GESTURE].normaliser, "axis-angle")
         tokens = self.network.speech_tokens(guide.duplicate(around[None]), guide.is_conditional(1))
         sampled = sample(
             self.network,
             guide,
-            lambda which, step: draw.noise((config.window_frames, channels[which]), which, step),
-            (max(1, round(draw.steps * FACE_SHARE[self.name])), draw.steps),
-            SAMPLER_NAMES[SAMPLER_NAMES.index(draw.sampler)],
+            lambda which, step: spec.noise((config.window_frames, channels[which]), which, step),
+            (max(1, round(spec.steps * FACE_SHARE[self.name])), spec.steps),
+            SAMPLER_NAMES[SAMPLER_NAMES.index(spec.sampler)],
             seed=(seed[0], seed[1]),
             has_seed=torch.full((size,), before is not None),
             speech=tokens.repeat_interleave(size, dim=0),
-            speaker=torch.full((size,), draw.speaker),
+            speaker=torch.full((size,), spec.speaker),
         )
         units, vectors = (
-            stream.normaliser.restore(x) for stream, x in zip(self.streams, sampled, strict=True)
+            stream.normaliser.restore(x) for stream, x in zip(self.statistics, sampled, strict=True)
         )
         units = units.clamp(0, 1)
         face, body = (
             stream.normaliser.normalise(motion)
-            for stream, motion in zip(self.streams, (units, vectors), strict=True)
+            for stream, motion in zip(self.statistics, (units, vectors), strict=True)
         )
         return DualWindow(
             rotmat=rotations(vectors, "axis-angle"),
@@ -198,7 +198,7 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
     """Load a system."""
     trained = TrainedWeights.read(folder, FAMILY.weights_of(name))
     config = trained.card.config(DualBranchConfig, "network")
-    streams = read_streams(trained, config.seed_frames)
+    statistics = read_statistics(trained, config.seed_frames)
     consistent = trained.card.setting("aim") == "teacher"
     fields = FAMILY.fields_of(name, trained.card)
     if not trained.card.setting("speech_dropout"):  # trained with speech only
@@ -210,6 +210,6 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
         frame="parent",
         root_motion="place",
         config=config,
-        network=trained.as_of(DualBranchNetwork(config, streams, consistent=consistent)),
-        streams=streams,
+        network=trained.as_of(DualBranchNetwork(config, statistics, consistent=consistent)),
+        statistics=statistics,
     )

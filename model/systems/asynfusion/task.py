@@ -16,13 +16,13 @@ from model.systems.asynfusion.config import DDIM, AsynFusionConfig, AsynFusionLo
 from model.systems.asynfusion.network import (
     BRANCHES,
     GESTURE,
+    BranchStatistics,
     DualBranchNetwork,
     Pair,
-    Stream,
-    Streams,
+    PairStatistics,
     face_tensors,
     map_branches,
-    read_streams,
+    read_statistics,
 )
 from model.systems.asynfusion.system import NUM_STEPS, flow_times, noise_from_clean
 from model.training import losses
@@ -57,9 +57,9 @@ class BranchesTask(SingleNetworkTask):
         taught = TrainedWeights.read(setup.helpers, DDIM) if config.aim == "teacher" else None
         teacher = taught or weights
         if teacher:
-            face, body = read_streams(teacher, shape.seed_frames)
+            face, body = read_statistics(teacher, shape.seed_frames)
         else:
-            face, body = fit_streams(shape, data, self.targets)
+            face, body = fit_statistics(shape, data, self.targets)
         self.teacher = None
         if taught is not None:
             self.teacher = taught.as_of(DualBranchNetwork(shape, (face, body), consistent=False))
@@ -79,7 +79,7 @@ class BranchesTask(SingleNetworkTask):
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
-            vectors = self.targets.windows(batch.rows(shard.mine))
+            vectors = self.targets.windows(batch.rows(shard.rows))
             motion = shard.of(batch.expression), vectors.to(shard.device)
             x_1 = map_branches(lambda n, m: n.normalise(m), self.normalisers, motion)
             noise = map_branches(lambda x: draws.noise(x.shape[1:]), x_1)
@@ -104,7 +104,7 @@ class BranchesTask(SingleNetworkTask):
                     "consistency": pseudo_huber(predicted[which], wanted[which].float())
                 }
             else:
-                branch_losses = noise_terms(
+                branch_losses = noise_loss_terms(
                     config.loss, self.normalisers[which], x_t[which], predicted[which],
                     x_1[which], noise[which], t[which],
                 )  # fmt: skip
@@ -115,14 +115,16 @@ class BranchesTask(SingleNetworkTask):
 make_task = BranchesTask
 
 
-def fit_streams(config: DualBranchConfig, data: PreparedData, targets: Targets) -> Streams:
+def fit_statistics(
+    config: DualBranchConfig, data: PreparedData, targets: Targets
+) -> PairStatistics:
     """Fit components of face and body and their priors to windows of the training split."""
     bodies = [targets.windows(batch) for batch in prior_batches(data, config.window_frames)]
     vectors: Float[Tensor, "N C"] = torch.cat([body.flatten(0, 1) for body in bodies])
     body = Normaliser.fit(vectors, groups=AXIS_ANGLE_GROUPS)
     return (
-        Stream(*fit_face_prior(data, config)),
-        Stream(*fit_component_prior(body, bodies, config.seed_frames)),
+        BranchStatistics(*fit_face_prior(data, config)),
+        BranchStatistics(*fit_component_prior(body, bodies, config.seed_frames)),
     )
 
 
@@ -138,7 +140,7 @@ def draw_steps(
     return torch.where(is_apart, other, gesture), gesture
 
 
-def noise_terms(
+def noise_loss_terms(
     weights: AsynFusionLoss,
     normaliser: Normaliser,
     x_t: Float[Tensor, "B T C"],
@@ -152,7 +154,7 @@ def noise_terms(
     huber = F.huber_loss(restored, wanted, reduction="none", delta=weights.huber_delta)
     return {
         "noise": weights.noise * losses.simple_loss(noise_from_clean(x_t, predicted, t), noise),
-        "velocity": weights.velocity * losses.difference_loss(restored, wanted),
+        "velocity": weights.velocity * losses.first_difference_loss(restored, wanted),
         "huber": weights.huber * huber.mean((1, 2)),
     }
 

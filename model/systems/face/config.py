@@ -49,6 +49,6 @@ FAMILY = Family(
     title="The face",
     presets=presets,
     package="model.systems.face",
-    place=6,
+    display_order=6,
     helpers=(EXPRESSION,),
 )

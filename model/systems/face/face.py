@@ -189,7 +189,7 @@ class FaceFirstSystem(System):
         speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
-        draw: WindowSpec,
+        spec: WindowSpec,
     ) -> BodyWindow:
         """Sample the body of one window.
 
@@ -200,21 +200,21 @@ class FaceFirstSystem(System):
             seed: normalised motion of the first frames; None at the start of a clip.
         """
 
-    def window(self, speech: SpeechWindow, before: Window | None, draw: WindowSpec) -> BodyWindow:
+    def window(self, speech: SpeechWindow, before: Window | None, spec: WindowSpec) -> BodyWindow:
         """Generate a window (`System.window`): the face, for all samples, then the body."""
         assert before is None or isinstance(before, BodyWindow)
         frames = self.windowing.frames
         speech_window = speech.with_context(self.face.config.speech_context, frames)
         face = self.face.window(
             speech_window[:, : self.encoder.dim],
-            draw.speaker,
+            spec.speaker,
             None if before is None else before.expression[0],
-            draw.seed,
-            draw.index,
+            spec.seed,
+            spec.index,
             self.face_plan(speech_window),
         )
         seed = None if before is None else before.clean[:, -self.config.seed_frames :]
-        return self.body(speech.with_context(self.config.speech_context, frames), face, seed, draw)
+        return self.body(speech.with_context(self.config.speech_context, frames), face, seed, spec)
 
     def join(self, older: Window, newer: Window) -> Window:
         """Blend the bodies of two windows; their faces are blended already."""
@@ -233,7 +233,9 @@ def face_first_fields(
     face = load_face(folder)
     windows = config.window_frames, config.seed_frames
     if windows != (face.config.window_frames, face.config.seed_frames):
-        raise CheckpointError(f"The windows of {body.name} and of the expression network differ.")
+        raise CheckpointError(
+            f"The windows of {body.name} and of the expression network differ in length or overlap."
+        )
     return family.fields_of(name, body.card) | {
         "sha256s": {body.name: body.sha256, EXPRESSION: face.sha256},
         "windowing": Windowing(*windows, max(config.speech_context, face.config.speech_context)),

@@ -46,14 +46,14 @@ class FaceTask(SingleNetworkTask):
             if self.plans is not None:
                 tracks, _ = self.plans.tracks_and_kinds(batch, shape.speech_context)
                 conditions["tracks"] = shard.of(tracks[..., FACE_TRACKS])
-                conditions["has_plan"] = draws.keep(config.plan_dropout)
+                conditions["has_plan"] = draws.keep_mask(config.plan_dropout)
         with shard.autocast():
             predicted = network(interpolate(x_0, x_1, t), t, **conditions)
         scaled = self.normaliser.scaled(self.normaliser.restore(predicted.float()))
         wanted = self.normaliser.scaled(units)
         terms = {
             "simple": losses.simple_loss(scaled, wanted),
-            "difference": losses.difference_loss(scaled, wanted),
+            "difference": losses.first_difference_loss(scaled, wanted),
         }
         by_sample = time_weight(t, config.time_weight_floor)
         return StepLoss({name: (by_sample * term).mean() for name, term in terms.items()})

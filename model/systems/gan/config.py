@@ -8,7 +8,7 @@ from model.networks.config import BranchConfig
 from model.sampling.samplers import make_samplers
 from model.training.config import SMOKE, GeometricWeights, TrainConfig
 
-SYSTEMS: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
+STEPS_BY_SYSTEM: dict[str, int] = {"gan/20": 20, "gan/10": 10, "gan/5": 5}
 """Sampling steps of each system; 20 is the paper's demo."""
 WEIGHTS = "gan/20"
 """Name of the weights that all of them use."""
@@ -89,23 +89,23 @@ def presets(system: str) -> dict[str, GanConfig]:
     return {"demo": config, "smoke": replace(config, generator=least, **SMOKE)}
 
 
-_FASTEST = min(SYSTEMS, key=lambda name: SYSTEMS[name])
+_FASTEST = min(STEPS_BY_SYSTEM, key=lambda name: STEPS_BY_SYSTEM[name])
 
 FAMILY = Family(
     name="gan",
-    title="Few large steps that a discriminator taught",
-    systems=tuple(SYSTEMS),
+    title="Few large denoising steps, trained with a discriminator",
+    systems=tuple(STEPS_BY_SYSTEM),
     about={
-        name: f"Drawn in {steps} large denoising steps, trained against a discriminator."
-        for name, steps in SYSTEMS.items()
+        name: f"Samples in {steps} large denoising steps; trained against a discriminator."
+        for name, steps in STEPS_BY_SYSTEM.items()
     },
     presets=presets,
     package="model.systems.gan",
-    place=4,
+    display_order=4,
     samplers={
         name: make_samplers("posterior", "ddim", steps=steps, strength=3.0)
-        for name, steps in SYSTEMS.items()
+        for name, steps in STEPS_BY_SYSTEM.items()
     },
     representatives=dict.fromkeys(("sampling_steps", "speech_effect", "streaming"), (_FASTEST,)),
-    shared_weights={name: WEIGHTS for name in SYSTEMS if name != WEIGHTS},
+    shared_weights={name: WEIGHTS for name in STEPS_BY_SYSTEM if name != WEIGHTS},
 )

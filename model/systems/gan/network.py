@@ -31,7 +31,7 @@ def diffusion_factors(t: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor]:
     return (log_square / 2).exp(), (-torch.expm1(log_square)).sqrt()
 
 
-def flow_time(t: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor]:
+def flow_time_and_scale(t: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor]:
     """Return the flow time with the same ratio of data and noise, and the scale of x_t in it."""
     signal, noise = diffusion_factors(t)
     return signal / (signal + noise), signal + noise
@@ -189,7 +189,7 @@ class Generator(ConditionedNetwork):
         has_seed: Bool[Tensor, " B"],
     ) -> tuple[Float[Tensor, "B T C"], Float[Tensor, "C T B"]]:
         """Predict as `forward` does, from speech tokens that all steps share."""
-        tau, scale = flow_time(now)
+        tau, scale = flow_time_and_scale(now)
         with torch.autocast(x_t.device.type, enabled=False):  # bf16 adds jitter
             prior_mean = self.posterior_mean(x_t / scale[:, None, None], tau, seed, has_seed)
         condition = self.condition(now, speaker) + self.reach(before)

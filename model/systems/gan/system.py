@@ -31,34 +31,34 @@ class GanSystem(FaceFirstSystem):
         speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
-        draw: WindowSpec,
+        spec: WindowSpec,
     ) -> BodyWindow:
         """Sample the body (`FaceFirstSystem.body`) from posteriors as trained, or by DDIM."""
-        config, size = self.config, draw.samples
+        config, size = self.config, spec.samples
         seed_poses = (
             torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         )
-        guide = draw.guide(self.normaliser, "axis-angle")
-        copies, hears = guide.copies(size), guide.is_conditional(size)
+        guide = spec.guide(self.normaliser, "axis-angle")
+        copies, has_speech = guide.copies(size), guide.is_conditional(size)
         has_seed = torch.full((size,), seed is not None)
         tokens = self.network.speech_tokens(guide.duplicate(speech[None]), guide.is_conditional(1))
         conditions = {
             "tokens": tokens.repeat_interleave(size, dim=0),
-            "face": mask_expression(expression.expand(copies, -1, -1), hears),
+            "face": mask_expression(expression.expand(copies, -1, -1), has_speech),
             "seed": guide.duplicate(seed_poses),
-            "speaker": torch.full((copies,), draw.speaker),
+            "speaker": torch.full((copies,), spec.speaker),
             "has_seed": guide.duplicate(has_seed),
         }
 
-        x = draw.noise((config.window_frames, config.channels))
-        for k, (now, before) in enumerate(pairwise(diffusion_times(draw.steps)), start=1):
+        x = spec.noise((config.window_frames, config.channels))
+        for k, (now, before) in enumerate(pairwise(diffusion_times(spec.steps)), start=1):
             at, to = torch.full((size,), now), torch.full((size,), before)
             answers, open_ = self.network.denoised(*map(guide.duplicate, (x, at, to)), **conditions)
             mean_x_0 = guide.combine(answers)
-            if draw.sampler == "ddim":
+            if spec.sampler == "ddim":
                 x = ddim_step(x, mean_x_0, before, now)
                 continue
-            again, latent = draw.noise((2, *x.shape[1:]), k).unbind(1)
+            again, latent = spec.noise((2, *x.shape[1:]), k).unbind(1)
             x_0 = self.network.sample_x_0(mean_x_0, open_[..., :size], latent, has_seed)
             mean, deviation = posterior(x, x_0, to, at)
             x = mean + deviation * again

@@ -14,7 +14,13 @@ from model.motion.kinematics import open_body_skeleton
 from model.motion.packing import Decoded, decode
 from model.sampling.flow import time_weight
 from model.systems.gan.config import GanConfig
-from model.systems.gan.network import Discriminator, Generator, diffuse, flow_time, posterior
+from model.systems.gan.network import (
+    Discriminator,
+    Generator,
+    diffuse,
+    flow_time_and_scale,
+    posterior,
+)
 from model.training import losses
 from model.training.losses import geometric_terms
 from model.training.parallel import ShardedRandom, compiled
@@ -54,7 +60,7 @@ def gradient_penalty(
 class DenoisingBatch:
     """Random draws of a training step: both ends of a denoising step, and the conditions."""
 
-    vectors: Float[Tensor, "B T C"]
+    motion_vectors: Float[Tensor, "B T C"]
     """Motion vectors, not normalised."""
     target: Decoded
     x_0: Float[Tensor, "B T C"]
@@ -62,7 +68,7 @@ class DenoisingBatch:
     x_now: Float[Tensor, "B T C"]
     before: Float[Tensor, " B"]
     now: Float[Tensor, " B"]
-    noise: Float[Tensor, "B T C"]
+    posterior_noise: Float[Tensor, "B T C"]
     """Noise of the posterior."""
     latent: Float[Tensor, "B T C"]
     expression: Float[Tensor, "B T E"]
@@ -154,7 +160,7 @@ class GanTask(SingleNetworkTask):
             self.config, self.config.generator, draws.shard, draws.generator
         )  # fmt: skip
         window = self.window_frames, shape.channels
-        vectors, target = self.targets.of(batch.rows(shard.mine), rotations=False)
+        vectors, target = self.targets.of(batch.rows(shard.rows), rotations=False)
         vectors, target = vectors.to(shard.device), target.to(shard.device)
         x_0 = self.normaliser.normalise(vectors)
         counts = torch.tensor(config.step_counts)
@@ -168,7 +174,7 @@ class GanTask(SingleNetworkTask):
         )
         conditions["seed"] = x_0[:, : shape.seed_frames]
         return DenoisingBatch(
-            vectors, target, x_0, x_before, x_now, before, now, noise=draws.noise(window),
+            vectors, target, x_0, x_before, x_now, before, now, posterior_noise=draws.noise(window),
             latent=draws.noise(window), expression=shard.of(batch.expression), condition=conditions,
         )  # fmt: skip
 
@@ -186,7 +192,7 @@ class GanTask(SingleNetworkTask):
     ) -> Float[Tensor, "B T C"]:
         """Sample x_before for a prediction of x_0."""
         mean, deviation = posterior(drawn.x_now, x_0, drawn.before, drawn.now)
-        return mean + deviation * drawn.noise
+        return mean + deviation * drawn.posterior_noise
 
     def scores(
         self, x_before: Float[Tensor, "B T C"], drawn: DenoisingBatch
@@ -198,17 +204,19 @@ class GanTask(SingleNetworkTask):
         self, mean: Float[Tensor, "B T C"], deviation: Float[Tensor, "C T B"], drawn: DenoisingBatch
     ) -> dict[str, Float[Tensor, ""]]:
         """Compute the terms of the explicit loss on x_0, before its weight."""
-        weights, vectors = self.config.loss.terms, drawn.vectors
+        weights, vectors = self.config.loss.terms, drawn.motion_vectors
         restored = self.normaliser.restore(mean)
         scaled, wanted = self.normaliser.scaled(restored), self.normaliser.scaled(vectors)
         huber = F.huber_loss(scaled, wanted, reduction="none").mean((1, 2))
         terms = {"simple": weights.simple * huber}
         decoded = decode(restored, self.targets.space, self.targets.skeleton, self.targets.root)
         terms |= geometric_terms(weights, decoded, drawn.target)
-        by_sample = time_weight(flow_time(drawn.now)[0], self.config.loss.time_weight_floor)
+        by_sample = time_weight(
+            flow_time_and_scale(drawn.now)[0], self.config.loss.time_weight_floor
+        )
         means = {name: (by_sample * term).mean() for name, term in terms.items()}
         has_seed = drawn.condition["has_seed"]
-        own = self.network.prior_deviation(flow_time(drawn.now)[0], has_seed)
+        own = self.network.prior_deviation(flow_time_and_scale(drawn.now)[0], has_seed)
         error = self.network.prior.to_eigenbasis(drawn.x_0 - mean, has_seed) / own
         means["spread"] = self.config.loss.spread * gaussian_loss(error, deviation / own)
         return means

@@ -21,14 +21,14 @@ class NetworkConfig(BranchConfig):
     """Format of root motion; with absolute positions ("place") the body returns to its home."""
 
     @property
-    def prior(self) -> bool:
+    def has_prior(self) -> bool:
         """True if the network has a linear-Gaussian prior."""
         return self.rotation_space == "axis-angle"
 
     @property
     def motion_dim(self) -> int:
         """Channels of a motion vector: 55 rotations and the root."""
-        return 55 * (3 if self.prior else 6) + 3
+        return 55 * (3 if self.has_prior else 6) + 3
 
 
 @dataclass(frozen=True)
@@ -157,18 +157,20 @@ _LOCAL, _GLOBAL, _FULL = "globaldiff/local", "globaldiff/global", "globaldiff/fu
 
 _TITLE = "Five systems, each adding one thing to the one before"
 _INTRODUCTION = (
-    "All predict the clean motion from a noised one, the speech, the speaker and a short seed "
-    "(flow matching, eq. 7), with positions supervised beside rotations. In this project everything"
-    " but the step's own change is equal: data and their order, network, windows of training, and "
-    "the noise of a comparison; each was trained from nothing, on raw rotations as in the paper's "
-    "code. That a step helps is the paper's claim; on your clip, the measures decide."
+    "All predict the clean motion from a noised one, the speech, the speaker and a short seed pose "
+    "(flow matching, eq. 7), with losses on positions as well as rotations. In this project, "
+    "everything except the added step is equal: data and their order, network, training windows, "
+    "and the noise of a comparison. Each was trained from random weights, on raw rotations as in "
+    "the paper's code. The paper claims that "
+    "each step helps; the metrics show whether it does on your clip."
 )
 _OWN_TITLE = "Our own system"
 _OWN_MEANING = (
     "A linear-Gaussian prior of the motion (range, smoothness and duration of each body part's "
     "movement) gives the distribution of x₁ given the noised motion and the previous frames. The "
-    "network predicts what the speech adds, in units of the remaining standard deviation. So it "
-    "moves as far and as smoothly as its data; the ablation shows what happens without."
+    "network predicts what the speech adds, in units of the remaining standard deviation. Its "
+    "motion therefore has the range and smoothness of the training data; the systems of the "
+    "ablation have no such prior."
 )
 
 _EQ_3 = r"R_k^{\text{global}} = R_1^{\text{local}} R_2^{\text{local}} \cdots R_k^{\text{local}}"
@@ -193,18 +195,18 @@ _STEPS = (
     ),
     AblationStep(
         "globaldiff/global", "Global rotations",
-        "Each joint is predicted in the world. A position is a sum over the chain's bones; an "
-        "error at one joint moves what is below it but turns nothing else.",
+        "Each joint is predicted in world coordinates. A position is a sum over the chain's bones; "
+        "an error at one joint moves the joints below it but does not rotate them.",
         _EQ_5, "eq. 5",
         "Less fingertip jitter. In return, neighbouring joints are not coupled, so a joint may "
         "twist against its parent.",
     ),
     AblationStep(
         "globaldiff/joint", "+ joint constraint",
-        "Six anchor points around each joint are turned along with it and compared. A position "
-        "says nothing of a last joint's own turn; the anchors do.",
+        "Six anchor points around each joint rotate with it and are compared. The position of the "
+        "last joint of a chain does not show its own rotation; the anchors do.",
         _JOINT, "eqs. 8 to 10",
-        "Thumbs and little fingers: without it they may be flipped or twisted.",
+        "Thumbs and little fingers: without the constraint they may be flipped or twisted.",
     ),
     AblationStep(
         "globaldiff/skeleton", "+ skeleton constraint",
@@ -229,20 +231,20 @@ ABLATION_EXPLAINED = Ablation(
 
 FAMILY = Family(
     name="globaldiff",
-    title="GlobalDiff, and one of our own",
+    title="GlobalDiff, and a system of our own",
     systems=SYSTEMS,
     about={
         PRIORFLOW: "Blocks of the paper's network with a linear-Gaussian prior of the motion.",
-        "globaldiff/local": "Rotations of each joint in its parent.",
-        "globaldiff/global": "Rotations of each joint in the world.",
-        "globaldiff/joint": "Global, and the joint constraint (L_j).",
-        "globaldiff/skeleton": "Joint, and the skeleton constraint (L_s).",
-        "globaldiff/full": "Skeleton, and the motion constraint (L_m).",
+        "globaldiff/local": "Predicts each joint's rotation relative to its parent.",
+        "globaldiff/global": "Predicts each joint's rotation in world coordinates.",
+        "globaldiff/joint": "Global rotations plus the joint constraint (L_j).",
+        "globaldiff/skeleton": "As globaldiff/joint, plus the skeleton constraint (L_s).",
+        "globaldiff/full": "As globaldiff/skeleton, plus the motion constraint (L_m).",
     },
     samplers=dict.fromkeys(SYSTEMS, make_samplers(*FLOW_SAMPLERS, steps=10, strength=2.5)),
     presets=presets,
     package="model.systems.globaldiff",
-    place=2,
+    display_order=2,
     representatives={
         "motion": (_LOCAL, _GLOBAL, PRIORFLOW),
         "sampling_steps": (_FULL, PRIORFLOW),
@@ -251,11 +253,11 @@ FAMILY = Family(
     },
     ablation=ABLATION_EXPLAINED,
     claim=Claim(
-        less_jerk_group="global rotations",
-        more_jerk_group="local rotations",
-        more=_LOCAL,
-        less=tuple(name for name in ABLATION if name != _LOCAL),
-        plain=_GLOBAL,
-        added="constraints",
+        less_jerk_property="global rotations",
+        more_jerk_property="local rotations",
+        more_jerk_system=_LOCAL,
+        less_jerk_systems=tuple(name for name in ABLATION if name != _LOCAL),
+        base_system=_GLOBAL,
+        additions_name="constraints",
     ),
 )

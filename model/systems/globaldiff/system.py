@@ -117,7 +117,7 @@ class GlobalDiffSystem(FaceFirstSystem):
         speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
-        draw: WindowSpec,
+        spec: WindowSpec,
     ) -> BodyWindow:
         """Sample the body (`FaceFirstSystem.body`), with in-painting of the seed early in the flow.
 
@@ -125,17 +125,17 @@ class GlobalDiffSystem(FaceFirstSystem):
         network may change them, which halves the jump after the seed. A network with a
         prior has the seed as a condition instead. `System.join` blends the windows afterwards.
         """
-        config, prior, size = self.config, self.network.prior, draw.samples
-        x_0 = self.noise(draw)
+        config, prior, size = self.config, self.network.prior, spec.samples
+        x_0 = self.noise(spec)
         seed_poses = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
         last_prediction = x_0
-        guide = self.guide(draw)
-        copies, hears = guide.copies(size), guide.is_conditional(size)
+        guide = self.guide(spec)
+        copies, has_speech = guide.copies(size), guide.is_conditional(size)
         conditions = {
-            **self.conditioning_inputs(speech, hears),
+            **self.conditioning_inputs(speech, has_speech),
             "expression": expression.expand(copies, -1, -1),
             "seed": guide.duplicate(seed_poses),
-            "speaker": self.speaker_inputs(draw, hears),
+            "speaker": self.speaker_inputs(spec, has_speech),
             "has_seed": torch.full((copies,), seed is not None),
         }
 
@@ -147,11 +147,11 @@ class GlobalDiffSystem(FaceFirstSystem):
                 return last_prediction
             return torch.cat([seed, last_prediction[:, config.seed_frames :]], dim=1)
 
-        sampler = FLOW_SAMPLERS[FLOW_SAMPLERS.index(draw.sampler)]
+        sampler = FLOW_SAMPLERS[FLOW_SAMPLERS.index(spec.sampler)]
         if prior is not None and sampler != "reinterpolate":
-            x_1 = prior.sample(predict, x_0, seed, steps=draw.steps, heun=sampler == "heun")
+            x_1 = prior.sample(predict, x_0, seed, steps=spec.steps, heun=sampler == "heun")
         else:
-            sample(predict, x_0, steps=draw.steps, sampler=sampler)
+            sample(predict, x_0, steps=spec.steps, sampler=sampler)
             # All samplers end there up to rounding; in one step, their result has the seed frames.
             x_1 = last_prediction
         vectors = self.normaliser.restore(x_1)
@@ -167,25 +167,25 @@ class GlobalDiffSystem(FaceFirstSystem):
             clean=self.normaliser.normalise(vectors),
         )
 
-    def noise(self, draw: WindowSpec) -> Float[Tensor, "B T C"]:
+    def noise(self, spec: WindowSpec) -> Float[Tensor, "B T C"]:
         """Draw the noise at the start of the flow."""
-        return draw.noise((self.config.window_frames, self.config.motion_dim))
+        return spec.noise((self.config.window_frames, self.config.motion_dim))
 
-    def guide(self, draw: WindowSpec) -> ClassifierFreeGuidance:
+    def guide(self, spec: WindowSpec) -> ClassifierFreeGuidance:
         """Return the classifier-free guidance of the network."""
-        return draw.guide(self.normaliser, self.config.rotation_space)
+        return spec.guide(self.normaliser, self.config.rotation_space)
 
     def conditioning_inputs(
-        self, speech: Float[Tensor, "T_ctx dim"], hears: Bool[Tensor, " copies"]
+        self, speech: Float[Tensor, "T_ctx dim"], has_speech: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
         """Return the network's speech inputs by name, one row for each copy."""
-        return {"speech": speech.expand(len(hears), -1, -1), "has_speech": hears}
+        return {"speech": speech.expand(len(has_speech), -1, -1), "has_speech": has_speech}
 
     def speaker_inputs(
-        self, draw: WindowSpec, hears: Bool[Tensor, " copies"]
+        self, spec: WindowSpec, has_speech: Bool[Tensor, " copies"]
     ) -> Int[Tensor, " copies"]:
         """Return the speaker for each copy; 0 means no speaker."""
-        return torch.full(hears.shape, draw.speaker)
+        return torch.full(has_speech.shape, spec.speaker)
 
 
 def pull_towards_origin(
@@ -211,7 +211,7 @@ def load(name: str, folder: Path) -> GlobalDiffSystem:
     """Load a system with its expression network."""
     trained = TrainedWeights.read(folder, name)
     config = trained.card.config(NetworkConfig, "network")
-    prior = trained.prior(config.seed_frames) if config.prior else None
+    prior = trained.prior(config.seed_frames) if config.has_prior else None
     return GlobalDiffSystem(
         **face_first_fields(FAMILY, name, trained, config, folder),
         frame="world" if config.rotation_space == "global" else "parent",

@@ -53,7 +53,7 @@ class MotionTask(SingleNetworkTask):
             self.encoder = load_encoder(setup.helpers, ENCODER, setup.shard.device)
         self.targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
         prior = None
-        if shape.prior:
+        if shape.has_prior:
             normaliser, prior = fit_motion_prior(data, self.targets, shape, weights)
         elif weights:
             normaliser = weights.normaliser
@@ -81,7 +81,7 @@ class MotionTask(SingleNetworkTask):
         config, weights, shard = self.config, self.config.loss, draws.shard
         with torch.no_grad():
             needs_rotations = weights.joint > 0 or weights.motion > 0
-            vectors, target = self.targets.of(batch.rows(shard.mine), rotations=needs_rotations)
+            vectors, target = self.targets.of(batch.rows(shard.rows), rotations=needs_rotations)
             vectors, target = vectors.to(shard.device), target.to(shard.device)
             x_1 = self.normaliser.normalise(vectors)
             x_0 = draws.noise(x_1.shape[1:])

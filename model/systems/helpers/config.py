@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from model.generation.family import Family
 from model.motion.spaces import Representation
 from model.networks.config import AutoencoderConfig, MatchingConfig
-from model.speech.encoder import SPEECH_ENCODER, CodesConfig
+from model.speech.encoder import SPEECH_ENCODER, SpeechCodesConfig
 from model.training.config import SMOKE, VOCAL_TRACT_RANGE, GeometricWeights, TrainConfig
 
 MOTION_VAE = "motion-vae"
@@ -53,7 +53,7 @@ class MatchingTrainConfig(TrainConfig):
 class SpeechEncoderConfig(TrainConfig):
     """Settings of a training of the speech encoder."""
 
-    codes: CodesConfig = field(default_factory=CodesConfig)
+    codes: SpeechCodesConfig = field(default_factory=SpeechCodesConfig)
     window_frames: int = 300
 
 
@@ -87,9 +87,9 @@ def presets(system: str) -> Mapping[str, TrainConfig]:
 
 FAMILY = Family(
     name="helpers",
-    title="Networks that serve systems",
+    title="Networks that the systems use",
     presets=presets,
     package="model.systems.helpers",
-    place=7,
+    display_order=7,
     helpers=(*AUTOENCODERS, MATCHING_NETWORK, SPEECH_ENCODER),
 )

@@ -49,7 +49,9 @@ class AutoencoderTask(SingleNetworkTask):
         weights = setup.begin(config, data)
         frames = config.window_frames
         normaliser = (
-            weights.normaliser if weights else fit_input(config, statistics_batch(data, frames))
+            weights.normaliser
+            if weights
+            else fit_input_normaliser(config, statistics_batch(data, frames))
         )
         network = MotionAutoencoder(config.autoencoder)
         super().__init__(setup, config, weights, network, normaliser, frames)
@@ -89,13 +91,13 @@ class AutoencoderTask(SingleNetworkTask):
         if shape.face_channels > 0:
             pair = restored[..., face], normalised[..., face]
             terms["face"] = config.loss.simple * losses.simple_loss(*pair)
-            terms["face_difference"] = config.loss.simple * losses.difference_loss(*pair)
+            terms["face_difference"] = config.loss.simple * losses.first_difference_loss(*pair)
         if shape.kl_weight > 0:
             terms["kl"] = shape.kl_weight * losses.kl_loss(codes)
         return StepLoss({name: term.mean() for name, term in terms.items()})
 
 
-def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
+def fit_input_normaliser(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
     """Compute the statistics of the network's input.
 
     All blendshapes share one standard deviation, as the channels of a body part do: separate ones
@@ -112,7 +114,9 @@ def fit_input(config: AutoencoderTrainConfig, batch: Batch) -> Normaliser:
         parts.append(Normaliser.fit(motion, config.representation))
     if shape.face_channels > 0:
         if not (face != face[0]).any():
-            raise DataError(f"{config.system} learns from faces in ARKit's units; these have none.")
+            raise DataError(
+                f"{config.system} needs faces as ARKit blendshapes; in this data they never move."
+            )
         parts.append(Normaliser.fit(face, groups=[range(shape.face_channels)]))
     return Normaliser(
         torch.cat([part.mean for part in parts]), torch.cat([part.std for part in parts])
@@ -137,7 +141,9 @@ class MatchingTask(SingleNetworkTask):
         normaliser = (
             weights.normaliser
             if weights
-            else fit_tracks(motion_tracks(statistics_batch(data, config.piece_frames).poses))
+            else fit_track_normaliser(
+                motion_tracks(statistics_batch(data, config.piece_frames).poses)
+            )
         )
         network = MatchingNetwork(config.matching)
         super().__init__(
@@ -168,7 +174,7 @@ class MatchingTask(SingleNetworkTask):
         return StepLoss(terms, shares)
 
 
-def fit_tracks(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:
+def fit_track_normaliser(tracks: Float[Tensor, "N T tracks"]) -> Normaliser:
     """Compute the statistics of `motion_tracks`."""
     flat = tracks.flatten(0, 1)
     return Normaliser(flat.mean(0), flat.std(0).clamp_min(TRACK_STD_FLOOR))
@@ -191,7 +197,7 @@ _NUMBERS = ("strength", "speed")
 """Entries of `SPEECH_LABELS` that are not logits."""
 
 
-class CodesTask(SingleNetworkTask):
+class SpeechEncoderTask(SingleNetworkTask):
     """Training of the speech encoder with one loss per prediction (`prediction_losses`)."""
 
     config: SpeechEncoderConfig
@@ -243,5 +249,5 @@ def prediction_losses(
 TASKS: dict[type[TrainConfig], type] = {
     AutoencoderTrainConfig: AutoencoderTask,
     MatchingTrainConfig: MatchingTask,
-    SpeechEncoderConfig: CodesTask,
+    SpeechEncoderConfig: SpeechEncoderTask,
 }

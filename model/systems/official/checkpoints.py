@@ -94,7 +94,7 @@ def part_of(path: Path) -> Part | None:
     return next((part for part, names in _NAMES.items() if names.fullmatch(named)), None)
 
 
-def require_speech() -> Path:
+def require_speech_features() -> Path:
     """Return the folder of a speech model, or the file of features, that the networks need.
 
     Raises:
@@ -105,8 +105,8 @@ def require_speech() -> Path:
     if path is None or not path.exists():
         problem = "none was named" if path is None else f"there is no {path}"
         raise EncoderError(
-            "The systems official/... hear speech by WavLM or HuBERT; name a folder with its "
-            f"config.json and weights, or a file of prepared features, with --official-features "
+            "The systems official/... need speech features of WavLM or HuBERT; name a folder with "
+            "config.json and weights, or a file of prepared features, with --official-features "
             f"PATH ({problem})."
         )
     return path

@@ -13,7 +13,7 @@ from model.systems.official.checkpoints import (
     SPEECH_VARIABLE,
     official_file,
     official_folder,
-    require_speech,
+    require_speech_features,
 )
 
 FILTERED = "official/authors"
@@ -32,7 +32,7 @@ class OfficialFamily(Family):
     """Family with weights in a separate folder that are not trained here."""
 
     @property
-    def trained(self) -> tuple[str, ...]:
+    def trained_networks(self) -> tuple[str, ...]:
         """Names of trained networks: none."""
         return ()
 
@@ -45,14 +45,14 @@ class OfficialFamily(Family):
         if official_folder() is not None:
             for part in PARTS:
                 official_file(part)
-            require_speech()
+            require_speech_features()
 
     def single_speech_reason(self) -> str | None:
         """Return that prepared features are of one speech; None without them."""
-        if official_folder() is None or not require_speech().is_file():
+        if official_folder() is None or not require_speech_features().is_file():
             return None
         return (
-            "prepared features are of one speech; name a folder of WavLM or HuBERT with "
+            "prepared features belong to one recording; name a folder of WavLM or HuBERT with "
             "--official-features DIR."
         )
 
@@ -63,10 +63,10 @@ class OfficialFamily(Family):
 
     def check_files(self) -> tuple[FileCheck, ...]:
         """Check each network and their speech model."""
-        from model.systems.official.networks import reports_of
+        from model.systems.official.networks import check_networks
 
         folder = official_folder()
-        return () if folder is None else tuple(reports_of(folder))
+        return () if folder is None else tuple(check_networks(folder))
 
     def card(self, name: str, folder: Path) -> WeightsCard:
         """Make a card from the checkpoints' names; other systems' speakers are number 0."""
@@ -101,7 +101,7 @@ FAMILY = OfficialFamily(
     ),
     presets=lambda system: {},
     package="model.systems.official",
-    place=5,
+    display_order=5,
     offline_only=(FILTERED, UNFILTERED),
     files_title="GlobalDiff by its authors (docs/official.md)",
     files=(

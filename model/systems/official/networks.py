@@ -247,7 +247,7 @@ def load_network(part: Part, path: Path) -> nn.Module:
 _ADVICE = "see docs/official.md"
 
 
-def reports_of(folder: Path) -> Iterator[FileCheck]:
+def check_networks(folder: Path) -> Iterator[FileCheck]:
     """Yield a report on each network, and on their speech model."""
     for part in PARTS:
         name = f"official {part}"
@@ -264,4 +264,4 @@ def reports_of(folder: Path) -> Iterator[FileCheck]:
     except Exception as error:  # as above, for transformers
         yield FileCheck("official speech", error=error, advice=_ADVICE)
     else:
-        yield FileCheck("official speech", "WavLM, HuBERT or features are there")
+        yield FileCheck("official speech", "WavLM, HuBERT or prepared features were found")

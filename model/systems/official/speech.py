@@ -22,7 +22,7 @@ from model.speech.wavlm import (
     load_speech_model,
     resampled,
 )
-from model.systems.official.checkpoints import SEED_FRAMES, SPEECH_DIM, require_speech
+from model.systems.official.checkpoints import SEED_FRAMES, SPEECH_DIM, require_speech_features
 
 STEP_SAMPLES = WINDOW_SAMPLES - int(16_000 / 30 * SEED_FRAMES)
 ADVANCE = WINDOW_FRAMES - SEED_FRAMES
@@ -71,7 +71,7 @@ def frames_to_window(frames: Float[Tensor, "60 both"]) -> Float[Tensor, "60 dim"
 
 def official_encoder() -> OfficialEncoder:
     """Make the encoder from the speech model in a folder, or from a file of features."""
-    source = require_speech()
+    source = require_speech_features()
     return OfficialEncoder(_by_model(source) if source.is_dir() else _prepared(source))
 
 
@@ -87,7 +87,7 @@ def _by_model(folder: Path) -> SpeechModel:
         ) from error
     if kind not in MODELS or width != SPEECH_DIM:
         raise EncoderError(
-            f"{folder} holds a {kind} of width {width}; the authors' networks hear by a wavlm or "
+            f"{folder} holds a {kind} of width {width}; the authors' networks need a wavlm or "
             f"hubert of width {SPEECH_DIM}."
         )
     return load_speech_model(folder, MODELS[kind])[0]

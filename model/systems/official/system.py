@@ -70,12 +70,12 @@ class OfficialSystem(System):
 
     @torch.inference_mode()
     def window(
-        self, speech: SpeechWindow, before: Window | None, draw: WindowSpec
+        self, speech: SpeechWindow, before: Window | None, spec: WindowSpec
     ) -> OfficialWindow:
         assert before is None or isinstance(before, OfficialWindow)
-        size = draw.samples
+        size = spec.samples
         speech_window = frames_to_window(speech.with_context(0, WINDOW_FRAMES))[None]
-        speaker = torch.tensor([draw.speaker])
+        speaker = torch.tensor([spec.speaker])
         face = self.expressions(speech_window, speaker)
         seed = self.seed.expand(size, -1, -1)
         if before is not None:
@@ -94,8 +94,8 @@ class OfficialSystem(System):
             last["x_1"] = x_1
             return x_1
 
-        x_0 = draw.noise((WINDOW_FRAMES, MOTION_DIM))
-        sample(predict, x_0, steps=draw.steps, sampler="reinterpolate")
+        x_0 = spec.noise((WINDOW_FRAMES, MOTION_DIM))
+        sample(predict, x_0, steps=spec.steps, sampler="reinterpolate")
         vectors = smoothed(last["x_1"]) if self.filters else last["x_1"]
         return _window(as_rotations(vectors), conditions["expression"])
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from model.generation.family import Family
 from model.sampling.samplers import make_samplers
-from model.speech.encoder import CodesConfig
+from model.speech.encoder import SpeechCodesConfig
 from model.systems.globaldiff.config import PRIORFLOW, GlobalDiffConfig, NetworkConfig
 from model.systems.globaldiff.config import presets as globaldiff_presets
 from model.training.config import SMOKE, VOCAL_TRACT_RANGE, TrainConfig
@@ -73,7 +73,7 @@ def presets(system: str) -> dict[str, TrainConfig]:
         planner = PlannerTrainConfig(
             system=system, steps=2000, batch_size=16, learning_rate=2e-3, ema_decay=0.995,
             speech_dropout=0.15, save_every=250, throats=VOCAL_TRACT_RANGE,
-            planner=PlannerConfig(codes=CodesConfig.codes),
+            planner=PlannerConfig(codes=SpeechCodesConfig.codes),
         )  # fmt: skip
         shape = replace(planner.planner, codes=0, width=16, head_width=16, window_frames=60)
         return {"demo": planner, "smoke": replace(planner, planner=shape, **SMOKE)}
@@ -91,7 +91,7 @@ def _with_plan_conditioning(base: GlobalDiffConfig, system: str) -> PlannedConfi
 
 FAMILY = Family(
     name="planned",
-    title="Plan first, of our own",
+    title="Plan first, then motion: our own",
     systems=(PLANNED,),
     about={
         PLANNED: (
@@ -102,8 +102,8 @@ FAMILY = Family(
     samplers={PLANNED: make_samplers("euler", "heun", steps=6, strength=2.5)},
     presets=presets,
     package="model.systems.planned",
-    place=1,
+    display_order=1,
     helpers=(PLANNER,),
     representatives=dict.fromkeys(("motion", "speech_effect"), (PLANNED,)),
-    plans=(PLANNED,),
+    planning_systems=(PLANNED,),
 )

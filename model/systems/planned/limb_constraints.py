@@ -74,9 +74,9 @@ class LimbConstraints:
     def apply(self, motion: Motion) -> Motion:
         return self._feet.hold(self._hands.lead(motion))
 
-    def go_on_with(self, ahead: StreamedPlan, first_frame: int) -> None:
-        self._hands.go_on_with(ahead.condition, first_frame)
-        self._feet.go_on_with(ahead.planted)
+    def continue_with(self, streamed: StreamedPlan, first_frame: int) -> None:
+        self._hands.continue_with(streamed.condition, first_frame)
+        self._feet.continue_with(streamed.planted)
 
     def state(self) -> dict[str, Tensor]:
         """Return the footings so far."""
@@ -109,7 +109,7 @@ class FootLock:
     """Footings of all feet that have landed so far."""
     _frames: int = field(default=0, init=False)
 
-    def go_on_with(self, planted: Sequence[FootContact]) -> None:
+    def continue_with(self, planted: Sequence[FootContact]) -> None:
         """Continue with other times; those that began before have the same footing."""
         stood = {(event.foot, event.start_s): place for event, place in self.placements.items()}
         self.planted = planted
@@ -251,7 +251,7 @@ class HandGuide:
     """Plan of the hands. A hand without phases is not changed."""
     _frames: int = field(default=0, init=False)
 
-    def go_on_with(self, plan: GesturePlan, first_frame: int) -> None:
+    def continue_with(self, plan: GesturePlan, first_frame: int) -> None:
         """Continue with another plan, in which the next frame is ``first_frame``."""
         self.plan, self._frames = plan, first_frame
 

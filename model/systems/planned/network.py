@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor, nn
 
 from model.networks.branch import AddedTokens, PriorNetwork
-from model.plan.plan_features import CHAINS_BY_NAME, NUM_TRACKS, TIERS, EventChain
+from model.plan.plan_features import CHAINS_BY_NAME, NUM_TRACKS, TIERS, EventTier
 from model.sampling.prior import GaussianPrior
 from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 
@@ -82,21 +82,21 @@ class MarkMixture:
 class TierHead(nn.Module):
     """Predictor of one tier's next event."""
 
-    def __init__(self, tier: EventChain, config: PlannerConfig) -> None:
+    def __init__(self, tier: EventTier, config: PlannerConfig) -> None:
         super().__init__()
         self.tier, self.mixtures = tier, config.mixtures
         state_dim = tier.state_dim + (
-            CHAINS_BY_NAME[tier.coupled_chain].state_dim if tier.coupled_chain else 0
+            CHAINS_BY_NAME[tier.coupled_tier].state_dim if tier.coupled_tier else 0
         )
         hidden = config.head_width
         self.heard = nn.Linear(config.width + SPEAKER_WIDTH, hidden)
         self.seen = nn.Linear(state_dim, hidden, bias=False)
         self.event = nn.Sequential(nn.Linear(hidden, hidden), nn.SiLU())
         self.event_out = nn.Linear(hidden, 1 + len(tier.states))
-        if tier.units:
+        if tier.mark_scales:
             self.begun = nn.Embedding(len(tier.states), hidden)
             self.mark = nn.Sequential(nn.Linear(hidden, hidden), nn.SiLU())
-            self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.units)))
+            self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.mark_scales)))
 
     def state(
         self, speech: Float[Tensor, "*rows speech_width"], chain_state: Float[Tensor, "*rows seen"]
@@ -108,10 +108,10 @@ class TierHead(nn.Module):
         return F.log_softmax(self.event_out(self.event(state)).float(), dim=-1)
 
     def marks(
-        self, state: Float[Tensor, "*rows hidden"], begun: Int[Tensor, "*rows"]
+        self, state: Float[Tensor, "*rows hidden"], begun_state: Int[Tensor, "*rows"]
     ) -> MarkMixture:
         """Predict the mark of a state that begins."""
-        logits = self.mark_out(self.mark(state + self.begun(begun))).float()
+        logits = self.mark_out(self.mark(state + self.begun(begun_state))).float()
         parts = logits.unflatten(-1, (self.mixtures, -1))
         mean, spread = parts[..., 1:].chunk(2, dim=-1)
         return MarkMixture(parts[..., 0], mean, F.softplus(spread) + _MIN_SPREAD)
@@ -172,7 +172,7 @@ class PlannerNetwork(nn.Module):
             state = head.state(speech_states, states[name])
             logs = head.events(state)
             losses[name] = -logs.gather(-1, event[name][..., None]).mean()
-            if head.tier.units:
+            if head.tier.mark_scales:
                 begins = event[name] > 0
                 marks = head.marks(state[begins], event[name][begins] - 1)
                 log_likelihood = marks.log_likelihood(mark[name][begins])

@@ -18,7 +18,7 @@ from model.generation.base import WindowSpec
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import SpeechCodes, load_codes
 from model.networks.trained import TrainedWeights
-from model.plan.kinds import KindTable, kinds_of, sample_index
+from model.plan.kinds import KindTable, kind_indices, sample_index
 from model.plan.plan import GesturePlan
 from model.plan.plan_features import (
     CHAINS_BY_NAME,
@@ -67,7 +67,7 @@ class EventChainSampler:
         self._excess_then = 0.0
         self._forced: EventOnset | None = None
         """Event that begins next, whatever is drawn until then."""
-        self._chances = _RandomStream(rng, len(head.tier.units))
+        self._chances = _RandomStream(rng, len(head.tier.mark_scales))
 
     def set_speech_states(
         self, speech_states: Float[np.ndarray, "copies T hidden"], first: int
@@ -80,15 +80,15 @@ class EventChainSampler:
         self,
         frame: int,
         others: "Mapping[str, EventChainSampler]",
-        leaning: EventBias | None = None,
+        bias: EventBias | None = None,
     ) -> None:
         """Draw whether something begins at this frame, or the state stays."""
         head = self._head
         now = self.chain[-1]
         states = [chain_state_at(head.tier, now, frame)]
-        if head.tier.coupled_chain:
-            other = others[head.tier.coupled_chain].chain[-1]
-            states.append(chain_state_at(CHAINS_BY_NAME[head.tier.coupled_chain], other, frame))
+        if head.tier.coupled_tier:
+            other = others[head.tier.coupled_tier].chain[-1]
+            states.append(chain_state_at(CHAINS_BY_NAME[head.tier.coupled_tier], other, frame))
         speech_states = self._speech_states[:, frame - self._first]
         state, logs = self._events(speech_states, np.concatenate(states))
         log = logs[-1] + self._strength * (logs[0] - logs[-1])
@@ -101,31 +101,31 @@ class EventChainSampler:
                 self.chain.append(self._forced)
                 self._forced = None
             return
-        if leaning is not None:
+        if bias is not None:
             all_now = {name: each.chain[-1] for name, each in others.items()}
-            odds = leaning(head.tier.name, frame, now, all_now)
+            odds = bias(head.tier.name, frame, now, all_now)
             shares = shares if odds is None else _shares(log + odds)
         event = sample_index(shares, chance)
         if event == 0:
             return
         mark: Any = ()
-        if head.tier.units:
+        if head.tier.mark_scales:
             marks = head.marks(torch.from_numpy(state[:1]), torch.tensor([event - 1]))
             k = sample_index(torch.softmax(marks.logits[0], 0).numpy(), which)
             mean, spread = marks.mean[0, k].numpy(), marks.spread[0, k].numpy()
             mark = tuple((mean + spread * normal).tolist())
         self.chain.append(EventOnset(frame, event - 1, mark))
 
-    def chain_at(self, frame: int) -> EventOnset:
+    def onset_before(self, frame: int) -> EventOnset:
         """Return the state before a frame."""
         return next(begun for begun in reversed(self.chain) if begun.frame < frame)
 
-    def mark_position(self) -> None:
+    def save_position(self) -> None:
         """Mark this frame, so that the draw from here on can be repeated."""
         self._excess_then = self._excess
 
     def rewind(self, frame: int, keeps_state: bool) -> None:
-        """Go back to `mark_position`; with ``keeps_state`` the present state lasts as drawn."""
+        """Go back to `save_position`; with ``keeps_state`` the present state lasts as drawn."""
         chain = [begun for begun in self.chain if begun.frame < frame]
         later = self.chain[len(chain) :]
         self.chain, self._excess = chain, self._excess_then
@@ -219,29 +219,29 @@ class Planner:
         return {PLANNER: self.sha256, **encoders}
 
     @torch.inference_mode()
-    def plan(self, features: Float[Tensor, "T speech_dim"], draw: WindowSpec) -> GesturePlan:
+    def plan(self, features: Float[Tensor, "T speech_dim"], spec: WindowSpec) -> GesturePlan:
         """Draw a plan for whole speech; equal keys give plans that share their noise."""
         num_frames = len(features)
-        drawers = self.make_samplers(features, draw)
+        drawers = self.make_samplers(features, spec)
         for frame in range(1, num_frames):
             for drawer in drawers.values():
                 drawer.draw(frame, drawers)
         chains = {name: drawer.chain for name, drawer in drawers.items()}
-        rng = np.random.default_rng([*draw.key, KINDS])
+        rng = np.random.default_rng([*spec.noise_key, KINDS])
         plan = self.kinds.sample_kinds(
-            chains_to_plan(chains, num_frames), draw.speaker, draw.words, rng
+            chains_to_plan(chains, num_frames), spec.speaker, spec.words, rng
         )
-        chances = np.random.default_rng([*draw.key, _CALLED])
-        return self.kinds.add_word_strokes(plan, draw.words, chances)
+        chances = np.random.default_rng([*spec.noise_key, _CALLED])
+        return self.kinds.add_word_strokes(plan, spec.words, chances)
 
     def make_samplers(
-        self, features: Float[Tensor, "T speech_dim"], draw: WindowSpec
+        self, features: Float[Tensor, "T speech_dim"], spec: WindowSpec
     ) -> dict[str, EventChainSampler]:
         """Make the samplers of all tiers for some speech, each in its initial state."""
         context = self.config.context
         rows = torch.arange(-context, len(features) + context).clamp(0, len(features) - 1)
-        speech_states = self.speech_states(features[rows], draw)
-        goals = self.first_goals[draw.speaker].tolist()
+        speech_states = self.speech_states(features[rows], spec)
+        goals = self.first_goals[spec.speaker].tolist()
         begins = {
             "left": EventOnset(0, 0, tuple(goals[0])),
             "right": EventOnset(0, 0, tuple(goals[1])),
@@ -251,21 +251,21 @@ class Planner:
         for number, tier in enumerate(TIERS):
             head = self.network.heads[tier.name]
             assert isinstance(head, TierHead)
-            rng = np.random.default_rng([*draw.key, number])
-            begun = begins.get(tier.name, EventOnset(0, 0, (0.0,) * len(tier.units)))
+            rng = np.random.default_rng([*spec.noise_key, number])
+            begun = begins.get(tier.name, EventOnset(0, 0, (0.0,) * len(tier.mark_scales)))
             drawers[tier.name] = EventChainSampler(
-                head, speech_states[tier.name], draw.guidance, begun, rng
+                head, speech_states[tier.name], spec.guidance, begun, rng
             )
         return drawers
 
     def speech_states(
-        self, features: Float[Tensor, "T_and_context speech_dim"], draw: WindowSpec
+        self, features: Float[Tensor, "T_and_context speech_dim"], spec: WindowSpec
     ) -> dict[str, Float[np.ndarray, "copies T hidden"]]:
         """Compute each tier's input from features with context; a second copy has no speech."""
-        copies = 1 if draw.guidance == 1 else 2
+        copies = 1 if spec.guidance == 1 else 2
         states = self.network.speech_states(
             planner_inputs(features, self.normaliser, self.codes).expand(copies, -1, -1),
-            torch.tensor([draw.speaker, 0])[:copies],
+            torch.tensor([spec.speaker, 0])[:copies],
             torch.tensor([True, False])[:copies],
         )
         streams = {}
@@ -281,7 +281,7 @@ class Planner:
         """Concatenate features with a plan's frames from ``first`` on, for the motion network."""
         stop = first + len(features)
         tracks = torch.from_numpy(plan_tracks(plan, stop)[first:])
-        kinds = torch.from_numpy(kinds_of(plan, stop, self.kinds)[first:]).float()
+        kinds = torch.from_numpy(kind_indices(plan, stop, self.kinds)[first:]).float()
         return torch.cat([features, tracks, kinds], dim=1)
 
 
@@ -298,7 +298,7 @@ def load_planner(folder: Path) -> Planner:
     trained = TrainedWeights.read(folder, PLANNER)
     config = trained.card.config(PlannerConfig, "planner")
     with trained.card.reading():
-        kinds = KindTable.of_tensors(trained.tensors)
+        kinds = KindTable.from_tensors(trained.tensors)
         goals = trained.tensors["begins.goals"]
     network = trained.as_of(PlannerNetwork(config))
     codes = load_codes(folder) if config.codes else None

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from conventions.rates import FPS
 from model.generation.base import WindowSpec
-from model.plan.kinds import FOLLOW_BEATS, KindTable, Place, Stroke, gesture_strokes
+from model.plan.kinds import FOLLOW_BEATS, GestureSpan, KindTable, Position, gesture_spans
 from model.plan.plan import (
     PHASES,
     SIDES,
@@ -49,17 +49,17 @@ _SMILE = 1 + CHAINS_BY_NAME["smile"].states.index("smile")
 class StreamingPlanner:
     """Streaming planner of one speaker with constant memory."""
 
-    def __init__(self, planner: Planner, draw: WindowSpec) -> None:
+    def __init__(self, planner: Planner, spec: WindowSpec) -> None:
         self.style = LiveStyle()
         """Style; may be changed at any time, without effect on final events."""
-        self._planner, self._spec = planner, draw
+        self._planner, self._spec = planner, spec
         nothing = torch.zeros(1, planner.config.speech_dim)
         with torch.inference_mode():
-            self._drawers = planner.make_samplers(nothing, draw)
+            self._drawers = planner.make_samplers(nothing, spec)
         self._final = 1
         """First frame that may still be drawn anew; at frame 0 nothing begins."""
         self._kinds: dict[tuple[str, int], str] = {}
-        self._goals: dict[tuple[str, int], Place] = {}
+        self._goals: dict[tuple[str, int], Position] = {}
         """Goals of final phases, by hand and first frame."""
 
     @torch.inference_mode()
@@ -90,10 +90,10 @@ class StreamingPlanner:
         return StreamedPlan(plan, origin, planted)
 
     def conditioning(
-        self, features: Float[Tensor, "n speech_dim"], ahead: StreamedPlan, first: int
+        self, features: Float[Tensor, "n speech_dim"], streamed: StreamedPlan, first: int
     ) -> Float[Tensor, "n input_dim"]:
         """Return the motion network's input for frames from ``first`` on."""
-        return self._planner.conditioning(features, ahead.condition, first - ahead.origin)
+        return self._planner.conditioning(features, streamed.condition, first - streamed.origin)
 
     def _draw(
         self, speech: Callable[[int, int], Float[Tensor, "T speech_dim"]], final: int, stop: int
@@ -116,11 +116,11 @@ class StreamingPlanner:
 
     def _mark_position(self) -> None:
         for drawer in self._drawers.values():
-            drawer.mark_position()
+            drawer.save_position()
 
     def _rewind(self, final: int, origin: int) -> None:
         for name, drawer in self._drawers.items():
-            state = drawer.chain_at(final).state
+            state = drawer.onset_before(final).state
             drawer.rewind(final, keeps_state=_is_uninterruptible(name, state))
         self._final = final
         for cache in (self._kinds, self._goals):
@@ -132,12 +132,12 @@ class StreamingPlanner:
         table, kinds = self._planner.kinds, {}
         hands = {side: list(plan.hand(side)) for side in SIDES}
         landed: dict[float, str] = {}
-        for stroke in sorted(gesture_strokes(plan), key=lambda one: one.last_stroke.end_s):
-            begins = round(plan.hand(stroke.side)[stroke.first].start_s * FPS) + origin
+        for stroke in sorted(gesture_spans(plan), key=lambda one: one.last_stroke.end_s):
+            begins = round(plan.hand(stroke.side)[stroke.first_phase].start_s * FPS) + origin
             kind = self._kind(table, stroke, begins, landed)
             landed[stroke.last_stroke.end_s] = kind
             kinds[stroke.side, begins] = kind
-            for k in range(stroke.first, stroke.last + 1):
+            for k in range(stroke.first_phase, stroke.last_phase + 1):
                 hands[stroke.side][k] = replace(hands[stroke.side][k], kind=kind)
         self._kinds |= {key: kind for key, kind in kinds.items() if key[1] < final}
         left, right = (self._shaped(side, hands[side], origin, final) for side in SIDES)
@@ -149,17 +149,17 @@ class StreamingPlanner:
         return replace(plan, left=left, right=right, smiles=smiles)
 
     def _kind(
-        self, table: KindTable, stroke: Stroke, begins: int, landed: Mapping[float, str]
+        self, table: KindTable, stroke: GestureSpan, begins: int, landed: Mapping[float, str]
     ) -> str:
         kind = self._kinds.get((stroke.side, begins))
         if kind is not None:
             return kind
         if stroke.is_bimanual:
-            partner = table.partner(landed, stroke.last_stroke.end_s)
+            partner = table.simultaneous_kind(landed, stroke.last_stroke.end_s)
             if partner:
                 return partner
         side = SIDES.index(stroke.side)
-        rng = np.random.default_rng([*self._spec.key, KINDS, side, max(0, begins)])
+        rng = np.random.default_rng([*self._spec.noise_key, KINDS, side, max(0, begins)])
         return table.sample_kind(stroke, self._spec.speaker, rng)
 
     def _shaped(

@@ -54,13 +54,13 @@ class PlannedSystem(GlobalDiffSystem):
     planner: Planner
 
     def condition(
-        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
     ) -> GesturePlan:
         features = torch.from_numpy(self.encoder.encode(waveform, num_frames))
-        return self.planner.plan(features, draw)
+        return self.planner.plan(features, spec)
 
-    def condition_stream(self, draw: WindowSpec) -> StreamingPlanner:
-        return StreamingPlanner(self.planner, draw)
+    def condition_stream(self, spec: WindowSpec) -> StreamingPlanner:
+        return StreamingPlanner(self.planner, spec)
 
     def make_constraint(
         self,
@@ -70,21 +70,21 @@ class PlannedSystem(GlobalDiffSystem):
         return LimbConstraints(condition, state or {})
 
     def conditioning(
-        self, waveform: Float[np.ndarray, " N"], num_frames: int, draw: WindowSpec
+        self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
     ) -> Float[Tensor, "T input_dim"]:
         """Encode speech (`System.conditioning`): features, the plan's tracks and gesture types."""
-        assert draw.condition is not None
+        assert spec.condition is not None
         return self.planner.conditioning(
-            super().conditioning(waveform, num_frames, draw), draw.condition, 0
+            super().conditioning(waveform, num_frames, spec), spec.condition, 0
         )
 
-    def noise(self, draw: WindowSpec) -> Float[Tensor, "B T C"]:
-        assert draw.condition is not None
-        noise = super().noise(draw)
-        whole = draw.index * self.windowing.advance
-        first = whole if draw.first_frame is None else draw.first_frame
+    def noise(self, spec: WindowSpec) -> Float[Tensor, "B T C"]:
+        assert spec.condition is not None
+        noise = super().noise(spec)
+        whole = spec.index * self.windowing.advance
+        first = whole if spec.first_frame is None else spec.first_frame
         rest = torch.from_numpy(
-            rest_share(draw.condition, range(first, first + noise.shape[1]))
+            rest_share(spec.condition, range(first, first + noise.shape[1]))
         ).float()
         share = (NOISE_SHARE + (REST_NOISE_SHARE - NOISE_SHARE) * rest)[:, None]
         return share * noise + (TRUNK_NOISE_SHARE - share) * self._trunk_noise(noise)
@@ -96,7 +96,7 @@ class PlannedSystem(GlobalDiffSystem):
         channels = [3 * JOINT_INDEX[name] + k for name in TRUNK for k in range(3)]
         return noise @ unmix[:, channels] @ mix[channels]
 
-    def guide(self, draw: WindowSpec) -> ClassifierFreeGuidance:
+    def guide(self, spec: WindowSpec) -> ClassifierFreeGuidance:
         """Return the motion's guidance, which is constant: the requested scale is the plan's."""
         space = self.config.rotation_space
         return ClassifierFreeGuidance(
@@ -104,24 +104,24 @@ class PlannedSystem(GlobalDiffSystem):
         )
 
     def conditioning_inputs(
-        self, speech: Float[Tensor, "T_ctx dim"], hears: Bool[Tensor, " copies"]
+        self, speech: Float[Tensor, "T_ctx dim"], has_speech: Bool[Tensor, " copies"]
     ) -> dict[str, Tensor]:
         """Return the inputs of `GlobalDiffSystem.conditioning_inputs`, with or without a plan."""
         features, tracks, kinds = speech.split([self.encoder.dim, NUM_TRACKS, 2], dim=1)
-        copies = len(hears)
+        copies = len(has_speech)
         return {
             "speech": features.expand(copies, -1, -1),
-            "has_speech": hears,
+            "has_speech": has_speech,
             "tracks": tracks.expand(copies, -1, -1),
             "kinds": kinds.long().expand(copies, -1, -1),
-            "has_plan": hears,
+            "has_plan": has_speech,
         }
 
     def speaker_inputs(
-        self, draw: WindowSpec, hears: Bool[Tensor, " copies"]
+        self, spec: WindowSpec, has_speech: Bool[Tensor, " copies"]
     ) -> Int[Tensor, " copies"]:
         """Return each copy's speaker, hidden with the speech, so that guidance amplifies style."""
-        return super().speaker_inputs(draw, hears) * hears
+        return super().speaker_inputs(spec, has_speech) * has_speech
 
     def face_plan(self, speech: Float[Tensor, "T_ctx dim"]) -> Float[Tensor, "T_ctx tracks"]:
         return speech[:, self.encoder.dim :][:, FACE_TRACKS].contiguous()
@@ -133,8 +133,8 @@ def load(name: str, folder: Path) -> PlannedSystem:
     config = trained.card.config(PlannedNetworkConfig, "network")
     with trained.card.reading():
         kind_names = trained.tensors["kinds.names"]
-    if not torch.equal(kind_names, planner.kinds.tensors()["kinds.names"].float()):
-        raise CheckpointError(f"{name} and {PLANNER} were trained on other gestures.")
+    if not torch.equal(kind_names, planner.kinds.to_tensors()["kinds.names"].float()):
+        raise CheckpointError(f"{name} and {PLANNER} were trained with different gesture types.")
     fields = face_first_fields(FAMILY, name, trained, config, folder)
     fields["sha256s"] |= planner.sha256s
     return PlannedSystem(

@@ -40,16 +40,16 @@ class PlannerTask(SingleNetworkTask):
         super().__init__(
             setup, config, weights, network, weights.normaliser if weights else fit_features(data),
             shape.window_frames, shape.context,
-            {**self.plans.table.tensors(), "begins.goals": first_goals(data, self.plans, shape)},
+            {**self.plans.table.to_tensors(), "begins.goals": first_goals(data, self.plans, shape)},
         )  # fmt: skip
 
     def loss(self, network: nn.Module, batch: Batch, draws: ShardedRandom) -> StepLoss:
         config, shard = self.config, draws.shard
         with torch.no_grad():
-            events = self.plans.events(batch.rows(shard.mine)).to(shard.device)
-            has_speech = draws.keep(config.speech_dropout)
-            knows = draws.keep(config.speaker_dropout)
-            knows &= has_speech | draws.keep(config.speakerless)
+            events = self.plans.events(batch.rows(shard.rows)).to(shard.device)
+            has_speech = draws.keep_mask(config.speech_dropout)
+            knows = draws.keep_mask(config.speaker_dropout)
+            knows &= has_speech | draws.keep_mask(config.speakerless)
             features = shard.of(augmented_speech(config, network, batch, draws.generator))
             speech = planner_inputs(features, self.normaliser, self.codes)
             speaker = shard.of(batch.speaker) * knows
@@ -82,7 +82,7 @@ class PlannedTask(MotionTask):
     def __init__(self, config: PlannedConfig, data: PreparedData, setup: TaskSetup) -> None:
         self.plans = load_plan_annotations(data, config.network.num_speakers)
         super().__init__(config, data, setup)
-        self.statistics = {"kinds.names": self.plans.table.tensors()["kinds.names"]}
+        self.statistics = {"kinds.names": self.plans.table.to_tensors()["kinds.names"]}
 
     def make_network(self, config: PlannedConfig, prior: GaussianPrior) -> nn.Module:
         return PlannedNetwork(config.network, prior)
@@ -90,4 +90,8 @@ class PlannedTask(MotionTask):
     def extra_inputs(self, batch: Batch, draws: ShardedRandom) -> dict[str, Tensor]:
         parts = self.plans.tracks_and_kinds(batch, self.config.network.speech_context)
         tracks, kinds = (draws.shard.of(part) for part in parts)
-        return {"tracks": tracks, "kinds": kinds, "has_plan": draws.keep(self.config.plan_dropout)}
+        return {
+            "tracks": tracks,
+            "kinds": kinds,
+            "has_plan": draws.keep_mask(self.config.plan_dropout),
+        }

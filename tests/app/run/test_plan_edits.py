@@ -22,7 +22,7 @@ from model.motion.motion import load_motion
 from model.plan import editing
 from model.plan.editing import Gesture, add_gesture, gestures
 from model.plan.files import read_plan_file, write_plan_file
-from model.plan.kinds import PLACES
+from model.plan.kinds import USUAL_STROKE_ENDS
 from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import write_wav
@@ -51,7 +51,7 @@ def done(plan, *told):
 
 
 def lands(plan, side):
-    return [round(gesture.lands_s, 3) for gesture in gestures(plan, side)]
+    return [round(gesture.stroke_end_s, 3) for gesture in gestures(plan, side)]
 
 
 def test_a_gesture_goes_to_a_time_or_a_word(plan):
@@ -261,7 +261,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     ]
     assert take.notes[0].endswith(f": {jerk[0]:.0f} m/s³, before the edit {jerk[1]:.0f} m/s³.")
     plan = read_plan_file(folder / made.files["input_plan"]).plan
-    assert [one.lands_s for one in gestures(plan, "right")] == [9.5]
+    assert [one.stroke_end_s for one in gestures(plan, "right")] == [9.5]
     (gesture,) = json.loads((folder / made.files["editor"]).read_text())["gestures"]
     assert (gesture["lands"], gesture["kind"], gesture["partner"]) == (9.5, "offer", None)
 
@@ -278,7 +278,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
         made.name,
     )
     plan = read_plan_file(elsewhere / last.files["input_plan"]).plan
-    assert [one.lands_s for one in gestures(plan, "right")] == [9.0]
+    assert [one.stroke_end_s for one in gestures(plan, "right")] == [9.0]
 
 
 def test_what_cannot_be_leaves_nothing(run: AnyRun, tmp_path: Path) -> None:
@@ -298,7 +298,7 @@ def test_what_cannot_be_leaves_nothing(run: AnyRun, tmp_path: Path) -> None:
 
 def test_each_gesture_of_the_palette_has_a_moving_picture() -> None:
     content = json.loads((WEB_FOLDER / "player" / "gestures.json").read_text())
-    assert content["points"].keys() == PLACES.keys()
+    assert content["points"].keys() == USUAL_STROKE_ENDS.keys()
     num_points = 1 + max(max(chain) for chain in content["chains"])
     for kind, points in content["points"].items():
         frames = np.frombuffer(base64.b64decode(points), np.uint8).reshape(-1, num_points, 2)

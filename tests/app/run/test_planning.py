@@ -97,7 +97,7 @@ def test_a_plan_and_a_transcript_of_a_longer_clip_are_cut_and_told(
     performed = read_plan_file(given.out / f"{STEM}.plan.json").plan
     assert performed.duration_s == 4.0 and [nod.time_s for nod in performed.nods] == [1.0]
     assert [word.text for word in given.transcript.words] == ["now"]
-    for file, what in (("plan.json lasts 9.0", "The plan "), ("said.tsv goes on to 8.5", "")):
+    for file, what in (("plan.json lasts 9.0", "The plan "), ("said.tsv ends at 8.5", "")):
         assert any(note.startswith(f"{what}{file}") for note in given.notes)
     told = json.loads((given.out / "diagnostics.json").read_text())
     assert [word["text"] for word in told["words"]] == ["now"]
@@ -119,7 +119,7 @@ def test_a_style_file_is_done_to_drawn_and_to_given_plans(
         record = json.loads((made.out / "provenance.json").read_text())
         assert record["options"]["style"] == "style.toml"
     made = run(replace_fields(asked, out=tmp_path / "more", plan=given, style=more))
-    assert f"{PLANNED}: There is room for 15 gestures a minute." in made.notes
+    assert f"{PLANNED}: There is room for only 15 gestures per minute." in made.notes
 
 
 def test_words_of_a_transcript_reach_the_plan(asked: GenerateRequest, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from model.evaluation.plan_detection import (
 from model.plan import detection
 from model.plan.detection import PhaseNetwork
 from model.plan.editing import Gesture, add_gesture, gestures, scale_gesture
-from model.plan.kinds import PLACES, REST_PLACE
+from model.plan.kinds import REST_POSITION, USUAL_STROKE_ENDS
 from model.plan.plan import SIDES, GesturePlan
 from model.plan.plan_features import hand_tracks, plan_tracks
 from tests.model.plan.made import made_plan, phase
@@ -82,7 +82,7 @@ def test_the_asked_hand_moves_and_the_other_stays(plan):
 
 def test_a_gesture_is_as_large_as_it_ends_far_from_rest(plan):
     gesture = Gesture("right", 5.0)
-    usual = math.dist(PLACES["stop"], REST_PLACE)
+    usual = math.dist(USUAL_STROKE_ENDS["stop"], REST_POSITION)
     for size in (0.6, 1.0, 1.4):
         larger = scale_gesture(plan, gesture, size).plan
         measured = gesture_size(planned_places(larger), gesture)
@@ -104,8 +104,8 @@ def test_random_edits_change_the_plan_and_tell_what_they_are_about(plan):
         edited, gesture = random_edit(plan, rng)
         gone += gesture is None
         if gesture is not None:
-            lands = [g.lands_s for g in gestures(edited.plan, gesture.side)]
-            assert min(abs(at - gesture.lands_s) for at in lands) < 1e-6
+            lands = [g.stroke_end_s for g in gestures(edited.plan, gesture.side)]
+            assert min(abs(at - gesture.stroke_end_s) for at in lands) < 1e-6
     assert 5 < gone < 40, "one kind in seven deletes"
     assert len(gestures(random_edit(STILL, rng)[0].plan, "right")) < 2
 

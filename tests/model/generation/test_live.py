@@ -55,7 +55,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
         all_speech = torch.cat([held, spoken, spoken.flip(0), held, held])
         first = 50 + start - cut.context
         speech = all_speech[first : first + cut.frames + 2 * cut.context]
-        window = chain.window(SpeechWindow(speech), hop)
+        window = chain.generate_joined(SpeechWindow(speech), hop)
         offline += motion.append(window.part(slice(hop)))
         start += hop
     assert len(pieces) == len(offline) > 6
@@ -75,5 +75,7 @@ def test_memory_does_not_grow_and_place_does_not_drift(loaded):
 
 @pytest.mark.parametrize("pace", [Pace(hop=7), Pace(hop=53), Pace(look_ahead=7)])
 def test_a_pace_that_windows_cannot_keep_is_refused(loaded, pace):
-    with pytest.raises(ValueError, match="gan/5 needs 8 to 52 and at least 8"):
+    with pytest.raises(
+        ValueError, match="gan/5 needs a hop of 8 to 52 frames and a look_ahead of at least 8"
+    ):
         LiveMotion(loaded("gan/5"), OPTIONS, pace)

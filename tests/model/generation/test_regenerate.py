@@ -60,9 +60,9 @@ def arrays(motion: Motion) -> np.ndarray:
 def test_a_performance_is_the_motion_that_is_generated_and_again_the_same(system, first):
     (motion,) = generate_motion(system, SPEECH, options(PLAN))
     np.testing.assert_array_equal(arrays(first.motion), arrays(motion))
-    assert first.fresh == (range(0, FRAMES),)
+    assert first.changed_frames == (range(0, FRAMES),)
     again = regenerate(system, SPEECH, options(PLAN), first)
-    assert again.fresh == () and all(
+    assert again.changed_frames == () and all(
         a is b for a, b in zip(again.windows, first.windows, strict=True)
     )
     np.testing.assert_array_equal(arrays(again.motion), arrays(first.motion))
@@ -76,7 +76,7 @@ def test_only_what_was_changed_is_performed_anew(system, first, changed, where):
         "end": (13.8, with_event(PLAN, Nod(13.8, 6.0)).plan),
     }[where]
     again = changed if plan is WITHOUT else regenerate(system, SPEECH, options(plan), first)
-    (fresh,) = again.fresh
+    (fresh,) = again.changed_frames
     assert fresh.start <= 30 * at < fresh.stop and len(fresh) < FRAMES * 0.75
     same = (arrays(again.motion) == arrays(first.motion)).all(axis=1)
     inside = np.isin(np.arange(FRAMES), fresh)
@@ -85,14 +85,14 @@ def test_only_what_was_changed_is_performed_anew(system, first, changed, where):
 
 def test_what_is_performed_anew_is_what_the_changed_plan_would_have_been(system, changed):
     (motion,) = generate_motion(system, SPEECH, options(WITHOUT))
-    inside = slice(changed.fresh[0].start, changed.fresh[0].stop - 52)
+    inside = slice(changed.changed_frames[0].start, changed.changed_frames[0].stop - 52)
     np.testing.assert_array_equal(changed.motion.poses[inside], motion.poses[inside])
 
 
 def test_an_edit_taken_back_is_the_first_performance_nearly(system, first, changed):
     """The plan heard is the old one again, so all that was made of it comes back."""
     back = regenerate(system, SPEECH, options(PLAN), changed)
-    frames = back.fresh[0]
+    frames = back.changed_frames[0]
     off = np.abs(arrays(back.motion) - arrays(first.motion))
     assert off[: frames.stop - 52].max() == 0 and off[frames.stop :].max() == 0
 
@@ -103,7 +103,7 @@ def test_where_new_goes_over_into_old_it_is_as_smooth_as_elsewhere(changed):
         motion.local_rotations(), open_body_skeleton(), torch.from_numpy(motion.trans)
     )
     jerk = joints.diff(n=3, dim=0).norm(dim=-1).mean(dim=1).numpy()
-    stop = changed.fresh[0].stop
+    stop = changed.changed_frames[0].stop
     joins = np.concatenate([jerk[k - 3 : k + 9] for k in range(52, FRAMES - 60, 52)])
     assert jerk[stop - 52 - 3 : stop + 8].max() <= 1.2 * joins.max()
 
@@ -119,7 +119,7 @@ def test_pieces_put_together_are_the_motion_and_what_did_not_change_comes_first(
     plan = delete_gesture(PLAN, Gesture("right", 12.0)).plan
     again = regenerate(system, SPEECH, options(plan), first, should_cancel, pieces.append)
     np.testing.assert_array_equal(arrays(concatenate(pieces)), arrays(again.motion))
-    assert asked_after[0] == again.fresh[0].start // 52 > 0
+    assert asked_after[0] == again.changed_frames[0].start // 52 > 0
 
 
 def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_path):
@@ -138,7 +138,7 @@ def test_a_performance_is_read_as_it_was_written(system, first, changed, tmp_pat
 def test_it_stops_when_asked_to_and_refuses_what_it_cannot_keep(system, first):
     with pytest.raises(Cancelled):
         regenerate(system, SPEECH, options(PLAN), None, lambda: True)
-    with pytest.raises(ValueError, match="One sample with a condition"):
+    with pytest.raises(ValueError, match="Only one sample with one condition"):
         regenerate(system, SPEECH, replace(options(PLAN), samples=2))
-    with pytest.raises(ValueError, match="One sample with a condition"):
+    with pytest.raises(ValueError, match="Only one sample with one condition"):
         regenerate(system, SPEECH, replace(options(PLAN), conditions=()), first)

@@ -122,7 +122,9 @@ def test_pieces_are_the_whole(loaded, name, num_frames):
     pieces = list(motion_pieces(system, speech, options))
     lengths = [piece.motions[0].num_frames for piece in pieces]
     assert sum(lengths) == num_frames and all(n == 52 for n in lengths[:-1])
-    assert [piece.share for piece in pieces] == [(i + 1) / len(pieces) for i in range(len(pieces))]
+    assert [piece.progress for piece in pieces] == [
+        (i + 1) / len(pieces) for i in range(len(pieces))
+    ]
     count = -(-max(0, num_frames - 60) // 52)
     assert len(pieces) == count + 1
     for k, motion in enumerate(whole):
@@ -190,7 +192,7 @@ def test_guidance_is_a_straight_line_through_deaf_and_heard(system):
 def test_generation_is_told_for_each_frame_of_each_sample(small, monkeypatch):
     clock = iter([0.0, 1.2])
     monkeypatch.setattr(windows, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    found = windows.generation_ms(small, of_frames(30), steps=1, samples=4)
+    found = windows.measure_ms_per_frame(small, of_frames(30), steps=1, samples=4)
     assert found == pytest.approx(10.0)  # 1.2 s for 4 x 30 frames
 
 

@@ -13,11 +13,11 @@ from model.plan.editing import (
     Gesture,
     add_gesture,
     change_hands,
-    counterpart,
     delete_gesture,
     gestures,
     move_gesture,
     move_phase_end,
+    other_hand_phase_end,
     raise_gesture,
     scale_gesture,
     set_hold,
@@ -25,7 +25,7 @@ from model.plan.editing import (
     stroke_time_on_word,
     with_event,
 )
-from model.plan.kinds import PLACES, REST_PLACE, gesture_strokes
+from model.plan.kinds import REST_POSITION, USUAL_STROKE_ENDS, gesture_spans
 from model.plan.plan import SIDES, Blink, Gaze, GesturePlan, Nod, PlanError, PlanResult, Smile
 from tests.model.plan.made import LOW, made_plan, phase, resting, said
 
@@ -37,7 +37,7 @@ def told(plan: GesturePlan, side="right") -> list[tuple[str, float, float]]:
 
 
 def lands(plan: GesturePlan, side="right") -> list[float]:
-    return [round(g.lands_s, 3) for g in gestures(plan, side)]
+    return [round(g.stroke_end_s, 3) for g in gestures(plan, side)]
 
 
 BUSY = STILL
@@ -54,7 +54,7 @@ def test_a_gesture_is_added_with_preparation_hold_and_the_way_back():
         ("retraction", 4.3, 5.1), ("rest", 5.1, 10.0),
     ]  # fmt: skip
     stroke = edited.plan.right[2]
-    assert (stroke.goal, stroke.kind, stroke.word) == (PLACES["you"], "you", "you")
+    assert (stroke.goal, stroke.kind, stroke.word) == (USUAL_STROKE_ENDS["you"], "you", "you")
     assert edited.plan.left == STILL.left and edited.notes == ()
     both = add_gesture(STILL, "big", 4.0).plan
     assert lands(both, "left") == lands(both, "right") == [4.0]
@@ -64,7 +64,7 @@ def test_a_gesture_is_added_with_preparation_hold_and_the_way_back():
 def test_a_hand_without_time_to_go_back_stays_where_it_was():
     plan = add_gesture(BUSY, "you", 5.7, "right").plan  # the offer holds to 4.8 and is back at 5.6
     (hold,) = (one for one in plan.right if 4.5 <= one.start_s < 4.9)
-    assert (hold.phase, hold.goal, hold.end_s) == ("hold", PLACES["offer"], 4.9)
+    assert (hold.phase, hold.goal, hold.end_s) == ("hold", USUAL_STROKE_ENDS["offer"], 4.9)
 
 
 def test_a_moved_gesture_lands_where_it_is_asked_to():
@@ -77,7 +77,7 @@ def test_a_moved_gesture_lands_where_it_is_asked_to():
     ))  # fmt: skip
     mended = move_gesture(short, Gesture("right", 1.6), 5.0)
     assert ("stroke", 4.8, 5.0) in told(mended.plan)
-    assert mended.notes == ("Its stroke was shorter than 0.2 s and begins earlier.",)
+    assert mended.notes == ("The stroke was shorter than 0.2 s, so its start was moved earlier.",)
 
 
 def test_a_deleted_gesture_leaves_the_hand_at_rest_or_in_the_hold_before():
@@ -137,25 +137,27 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         return next(p.goal for p in edited.plan.right if p.end_s == 4.5)
 
     small, same, large = (
-        goal(scale_gesture(BUSY, MIDDLE, size))[1] - REST_PLACE[1] for size in (0.5, 1.0, 1.5)
+        goal(scale_gesture(BUSY, MIDDLE, size))[1] - REST_POSITION[1] for size in (0.5, 1.0, 1.5)
     )
     assert same == pytest.approx(2 * small, abs=1e-3) and large == pytest.approx(
         3 * small, abs=1e-3
     )
-    assert goal(raise_gesture(BUSY, MIDDLE, 0.2))[1] == pytest.approx(PLACES["offer"][1] + 0.2)
+    assert goal(raise_gesture(BUSY, MIDDLE, 0.2))[1] == pytest.approx(
+        USUAL_STROKE_ENDS["offer"][1] + 0.2
+    )
     for speed, start_s in ((1.3, round(4.5 - 0.31 / 1.3, 3)), (0.5, 3.88), (5.0, 4.3)):
         fast = speed_up_gesture(BUSY, MIDDLE, speed)
         assert ("stroke", start_s, 4.5) in told(fast.plan)
-    assert "Its stroke lasts 0.20 s; hands need as long." in fast.notes
+    assert "The stroke now lasts 0.20 s, the shortest possible." in fast.notes
     high = raise_gesture(BUSY, MIDDLE, 0.9)
     assert sum(n * n for n in goal(high)) ** 0.5 == pytest.approx(ARM_M, abs=1e-3)
-    assert high.notes == (f"A place out of reach was brought to {ARM_M:g} m from the chest.",)
+    assert high.notes == (f"A hand position out of reach was moved to {ARM_M:g} m from the chest.",)
     inside = STILL.with_hand("right", (
         phase(0.0, 1.0, "rest"), phase(1.0, 1.5, "preparation", (0.05, -0.1, 0.3)),
         phase(1.5, 2.0, "stroke", (0.05, -0.1, 0.02)),
     ))  # fmt: skip
     mended = raise_gesture(inside, Gesture("right", 2.0), 0.0)
-    assert mended.notes == ("A place inside the body was brought before it.",)
+    assert mended.notes == ("A hand position inside the body was moved in front of it.",)
 
 
 @pytest.mark.parametrize(
@@ -174,22 +176,25 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
             "no gesture whose stroke ends at 4.50",
         ),
         (lambda p: set_hold(p, MIDDLE, -1.0), "0 s or longer; got -1 s"),
-        (lambda p: scale_gesture(p, MIDDLE, 9.0), ".1 to 4 times as large; got 9"),
+        (lambda p: scale_gesture(p, MIDDLE, 9.0), "0.1 to 4; got 9"),
         (lambda p: raise_gesture(p, MIDDLE, 2.0), "at most 1 m"),
-        (lambda p: speed_up_gesture(p, MIDDLE, 0.0), ".2 to 5 times as fast"),
+        (lambda p: speed_up_gesture(p, MIDDLE, 0.0), "0.2 to 5; got 0"),
         (lambda p: with_event(p, Nod(11.0, 3.0)), "The speech goes from 0 to 10.00 s"),
         (
             lambda p: move_phase_end(p, "right", 4.0, 4.2),
-            "right hand does nothing that ends at 4.00 s",
+            "No phase of the right hand ends at 4.00 s",
         ),
-        (lambda p: move_phase_end(p, "left", 10.0, 9.0), "left hand's rest ends with the speech"),
+        (
+            lambda p: move_phase_end(p, "left", 10.0, 9.0),
+            "left hand's last phase, a rest, ends with the speech",
+        ),
         (
             lambda p: move_phase_end(move_phase_end(p, "right", 2.0, 0.0).plan, "right", 1.89, 1.8),
-            r"The stroke ends at 1.89 s: it lasts 0.2 s at least\.",
+            r"The stroke ends at 1.89 s: it must last at least 0.2 s\.",
         ),
         (
             lambda p: move_phase_end(move_phase_end(p, "right", 2.0, 4.0).plan, "right", 2.2, 3.0),
-            "the hold after it needs 0.1 s",
+            "the next hold needs at least 0.1 s",
         ),
     ],
 )
@@ -212,7 +217,7 @@ def test_nods_looks_smiles_and_blinks():
 EDITS = st.tuples(
     st.sampled_from(["move", "delete", "add", "hands", "hold", "size", "raise", "speed"]),
     st.floats(0.0, 10.0),
-    st.sampled_from(sorted(PLACES)),
+    st.sampled_from(sorted(USUAL_STROKE_ENDS)),
     st.sampled_from(["left", "right", "both"]),
     st.floats(0.3, 2.5),
 )
@@ -254,8 +259,8 @@ def test_whatever_is_edited_hands_can_do_it(edits):
             for one, other in pairwise(phases):
                 assert other.start_s == pytest.approx(one.end_s, abs=1e-6)
                 assert one.end_s > one.start_s
-            for stroke in gesture_strokes(new):
-                first = new.hand(stroke.side)[stroke.first]
+            for stroke in gesture_spans(new):
+                first = new.hand(stroke.side)[stroke.first_phase]
                 is_new = stroke.last_stroke not in plan.hand(stroke.side)
                 if is_new and first.phase == "preparation":
                     assert (
@@ -292,7 +297,9 @@ def test_a_way_back_that_has_no_room_goes_and_that_is_said():
     stays = move_phase_end(ENDS, "right", 2.3, 5.3)
     assert told(stays.plan)[3:5] == [("hold", 2.0, 5.7), ("preparation", 5.7, 6.19)]
     (note,) = stays.notes
-    assert note.endswith("back to rest: the hold lasts until the next gesture begins, 5.70 s.")
+    assert note.endswith(
+        "until the next gesture begins at 5.70 s: there is no time for a retraction."
+    )
     again = move_phase_end(stays.plan, "right", 5.7, 4.0)
     assert told(again.plan)[3:6] == [
         ("hold", 2.0, 4.0), ("retraction", 4.0, 4.8), ("rest", 4.8, 5.7),
@@ -301,7 +308,7 @@ def test_a_way_back_that_has_no_room_goes_and_that_is_said():
     last = set_hold(ENDS, Gesture("right", 6.5), 1.0).plan
     until_end = move_phase_end(last, "right", 7.5, 9.8)
     assert told(until_end.plan)[-1] == ("hold", 6.5, 10.0)
-    assert "until the speech ends, 10.00 s" in until_end.notes[0]
+    assert "until the speech ends at 10.00 s" in until_end.notes[0]
 
 
 def test_what_follows_gives_way_but_for_what_a_hand_needs():
@@ -309,10 +316,10 @@ def test_what_follows_gives_way_but_for_what_a_hand_needs():
     assert told(slow.plan)[2:4] == [("stroke", 1.69, 2.15), ("hold", 2.15, 2.3)]
     far = move_phase_end(ENDS, "right", 2.0, 4.0)
     assert told(far.plan)[2:4] == [("stroke", 1.69, 2.2), ("hold", 2.2, 2.3)]
-    assert far.notes == ("The stroke ends at 2.20 s: the hold after it needs 0.1 s.",)
+    assert far.notes == ("The stroke ends at 2.20 s: the next hold needs at least 0.1 s.",)
     early = move_phase_end(ENDS, "right", 2.0, 0.0)
     assert told(early.plan)[2] == ("stroke", 1.69, 1.89)
-    assert early.notes == ("The stroke ends at 1.89 s: it lasts 0.2 s at least.",)
+    assert early.notes == ("The stroke ends at 1.89 s: it must last at least 0.2 s.",)
     later = move_phase_end(ENDS, "right", 1.2, 1.6)
     assert told(later.plan)[:2] == [("rest", 0.0, 1.49), ("preparation", 1.49, 1.69)]
     back = move_phase_end(ENDS, "right", 3.1, 2.4)
@@ -321,10 +328,15 @@ def test_what_follows_gives_way_but_for_what_a_hand_needs():
 
 def test_both_hands_parts_of_a_gesture_are_found_together():
     both = add_gesture(STILL, "big", 4.0, "both").plan
-    assert counterpart(both, "left", 4.3) == 4.3 and counterpart(both, "left", 4.0) == 4.0
-    assert counterpart(both, "left", both.left[0].end_s) is None, "rests are not part of a gesture"
-    assert counterpart(move_phase_end(both, "left", 4.3, 5.0).plan, "left", 5.0) is None
-    assert counterpart(made_plan(), "right", 2.4) is None
+    assert (
+        other_hand_phase_end(both, "left", 4.3) == 4.3
+        and other_hand_phase_end(both, "left", 4.0) == 4.0
+    )
+    assert other_hand_phase_end(both, "left", both.left[0].end_s) is None, (
+        "rests are not part of a gesture"
+    )
+    assert other_hand_phase_end(move_phase_end(both, "left", 4.3, 5.0).plan, "left", 5.0) is None
+    assert other_hand_phase_end(made_plan(), "right", 2.4) is None
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from model.plan.annotation_files import Interval, NamedTier, format_textgrid, parse_textgrid
 from model.plan.files import (
     ENDINGS,
-    annotated_plan,
     markers_csv,
     plan_markers,
+    read_annotated_plan,
     read_plan_file,
     write_plan_file,
 )
-from model.plan.kinds import PLACES, REST_PLACE
+from model.plan.kinds import REST_POSITION, USUAL_STROKE_ENDS
 from model.plan.plan import (
     PHASES,
     SIDES,
@@ -134,7 +134,7 @@ BAD = [
 ]  # fmt: skip
 BAD_HANDS = [
     ({"goal": [0, 0]}, "`right.1.goal.2` is missing"),
-    ({"goal": [0, 0, 3]}, "a goal farther than 1 m from the chest"),
+    ({"goal": [0, 0, 3]}, "a goal over 1 m from the chest"),
     ({"word": "x" * 100}, "at most 80 characters"),
     ({"start_s": 0.5}, "in the middle of a rest; a hand does one thing at a time"),
 ]
@@ -190,7 +190,7 @@ def test_what_a_form_cannot_hold_is_refused_and_leaves_no_file(tmp_path: Path) -
     write_plan_file(plan, tmp_path / "plan.json")
     assert read_plan_file(tmp_path / "plan.json").plan == plan
     for ending in (".TextGrid", ".eaf"):
-        with pytest.raises(PlanError, match=r"rows of smile overlap at 2.00 s.*JSON"):
+        with pytest.raises(PlanError, match=r"events in smile overlap at 2.00 s.*JSON"):
             write_plan_file(plan, tmp_path / f"plan{ending}")
         assert not (tmp_path / f"plan{ending}").exists()
     with pytest.raises(PlanError, match=r"a plan is written as .json, .TextGrid, .eaf"):
@@ -227,19 +227,19 @@ HABITS = [
          tier("RH Retraction", (1.8, 2.4, "")), tier("Notes", (0.0, 1.0, "windy"))],
         [("preparation", 1.0, ""), ("stroke", 1.4, "no"), ("retraction", 1.8, ""),
          ("stroke", 3.0, "")],
-        "Ignored, because their names mean nothing here: 'Notes'.",
+        "Ignored tiers with unknown names: 'Notes'.",
     ),
-    ([PHRASE], [("stroke", 1.0, "deictic")], "Read as strokes of these kinds: 'Deictic'"),
+    ([PHRASE], [("stroke", 1.0, "deictic")], "Read as strokes of these gesture types: 'Deictic'"),
     *(  # a beat among gesture types is McNeill's: a gesture with a stroke
         ([tier(name, (0, 1, "beat"), (1, 2, "iconic"), (2, 3, "Beat"), (3, 4, "beat"))],
          [("stroke", 0, "beat"), ("stroke", 1, "iconic"), ("stroke", 2, "beat"),
-          ("stroke", 3, "beat")], f"Beats of tier {name} are read as gestures")
+          ("stroke", 3, "beat")], f"Beats in tier {name} are read as beat gestures")
         for name in ("gesture_right", "RH phase", "Gesture")
     ),
     ([tier("RH gestures", (0, 1, "beat"), (1, 2, "rest"))],
      [("stroke", 0, "beat"), ("rest", 1, "")],
-     "Tier RH gestures has whole gestures without their phases: each is performed as one long"),
-    ([tier("RH beats", (0, 1, ""))], [("stroke", 0, "beat")], "Beats of tier RH beats are read"),
+     "Tier RH gestures has whole gestures without phases; each is performed as one long"),
+    ([tier("RH beats", (0, 1, ""))], [("stroke", 0, "beat")], "Beats in tier RH beats are read"),
     ([tier("gesture_right", (0, 1, "rest"), (1, 2, "beat"), (2, 3, "rest"))],
      [("rest", 0, ""), ("beat", 1, ""), ("rest", 2, "")], "The right hand has no goals"),
     ([tier("RH phase", (0, 1, "S"), (1, 2, "beat"), (2, 3, "point_up"))],
@@ -247,7 +247,7 @@ HABITS = [
     *(
         ([tier("phase R", (0, 1, label), (1, 2, "stroke"), (2, 3, "P"))],
          [("rest", 0, ""), ("stroke", 1, ""), ("preparation", 2, "")],
-         f"Read as rest, because they name no gesture: {label!r}.")
+         f"Read as rest, because these labels name no gesture: {label!r}.")
         for label in ("adaptor", "Self-touch", "?", "unclear", "none", "-", "")
     ),
     ([tier("Gesture", (0, 1, "adaptor"), (1, 2, ""), (2, 3, "self"))],
@@ -271,7 +271,10 @@ def test_annotators_names_labels_and_tiers_are_understood(
 
 def test_what_is_told_without_places_goes_where_such_gestures_usually_do() -> None:
     rest, _, stroke, hold, back = told(*HABITS[0][0]).plan.right
-    assert stroke.goal == hold.goal == PLACES["you"] and rest.goal == back.goal == REST_PLACE
+    assert (
+        stroke.goal == hold.goal == USUAL_STROKE_ENDS["you"]
+        and rest.goal == back.goal == REST_POSITION
+    )
 
 
 def test_heads_and_faces_need_no_numbers() -> None:
@@ -302,8 +305,8 @@ def test_a_name_that_means_several_things_means_the_first() -> None:
 @pytest.mark.parametrize(
     ("tiers", "says"),
     [
-        ([tier("words", (0.0, 1.0, "so"))], "No tier has the gestures of a hand.*found words"),
-        ([], "found no tier"),
+        ([tier("words", (0.0, 1.0, "so"))], "No tier has the gestures of a hand.*tiers: words"),
+        ([], "tiers: no tier"),
         ([tier("phase R", (0, 2, "stroke"), (1, 3, "hold"))], "a hand does one thing at a time"),
         (
             [tier("phase R", (0, 2, "rest")), tier("goal R", (0, 2, "near"))],
@@ -334,7 +337,7 @@ def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
         tier("foot_right", (0, 1, "planted"), (1, 1.5, ""), (1.5, 3, "planted")),
     )
     path.write_text(grid(*HANDS, *body))
-    plan = annotated_plan(path)
+    plan = read_annotated_plan(path)
     assert [p.phase for p in plan.left] == ["rest"]
     assert plan == GesturePlan(
         3.0,
@@ -358,7 +361,7 @@ def test_the_corpus_tells_phases_goals_kinds_words_and_the_rest_of_the_body(
     )
     path.write_text(grid(tier("words", (0, 1, "so"))))
     with pytest.raises(PlanError, match="has no tier gesture_left"):
-        annotated_plan(path)
+        read_annotated_plan(path)
 
 
 LABELS = 'say "x"', "two\nlines", "see item [3]:", "intervals [1]:", "TextTier", "xmin = 7", ""
@@ -450,7 +453,7 @@ def test_times_are_those_of_the_media_that_elan_shows(tmp_path: Path) -> None:
     read = read_plan_file(tmp_path / "a.eaf")
     ((start_s, end_s),) = [(phase.start_s, phase.end_s) for phase in read.plan.right]
     assert (start_s, end_s, read.plan.duration_s) == (3.0, 3.5, 3.5)
-    assert read.notes[0].startswith("a.eaf: its timeline in ELAN begins 2 s after")
+    assert read.notes[0].startswith("a.eaf: the ELAN timeline begins 2 s after")
     reported = read_plan_file(reported_folder() / "phases_time_origin_2000.eaf")
     strokes = [(p.start_s, p.end_s) for p in reported.plan.right if p.phase == "stroke"]
     assert strokes == [(3.5, 3.9), (7.5, 7.9)] and "TIME_ORIGIN" in reported.notes[0]
@@ -473,8 +476,8 @@ HOSTILE = [
     (eaf("&a;", '<!DOCTYPE x [<!ENTITY a "aaaa">]>'), "defines a document type"),
     (eaf("&a;", '<!DOCTYPE x [<!ENTITY a SYSTEM "file:///etc/passwd">]>'), "document type"),
     (eaf("", '<!DOCTYPE x SYSTEM "http://a.b/c.dtd">'), "document type"),
-    (eaf("<a>" * 50 + "</a>" * 50), "nested deeper"),
-    (eaf("<a " + " ".join(f'a{k}=">"' for k in range(9_000)) + "/>"), "label or tag of more"),
+    (eaf("<a>" * 50 + "</a>" * 50), "levels"),
+    (eaf("<a " + " ".join(f'a{k}=">"' for k in range(9_000)) + "/>"), "label or tag of over"),
     (eaf(slots("0", "5"))[:-9], "is not an ELAN file"),
     ("<svg/>", "is not an ELAN file"),
     ("", "is not an ELAN file"),
@@ -491,16 +494,16 @@ HOSTILE = [
 
 GRID = format_textgrid(plan_to_tiers(made_plan(), for_praat=True), 6.0)
 NO_GRID = [
-    (GRID.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s, which is not a time of a plan"),
-    (GRID.replace("number = 1.5", "number = -1.5"), "from -1.5 .* is not a time of a plan"),
-    (GRID.replace("xmax = 6.0000", "xmax = 1e99", 1), "lasts 1e.99 s, which is not a length"),
+    (GRID.replace("xmax = 1.5000", "xmax = 1..5"), "to nan s; times must be from 0 s"),
+    (GRID.replace("number = 1.5", "number = -1.5"), "from -1.5 .*times must be from 0"),
+    (GRID.replace("xmax = 6.0000", "xmax = 1e99", 1), "lasts 1e.99 s; it must last"),
     (GRID.replace("xmax = 6.0000", "xmax = 1e5", 1), "at most 24 hours"),
-    (GRID[: len(GRID) // 2], "is cut off or damaged: of 9 rows"),
-    (GRID[: GRID.index("item [9]")], "is cut off or damaged: of 14 tiers 8 are there"),
-    (GRID.replace("xmin = 1.0000", "", 1), "has no time where it begins or ends"),
+    (GRID[: len(GRID) // 2], "should have 9 rows and has"),
+    (GRID[: GRID.index("item [9]")], "is cut off or damaged: it should have 14 tiers and has 8"),
+    (GRID.replace("xmin = 1.0000", "", 1), "has no start or end time"),
     (GRID.replace('"brows"', '"nods"'), "two tiers called nods; rename or delete one"),
     ("xmin = 0", "is not a TextGrid"),
-    ('File type = "ooTextFile"\nObject class = "TextGrid"\n', "has no tier at all"),
+    ('File type = "ooTextFile"\nObject class = "TextGrid"\n', "has no tiers"),
 ]
 
 
@@ -526,7 +529,9 @@ def test_numbers_that_nothing_can_be_computed_of_are_refused(number: float, tmp_
         {"smiles": [{"start_s": 0.0, "end_s": abs(number), "size": 1.0}]},
     ):
         (tmp_path / "a.json").write_text(json.dumps({**whole, **change}))
-        with pytest.raises(PlanError, match=r"a\.json cannot be used: .*(at most|longer than)"):
+        with pytest.raises(
+            PlanError, match=r"a\.json cannot be used: .*(at most|longer than|the limit)"
+        ):
             read_plan_file(tmp_path / "a.json")
 
 
@@ -543,7 +548,7 @@ def test_what_lies_beyond_a_time_is_left_out_of_a_plan() -> None:
 def test_large_files_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.eaf").write_text(eaf(slots(*["0"] * 9)))
     monkeypatch.setattr("model.plan.annotation_files.MAX_ELEMENTS", 3)
-    with pytest.raises(PlanError, match="has more elements than any ELAN file"):
+    with pytest.raises(PlanError, match="elements, the limit"):
         read_plan_file(tmp_path / "a.eaf")
     monkeypatch.setattr("model.plan.files.MAX_BYTES", 100)
     with pytest.raises(PlanError, match="is larger than"):
@@ -556,6 +561,6 @@ def test_every_movement_and_event_is_a_marker_in_time() -> None:
     names = [name for _, name in markers]
     assert len(names) == 7 + 2 + 3 + 1 + 2 and "left rest" not in names
     assert (1.5, "right stroke (offer) on whole") in markers
-    assert {"nod 4°", "look 14° 5°", "brows", "blink", "right retraction"} <= set(names)
+    assert {"nod 4°", "gaze 14° 5°", "brows", "blink", "right retraction"} <= set(names)
     rows = list(csv.DictReader(markers_csv(made_plan()).splitlines()))
     assert list(rows[1].values()) == ["24", "0.8000", "blink"] and len(rows) == len(markers)

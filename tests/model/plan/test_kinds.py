@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, gesture_strokes
+from model.plan.kinds import PREPARATION_S, STROKE_S, KindTable, gesture_spans
 from model.plan.plan import SIDES, GesturePlan, Side, fill_gaps
 from model.plan.plan_features import plan_tracks
 from tests.model.plan.made import REST, made_plan, phase, resting, said
@@ -39,7 +39,9 @@ def table() -> KindTable:
 
 def test_words_call_what_lands_on_them_more_than_on_others(table):
     assert table.names == ("big", "follow", "here", "there")
-    assert set(table.calls) == {"huge"} and table.calls["huge"] == {"big": 1.0}
+    assert set(table.kind_shares_by_word) == {"huge"} and table.kind_shares_by_word["huge"] == {
+        "big": 1.0
+    }
 
 
 def test_kinds_go_by_speaker_place_and_hands(table):
@@ -80,11 +82,16 @@ def test_beats_outside_gestures_follow(table):
 
 
 def test_strokes_hold_what_follows_them():
-    (stroke,) = gesture_strokes(made_plan())
-    assert (stroke.side, stroke.first, stroke.last, stroke.is_bimanual) == ("right", 1, 6, False)
+    (stroke,) = gesture_spans(made_plan())
+    assert (stroke.side, stroke.first_phase, stroke.last_phase, stroke.is_bimanual) == (
+        "right",
+        1,
+        6,
+        False,
+    )
     assert stroke.last_stroke.word == "whole"
     plan = replace(made_plan(), left=made_plan().right)
-    assert [s.is_bimanual for s in gesture_strokes(plan)] == [True, True]
+    assert [s.is_bimanual for s in gesture_spans(plan)] == [True, True]
 
 
 P, S, H, B, R = "preparation", "stroke", "hold", "beat", "retraction"
@@ -111,11 +118,11 @@ def test_a_gesture_begins_and_ends_where_annotators_say(rows, gestures):
     plan = GesturePlan(
         8.0, right=tuple(phase(float(a), float(b), name, HERE, *kind) for a, b, name, *kind in rows)
     )
-    found = gesture_strokes(plan)
-    spans = [(plan.right[s.first].start_s, plan.right[s.last].end_s) for s in found]
+    found = gesture_spans(plan)
+    spans = [(plan.right[s.first_phase].start_s, plan.right[s.last_phase].end_s) for s in found]
     assert spans == gestures
     filled = plan.with_hand("right", fill_gaps(plan.right, plan.duration_s))
-    assert [s.last_stroke for s in gesture_strokes(filled)] == [s.last_stroke for s in found]
+    assert [s.last_stroke for s in gesture_spans(filled)] == [s.last_stroke for s in found]
 
 
 STILL = resting(8.0)
@@ -140,12 +147,12 @@ def strokes(plan: GesturePlan) -> list[tuple[Side, str, str]]:
 
 
 def test_how_often_a_word_is_struck_is_counted_once_for_both_hands_and_weights_carry_it(calling):
-    assert calling.struck == {"there": 1.0, "huge": 0.5}
-    again = KindTable.of_tensors({k: t.float() for k, t in calling.tensors().items()})
-    assert (again.names, again.calls, again.struck) == (
-        calling.names, calling.calls, calling.struck,
+    assert calling.stroke_shares_by_word == {"there": 1.0, "huge": 0.5}
+    again = KindTable.from_tensors({k: t.float() for k, t in calling.to_tensors().items()})
+    assert (again.names, again.kind_shares_by_word, again.stroke_shares_by_word) == (
+        calling.names, calling.kind_shares_by_word, calling.stroke_shares_by_word,
     )  # fmt: skip
-    np.testing.assert_allclose(again.goal, calling.goal, rtol=1e-6)
+    np.testing.assert_allclose(again.mean_goals, calling.mean_goals, rtol=1e-6)
     assert [again.index_of(name) for name in ("", "none", "big", "point")] == [0, 0, 1, 4]
 
 

@@ -53,7 +53,7 @@ def test_sliders_say_where_there_is_no_room():
     none = with_style(BUSY, replace(style_of(BUSY), gestures_per_min=0.0))
     assert lands(none.plan) == lands(none.plan, "left") == []
     more = with_style(BUSY, replace(style_of(BUSY), gestures_per_min=60.0))
-    assert more.plan == BUSY and more.notes == ("There is room for 18 gestures a minute.",)
+    assert more.plan == BUSY and more.notes == ("There is room for only 18 gestures per minute.",)
 
 
 def test_excitement_moves_all_sliders_one_way():
@@ -96,7 +96,7 @@ def test_numbers_are_as_told_or_so_many_times_what_each_plan_asks_for(tmp_path):
 def test_more_gestures_go_onto_words_and_without_words_that_is_said(tmp_path):
     wish, plan = written(tmp_path, "gestures_per_min = 24"), plan_of((3.0, 15.0))
     assert len(lands(wish.apply(plan, WORDS).plan)) == 8
-    assert wish.apply(plan).notes == ("There is room for 6 gestures a minute.",)
+    assert wish.apply(plan).notes == ("There is room for only 6 gestures per minute.",)
 
 
 @pytest.mark.parametrize("kind", ["beat", "shrug"])
@@ -105,11 +105,11 @@ def test_on_wrong_words_no_stroke_lands_where_one_was_called_for(kind, words):
     right = (2.06, 5.1, 8.06, 11.1, 14.06)
     plan = plan_of(right, kind)
     made = misalign_gestures(plan, words)
-    found = [one.lands_s for one in gestures(made.plan, "right")]
+    found = [one.stroke_end_s for one in gestures(made.plan, "right")]
     assert made.notes == () and len(found) == len(right) and found == sorted(found)
     assert np.abs(np.subtract.outer(found, right)).min() >= MIN_MISALIGNMENT_S - 1e-6
     if kind == "shrug":
-        assert [one.lands_s for one in gestures(made.plan, "left")] == found
+        assert [one.stroke_end_s for one in gestures(made.plan, "left")] == found
     old, new = ([p for p in each.right if p.phase == "stroke"] for each in (plan, made.plan))
     if words:
         assert all(any(abs(stroke_time_on_word(w) - at) < 1e-6 for w in words) for at in found)
@@ -121,9 +121,11 @@ def test_on_wrong_words_no_stroke_lands_where_one_was_called_for(kind, words):
 
 def test_a_gesture_without_room_stays_and_is_counted():
     plan = plan_of(tuple(np.arange(1.0, 19.5, 0.72).round(2)))
-    times = [one.lands_s for one in gestures(plan, "right")]
+    times = [one.stroke_end_s for one in gestures(plan, "right")]
     made = misalign_gestures(plan, [said("x", at, at + 0.01) for at in times])
-    assert made.plan == plan and made.notes == ("26 of 26 gestures stay on their words.",)
+    assert made.plan == plan and made.notes == (
+        "26 of 26 gestures could not be moved off their words.",
+    )
     assert len(times) == 26 and all(b > a for a, b in pairwise(times))
     assert Gesture("right", times[0]) in gestures(plan, "right")
 
@@ -132,15 +134,15 @@ def test_a_gesture_without_room_stays_and_is_counted():
     ("text", "sentence"),
     [
         ("often = 3", "a style has no 'often'"),
-        ("gestures_per_min = 900", "gestures_per_min is a number from 0 to 90; got 900."),
-        ("size_m = nan", "size_m is a number from 0.05 to 0.6; got nan."),
-        ("size_m = true", "size_m is a number"),
-        ("excite = 2", "excite is a number from -1 to 1; got 2."),
-        ("wrong_words = 1", "`wrong_words` is true or false."),
-        ("[times]\nheight_m = 2", "`times` is a table of some of gestures_per_min"),
-        ("times = 2", "`times` is a table"),
-        ("[times]\nsmile = -1", "times.smile is a number from 0 to 10; got -1."),
-        ("size_m = 0.2\n[times]\nsize_m = 2", "size_m is given twice, alone and in `times`"),
+        ("gestures_per_min = 900", "gestures_per_min must be a number from 0 to 90; got 900."),
+        ("size_m = nan", "size_m must be a number from 0.05 to 0.6; got nan."),
+        ("size_m = true", "size_m must be a number"),
+        ("excite = 2", "excite must be a number from -1 to 1; got 2."),
+        ("wrong_words = 1", "`wrong_words` must be true or false."),
+        ("[times]\nheight_m = 2", "`times` must be a table with keys from gestures_per_min"),
+        ("times = 2", "`times` must be a table"),
+        ("[times]\nsmile = -1", "times.smile must be a number from 0 to 10; got -1."),
+        ("size_m = 0.2\n[times]\nsize_m = 2", "size_m is set twice, alone and in `times`"),
         ("size_m =", "style.toml is not a TOML file."),
         ("\x00", "style.toml is not a TOML file."),
         ("a." * 3000 + "b = 1", "style.toml is not a TOML file."),

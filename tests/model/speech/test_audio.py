@@ -270,8 +270,8 @@ def test_one_side_of_a_dialogue_is_heard_alone(dialogue):
         assert hertz_of(speech.waveform) == wanted
         assert np.abs(speech.waveform).max() == pytest.approx(0.5, abs=0.01)  # not halved
         (note,) = speech.notes
-        assert f"only number {1 + (wanted == 880)}" in note
-    assert_refused(dialogue, "2 channels", "number 3", limits=SpeechLimits(channel=2))
+        assert f"Only channel {1 + (wanted == 880)} of" in note
+    assert_refused(dialogue, "2 channels", "channel 3", limits=SpeechLimits(channel=2))
     for written in ("middle", "0", "-1", "65"):
         with pytest.raises(RunError, match="left, right, or a number"):
             parse_channel(written)
@@ -288,9 +288,9 @@ def test_the_first_track_that_is_not_silent_is_heard(tmp_path, dialogue):
 
     speech = load_speech(film("two.mkv", "tone.wav"))
     assert hertz_of(speech.waveform) == 440
-    assert speech.notes[0] == "Of 2 sound tracks number 2, the first that is not silent, was used."
+    assert speech.notes[0] == "Sound track 2 of 2, the first that is not silent, was used."
     third = load_speech(film("three.mp4", "silent.wav", "dialogue.wav"), SpeechLimits(channel=1))
-    assert hertz_of(third.waveform) == 880 and "number 3" in third.notes[0]
+    assert hertz_of(third.waveform) == 880 and "track 3" in third.notes[0]
     assert_refused(film("none.mkv", "silent.wav"), "silent")
 
 
@@ -352,7 +352,9 @@ def test_a_gap_in_time_stamps_is_silence_and_told_with_its_place(
     silent, loud = slice(round(1.2 * SAMPLE_RATE), round(2.3 * SAMPLE_RATE)), 3 * SAMPLE_RATE
     assert level[silent].max() < 0.01 and level[loud : loud + 1000].max() > 0.3
     (note,) = (note for note in speech.notes if "gap" in note)
-    assert re.match(r"The sound has a gap of 1\.[45] s at 1\.[01] s by the time stamps", note)
+    assert re.match(
+        r"According to the file's time stamps, the sound has a gap of 1\.[45] s at 1\.[01] s", note
+    )
     assert not any("damaged" in note for note in speech.notes)
 
 

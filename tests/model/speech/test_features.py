@@ -120,7 +120,7 @@ def test_another_throat_stretches_the_mel_bands_and_leaves_the_rest():
     assert len({round(float(one[0, 40]), 4) for one in drawn}) == 4
 
 
-VOICE = VoiceReference(level_db=25.0, pitch=7.0)
+VOICE = VoiceReference(level_db=25.0, log2_pitch_hz=7.0)
 
 
 def heard(waveform, sizes):
@@ -134,12 +134,12 @@ def heard(waveform, sizes):
 
 @pytest.mark.parametrize("sizes", [[640], [1], [1600, 7, 431], [100_000]])
 def test_they_equal_those_of_the_whole_clip_given_the_same_voice(sizes, monkeypatch):
-    monkeypatch.setattr(RunningVoice, "voice", lambda self, hops: VOICE)
+    monkeypatch.setattr(RunningVoice, "update", lambda self, hops: VOICE)
     waveform = made_waveform(3_000 if sizes == [1] else 30_000)
     causal = heard(waveform, sizes)
     blocks = (len(waveform) - LOOK_AHEAD) // BLOCK_SAMPLES
     assert len(causal) == BLOCK_FRAMES * blocks
-    offline = MelEncoder().relative_to(VOICE, waveform, len(causal))
+    offline = MelEncoder().encode_relative_to(VOICE, waveform, len(causal))
     np.testing.assert_allclose(causal, offline, atol=2e-4)
 
 
@@ -177,10 +177,10 @@ def test_silence_and_noise_leave_the_level_alone():
     def hops(waveform):
         return analyse_hops(waveform.astype(np.float32), 0, len(waveform) // 160)
 
-    spoken = voice.voice(hops(made_waveform(10 * 16_000)))
+    spoken = voice.update(hops(made_waveform(10 * 16_000)))
     for quiet in (np.zeros(40 * 16_000), 1e-3 * rng.standard_normal(40 * 16_000)):
-        after = voice.voice(hops(quiet))
+        after = voice.update(hops(quiet))
         assert abs(after.level_db - spoken.level_db) < 1.0
     # In a quiet room where nobody has spoken, what there is stays quiet.
     silent = RunningVoice()
-    assert silent.voice(hops(1e-3 * rng.standard_normal(16_000))).level_db > 20
+    assert silent.update(hops(1e-3 * rng.standard_normal(16_000))).level_db > 20

@@ -187,7 +187,7 @@ def test_times_of_sentences_are_no_times_of_words(tmp_path: Path) -> None:
         assert given.transcript.words == ()
         (note,) = given.notes
         assert note == (
-            f"{name} gives times of sentences only: its words are looked for in the speech."
+            f"{name} has times for sentences only; the times of its words are found by alignment."
         )
     (tmp_path / "said.lab").write_text("There are reasons")  # as Montreal's aligner takes it
     assert read_words(tmp_path / "said.lab").text == "There are reasons"
@@ -255,10 +255,10 @@ def test_what_is_no_file_of_words(tmp_path: Path) -> None:
         ("a.json", '{"words": [{"word": "a", "start": 2, "end": 1}]}', "must end after it begins"),
         ("a.json", '{"words": [{"word": "a", "start": -2, "end": 1}]}', "must end after it begins"),
         ("a.tsv", "one\ttwo\tthree", "is not a table of start, end and word"),
-        ("a.ctm", "a 1 0.3 word", "Line 1 of a.ctm is not recording, channel"),
+        ("a.ctm", "a 1 0.3 word", "Line 1 of a.ctm must hold recording, channel"),
         ("a.ctm", "a 1 0 1 x\na 2 0 1 y", "words of 2 recordings or channels (a 1, a 2)"),
         ("a.srt", "nothing", "holds no words"),
-        ("a.doc", "hello world", "its ending is none of a file of words (.TextGrid, .txt"),
+        ("a.doc", "hello world", "does not end as a file of words does (.TextGrid, .txt"),
     ):
         (tmp_path / name).write_text(content)
         with pytest.raises(TranscriptError) as caught:
@@ -277,8 +277,8 @@ def test_what_lies_beyond_the_speech_is_left_out_and_told(tmp_path: Path) -> Non
     assert cut.transcript.phones == given.transcript.phones
     assert cut.transcript.gestures == {"gesture": (Interval(0.2, 0.45, "stroke"),)}
     assert cut.notes == (
-        "a.TextGrid goes on to 2.0 s and the speech to 0.5 s: it may belong to another clip. 1 of "
-        "its 2 words lie beyond and are left out.",
+        "a.TextGrid ends at 2.0 s and the speech at 0.5 s; the file may belong to another clip. "
+        "1 of its 2 words lie after the end and are left out.",
     )
     assert cut.within(0.45) == cut
 
@@ -294,7 +294,7 @@ def test_files_that_were_once_read_wrongly() -> None:
     assert latin.transcript.words[0].text == "na\u00efve" and len(latin.notes) == 1
     longer = read_words(folder / "other_clip_longer.TextGrid").within(14.0554)
     assert all(word.end_s <= 14.0554 for word in longer.transcript.words)
-    assert "goes on to 42.2 s and the speech to 14.1 s" in longer.notes[0]
+    assert "ends at 42.2 s and the speech at 14.1 s" in longer.notes[0]
 
 
 KNOWN = {"hello": "HH AH L OW", "it's": "IH T S", "five": "F AY V", "and": "AE N D", "cafe": "K"}

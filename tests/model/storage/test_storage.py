@@ -66,7 +66,7 @@ def test_a_setting_changes_one_field_of_any_config_and_nothing_besides():
     config = presets("asynfusion/ddim")["demo"]
     faster = override_setting(config, "loss.velocity=3")
     assert faster == replace(config, loss=replace(config.loss, velocity=3.0))
-    trained = [(family, system) for family in families() for system in family.trained]
+    trained = [(family, system) for family in families() for system in family.trained_networks]
     found = [config for family, name in trained for config in family.presets(name).values()]
     assert len(found) > 10
     for config in found:

@@ -36,7 +36,9 @@ def test_families_are_those_of_the_folders_in_the_order_of_their_places():
     beside = [each.parent.name for each in (ROOT / "model" / "systems").glob("*/__init__.py")]
     found = [family for family in families() if family.package.startswith("model.systems.")]
     assert sorted(family.package.rsplit(".", 1)[1] for family in found) == sorted(beside)
-    assert [family.place for family in found] == sorted(family.place for family in found)
+    assert [family.display_order for family in found] == sorted(
+        family.display_order for family in found
+    )
     assert [family.name for family in found][:2] == ["planned", "globaldiff"]
 
 
@@ -56,10 +58,15 @@ def test_card_of_another_shape_is_refused(folder):
 def test_families_declare_only_systems_of_their_own():
     for family in families():
         declared = {name for names in family.representatives.values() for name in names} | {
-            *family.plans
+            *family.planning_systems
         }
         declared |= set() if family.ablation is None else set(family.ablation.systems)
-        declared |= {*family.about, *family.samplers, *family.offline_only, *family.plans}
+        declared |= {
+            *family.about,
+            *family.samplers,
+            *family.offline_only,
+            *family.planning_systems,
+        }
         assert declared <= {*family.systems}
         assert {*family.about} == {*family.systems}
     assert planning_systems() and all(representatives(topic) for topic in get_args(Topic))
@@ -110,7 +117,7 @@ def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
         "ModuleNotFoundError: No module named 'nowhere_to_be_found'."
     )
     assert told["b_leaves"].endswith("SystemExit: no licence.")
-    assert told["c_other"].endswith("is left out: it names a int, not a Family.")
+    assert told["c_other"].endswith("is left out: its entry point is a int, not a Family.")
     assert "has no attribute 'FAMILIES'" in told["d_unnamed"]
     assert len(sentences) == 4
 
@@ -119,7 +126,7 @@ def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
     ("changed", "why"),
     [
         ({"systems": ("regression/mean", "../x")}, "the name '../x' must be small letters"),
-        ({"about": {}}, "nothing is said about regression/mean"),
+        ({"about": {}}, "it has no description of regression/mean"),
         ({"samplers": {}}, "regression/mean has no sampler"),
     ],
 )
@@ -143,7 +150,7 @@ def test_code_of_a_package_that_fails_when_it_is_read_is_told(tmp_path, monkeypa
     (tmp_path / "regression-mean.safetensors").write_bytes(b"")
     monkeypatch.setattr(registry, "_FAMILIES", list(registry.families()))
     registry.register(replace(FAMILY, package="frame_regression.nowhere"))
-    with pytest.raises(FamilyError, match=r"the package frame_regression\.nowhere fails: Mod"):
+    with pytest.raises(FamilyError, match=r"its package frame_regression\.nowhere fails: Mod"):
         registry.load_system("regression/mean", tmp_path)
 
 

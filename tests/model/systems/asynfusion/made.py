@@ -7,7 +7,7 @@ from torch import Tensor
 
 from model.motion.spaces import AXIS_ANGLE_MOTION_DIM
 from model.systems.asynfusion.config import DDIM, LCM_SYNC, AsynFusionConfig, DualBranchConfig
-from model.systems.asynfusion.network import DualBranchNetwork, Pair, Stream, face_tensors
+from model.systems.asynfusion.network import BranchStatistics, DualBranchNetwork, Pair, face_tensors
 from tests.model.made import made_components, made_prior, save_made, shaken
 
 FACE, BODY = 52, AXIS_ANGLE_MOTION_DIM
@@ -42,12 +42,14 @@ def made_conditions(size: int = 2) -> dict[str, Tensor]:
     }
 
 
-def made_streams() -> tuple[Stream, Stream]:
+def made_streams() -> tuple[BranchStatistics, BranchStatistics]:
     """A calm face, and a body that stands upright at 1.2 m."""
     face = made_components(torch.full((FACE,), 0.3), 0.1)
     mean = torch.zeros(BODY)
     mean[-2] = 1.2
-    return Stream(face, made_prior(FACE)), Stream(made_components(mean, 0.05), made_prior(BODY))
+    return BranchStatistics(face, made_prior(FACE)), BranchStatistics(
+        made_components(mean, 0.05), made_prior(BODY)
+    )
 
 
 def make_asynfusion(folder: Path, speech_dropout: float = 0.1) -> Path:

@@ -15,7 +15,7 @@ from model.systems.gan.network import (
     diffuse,
     diffusion_factors,
     diffusion_times,
-    flow_time,
+    flow_time_and_scale,
     posterior,
 )
 from model.systems.gan.task import (
@@ -88,7 +88,7 @@ def test_the_priors_posterior_holds_at_the_flow_time():
     t = torch.tensor([0.1, 0.4, 1.0])
     signal, noise = (factor.double() for factor in diffusion_factors(t))
     x_t = torch.randn(3, 60, 3)
-    tau, scale = flow_time(t)
+    tau, scale = flow_time_and_scale(t)
     nothing = torch.zeros(3, 8, 3), torch.zeros(3, dtype=torch.bool)
     found = prior.posterior_mean(x_t / scale[:, None, None], tau, *nothing)
     full = prior.covariance.double()

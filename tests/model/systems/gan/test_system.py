@@ -8,7 +8,7 @@ import torch
 
 from model.generation.base import SpeechWindow, WindowSpec
 from model.generation.windows import GenerateOptions, generate_motion
-from model.systems.gan.config import SYSTEMS
+from model.systems.gan.config import STEPS_BY_SYSTEM
 from model.systems.gan.system import GanSystem
 from model.systems.registry import list_systems, load_system
 from tests.model.made import made_speech
@@ -30,8 +30,8 @@ def folder(made_once):
 
 
 def test_three_systems_move_with_one_network_in_their_own_numbers_of_steps(folder):
-    assert list_systems(folder) == tuple(SYSTEMS)
-    loaded = [load_system(name, folder) for name in SYSTEMS]
+    assert list_systems(folder) == tuple(STEPS_BY_SYSTEM)
+    loaded = [load_system(name, folder) for name in STEPS_BY_SYSTEM]
     assert [one.samplers[0].steps for one in loaded] == [20, 10, 5]
     assert all(one.sha256s == loaded[0].sha256s for one in loaded)
     moved = [generate_motion(one, SPEECH, GenerateOptions("ann"))[0].poses for one in loaded]

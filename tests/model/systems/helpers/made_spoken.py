@@ -7,12 +7,12 @@ import torch
 from model.motion.packing import Normaliser
 from model.networks.speech_codes import CodesNetwork
 from model.plan.annotation_files import NamedTier
-from model.speech.encoder import SPEECH_ENCODER, CodesConfig
+from model.speech.encoder import SPEECH_ENCODER, SpeechCodesConfig
 from model.systems.helpers.config import SpeechEncoderConfig
 from tests.model.made import make_data_folder, save_made
 from tests.model.plan.made import HANDS, grid, tier
 
-TINY_CODES = CodesConfig(width=16, codes=8, dilations=(1, 2))
+TINY_CODES = SpeechCodesConfig(width=16, codes=8, dilations=(1, 2))
 SPOKEN = (
     tier("words", (0.2, 0.7, "whole"), (0.7, 1.0, "of"), (1.5, 2.0, "other")),
     tier("phones", (0.2, 0.4, "hh"), (0.4, 0.7, "OW1"), (0.7, 1.0, "pau"), (1.5, 2, "er")),

@@ -30,7 +30,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
     data = prepare(root / "data", root / "copies", MelEncoder(), augmented_copies=1)
     plans = load_plan_annotations(data, 4)
-    table = replace(plans.table, struck={"whole": 0.75})
+    table = replace(plans.table, stroke_shares_by_word={"whole": 0.75})
     spoken = load_speech_labels(data, replace(plans, table=table))
     plain, copy = (next(c for c in data.clips if c.copy == n) for n in (0, 1))
     phone = spoken.phone[plain.start : plain.stop]

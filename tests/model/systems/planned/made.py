@@ -39,7 +39,7 @@ def make_planned_weights(folder: Path) -> Path:
     with torch.no_grad():
         for name, head in planner.heads.items():  # something begins now and then
             head.event_out.bias[0] = 2.0 if name in ("left", "right") else 4.0
-    statistics = Normaliser(torch.zeros(68), torch.ones(68)).tensors() | kinds.tensors()
+    statistics = Normaliser(torch.zeros(68), torch.ones(68)).tensors() | kinds.to_tensors()
     statistics |= {"begins.goals": torch.tensor([[1.0, -1.5, 0.5]] * 2).repeat(4, 1, 1)}
     config = PlannerTrainConfig(system=PLANNER, planner=TINY_PLANNER)
     save_made(folder, config, planner, statistics)
@@ -48,7 +48,7 @@ def make_planned_weights(folder: Path) -> Path:
     mean[-2] = 1.2
     network = shaken(PlannedNetwork(TINY_NETWORK, prior))
     statistics = made_components(mean, 0.1).tensors() | {"prior.covariance": prior.covariance}
-    statistics |= {"kinds.names": kinds.tensors()["kinds.names"]}
+    statistics |= {"kinds.names": kinds.to_tensors()["kinds.names"]}
     save_made(folder, PlannedConfig(system=PLANNED, network=TINY_NETWORK), network, statistics)
     return folder
 

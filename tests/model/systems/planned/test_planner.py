@@ -12,7 +12,7 @@ from model.generation.windows import GenerateOptions, first_window_spec
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import track_points, wrist_positions_in_chest
 from model.plan.editing import clamp_to_reach
-from model.plan.kinds import REST_PLACE
+from model.plan.kinds import REST_POSITION
 from model.plan.plan import SIDES, STILL_PHASES, HandPhase, PlanError
 from model.plan.plan_features import (
     TIERS,
@@ -130,7 +130,9 @@ def test_losses_are_means_over_frames(planner):
         assert torch.equal(marks.logits, logits), "what begins is added to what is heard and seen"
         told = marks.log_likelihood(mark["nod"][0, at])
         assert np.isclose(losses["nod mark"].item(), -told.sum().item() / 180, atol=1e-6)
-    assert set(losses) == {t.name for t in TIERS} | {f"{t.name} mark" for t in TIERS if t.units}
+    assert set(losses) == {t.name for t in TIERS} | {
+        f"{t.name} mark" for t in TIERS if t.mark_scales
+    }
 
 
 def test_events_without_torch_are_those_of_the_network(planner):
@@ -261,7 +263,7 @@ def test_sliders_act_on_what_has_not_begun(planner):
             if round(old.start_s * 30) + plan.origin < 60:
                 assert new.goal == old.goal
             elif old.phase in ("preparation", "stroke", "beat"):
-                wished = [r + 1.5 * (g - r) for g, r in zip(old.goal, REST_PLACE, strict=True)]
+                wished = [r + 1.5 * (g - r) for g, r in zip(old.goal, REST_POSITION, strict=True)]
                 goal = (wished[0], wished[1] + 0.1, wished[2])
                 ((reached,), _) = clamp_to_reach([HandPhase(0.0, 1.0, "stroke", goal)])
                 assert new.goal == pytest.approx(reached.goal, abs=1e-4)

@@ -74,10 +74,10 @@ def test_each_sample_performs_a_plan_of_its_own(system):
 
 def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_what_hears(system):
     (plan,) = draw_conditions(system, SPEECH, OPTIONS)
-    draw = replace(first_window_spec(system, OPTIONS), condition=plan)
-    whole = draw.noise((system.config.window_frames, system.config.motion_dim))
+    spec = replace(first_window_spec(system, OPTIONS), condition=plan)
+    whole = spec.noise((system.config.window_frames, system.config.motion_dim))
     unmix = system.normaliser.unmix
-    moved, unscaled = (noise[0] @ unmix for noise in (system.noise(draw), whole))
+    moved, unscaled = (noise[0] @ unmix for noise in (system.noise(spec), whole))
 
     def share(joint: str) -> Tensor:
         channels = [3 * JOINT_INDEX[joint] + k for k in range(3)]
@@ -87,8 +87,8 @@ def test_chance_moves_the_trunk_more_than_the_arms_and_hides_no_speaker_from_wha
     for joint in ("head", "left_wrist"):
         assert share(joint).max() <= 0.45 + 1e-4 and share(joint).min() >= 0.1 - 1e-4
     hears = torch.tensor([True, True, False])
-    assert system.speaker_inputs(draw, hears).tolist() == [draw.speaker, draw.speaker, 0]
-    assert draw.speaker > 0
+    assert system.speaker_inputs(spec, hears).tolist() == [spec.speaker, spec.speaker, 0]
+    assert spec.speaker > 0
 
 
 def test_parts_that_do_not_belong_together_are_refused(planned_weights, monkeypatch):
@@ -97,7 +97,7 @@ def test_parts_that_do_not_belong_together_are_refused(planned_weights, monkeypa
     planner = module.load_planner(planned_weights)
     other = replace(planner, kinds=replace(planner.kinds, names=("one", "two")))
     monkeypatch.setattr(module, "load_planner", lambda folder: other)
-    with pytest.raises(CheckpointError, match="trained on other gestures"):
+    with pytest.raises(CheckpointError, match="trained with different gesture types"):
         module.load(PLANNED, planned_weights)
 
 
