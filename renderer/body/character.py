@@ -379,7 +379,7 @@ class _Character:
 
     def _faces(self, primitive: dict, count: int) -> np.ndarray:
         if "indices" in primitive:
-            corners = self._gltf.array(primitive["indices"])[:, 0].astype(np.int64)
+            corners = self._gltf.accessor_array(primitive["indices"])[:, 0].astype(np.int64)
         else:
             corners = np.arange(count)
         faces = corners[: len(corners) // 3 * 3].reshape(-1, 3)

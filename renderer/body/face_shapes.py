@@ -95,7 +95,7 @@ class FaceBlendshapes:
         for kind in ("custom", "preset"):
             for name, each in (expressions.get(kind) or {}).items():
                 matches[_plain(name)] = [
-                    (self._gltf.item("nodes", b["node"])["mesh"], b["index"], b["weight"])
+                    (self._gltf.element("nodes", b["node"])["mesh"], b["index"], b["weight"])
                     for b in each.get("morphTargetBinds") or ()
                 ]
         return binds | {name: bound for name, bound in matches.items() if bound and name}
@@ -136,7 +136,7 @@ class FaceBlendshapes:
 
     def driven_targets(self, mesh: int, primitive: int) -> list[int]:
         """Return the targets of a primitive that any expression component moves."""
-        described = self._gltf.item("meshes", mesh)["primitives"][primitive]
+        described = self._gltf.element("meshes", mesh)["primitives"][primitive]
         count = len(described.get("targets", ()))
         return [
             each
@@ -148,10 +148,10 @@ class FaceBlendshapes:
         self, mesh: int, primitive: int, matrices: Float64[np.ndarray, "V 3 3"], used: list[int]
     ) -> None:
         """Add a primitive's vertices, whose offsets go to the zero pose by ``matrices``."""
-        targets = self._gltf.item("meshes", mesh)["primitives"][primitive].get("targets", ())
+        targets = self._gltf.element("meshes", mesh)["primitives"][primitive].get("targets", ())
         offsets = np.zeros((len(self._names) if used else 0, len(matrices), 3), np.float32)
         for target in used:
-            moved = self._gltf.array(targets[target]["POSITION"]).astype(np.float64)
+            moved = self._gltf.accessor_array(targets[target]["POSITION"]).astype(np.float64)
             moved = np.einsum("vab,vb->va", matrices, moved)
             for component, weight in self._weights[mesh][target].items():
                 offsets[component] += weight * moved
