@@ -32,7 +32,7 @@ _ORIGIN = re.compile(r"https?://(\*\.)?[a-z0-9.-]+(:[0-9]{1,5})?", re.IGNORECASE
 Several = UseAppendAction[tuple[str, ...]]
 
 
-def use_file_backend() -> None:
+def use_matplotlib_file_backend() -> None:
     """Make matplotlib draw into files only; call this before it or Gradio is imported.
 
     Colab and Jupyter name a backend in MPLBACKEND that only their own Python has, shells one with
@@ -41,14 +41,14 @@ def use_file_backend() -> None:
     os.environ["MPLBACKEND"] = "agg"
 
 
-def drop_missing_backend() -> None:
-    """Remove a module from MPLBACKEND that this Python does not have; see `use_file_backend`."""
+def drop_missing_matplotlib_backend() -> None:
+    """Remove a module from MPLBACKEND that Python lacks; see `use_matplotlib_file_backend`."""
     name = os.environ.get("MPLBACKEND", "")
     if name.startswith(_MODULE) and not _can_import(name.removeprefix(_MODULE)):
         del os.environ["MPLBACKEND"]
 
 
-def backend_fault() -> str:
+def matplotlib_backend_error() -> str:
     """Return why the matplotlib backend of MPLBACKEND cannot be used; empty if it can."""
     from matplotlib.backends.registry import backend_registry
 
@@ -70,7 +70,7 @@ def _can_import(module: str) -> bool:
 _NO_PROXIES = {"NO_PROXY": "*", "no_proxy": "*"}
 
 
-def ask_without_proxies() -> None:
+def disable_http_proxies() -> None:
     """Disable http_proxy and ALL_PROXY in this process; call this before Gradio is imported.
 
     A page behind a firewall could not reach itself, and a SOCKS proxy needs a package.
@@ -79,8 +79,8 @@ def ask_without_proxies() -> None:
 
 
 @contextmanager
-def without_proxies() -> Iterator[None]:
-    """Disable http_proxy and ALL_PROXY within the block, as `ask_without_proxies` does."""
+def http_proxies_disabled() -> Iterator[None]:
+    """Disable http_proxy and ALL_PROXY within the block, as `disable_http_proxies` does."""
     before = {name: os.environ.get(name) for name in _NO_PROXIES}
     os.environ |= _NO_PROXIES
     try:
@@ -158,7 +158,7 @@ class AppConfig:
         tuple[tuple[str, str], ...], text_type(read_accounts, "FILE", "none"), arg(name="auth")
     ] = ()
     """File with lines of NAME:PASSWORD; visitors must log in with one of them."""
-    opened: Annotated[File, arg(name="open", metavar="FOLDER")] = None
+    run_to_open: Annotated[File, arg(name="open", metavar="FOLDER")] = None
     """Run folder of `generate` or `diagnose`, or its zip, to show when the page opens."""
     max_speech_s: MinutesFlag = 600.0
     """Maximum length of a speech."""

@@ -65,7 +65,7 @@ def visitor_message(error: BaseException) -> str:
         return text.DISK_FULL
     sentence = message_for_user(error)
     if sentence is not None:
-        return page_message(without_folders(sentence))
+        return without_cli_options(without_folders(sentence))
     fault_id = secrets.token_hex(4)
     log.error("fault %s", fault_id, exc_info=error)
     return text.INTERNAL_ERROR.format(fault_id=fault_id)
@@ -76,7 +76,7 @@ def without_folders(sentence: str) -> str:
     return _FOLDERS.sub("", sentence)
 
 
-def page_message(sentence: str) -> str:
+def without_cli_options(sentence: str) -> str:
     """Remove bracketed command-line options and backticks from a sentence for the page."""
     return _OPTIONS.sub("", sentence).replace("`", "")
 

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Shaped
 from pandas import DataFrame
 
-from app.config import BUNDLED_WEIGHTS, drop_missing_backend, without_proxies
+from app.config import BUNDLED_WEIGHTS, drop_missing_matplotlib_backend, http_proxies_disabled
 from app.errors import RunError
 from app.findings.measure_rows import METRICS, definition_of, format_value, nearest, numbers_of
 from app.run.batch.table import title_with_unit
@@ -53,8 +53,8 @@ from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript
 from model.storage.files import write_atomically
 from model.systems.registry import default_planner, family_of, list_systems
 
-drop_missing_backend()
-with without_proxies():  # it imports Gradio
+drop_missing_matplotlib_backend()
+with http_proxies_disabled():  # it imports Gradio
     from app.page.html_export import standalone_html
 
 __all__ = [

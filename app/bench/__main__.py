@@ -26,7 +26,7 @@ CLIP_S = 10.0
 BenchRow = Literal["figures", "speech-effect", "steps", "training", "memory"]
 
 
-def measure(
+def run_benchmark(
     short: bool = False, only: tuple[BenchRow, ...] = (), out: Path = Path("bench.json")
 ) -> None:
     """Measure the cost of each step on this machine; print a table and write a file.
@@ -49,14 +49,14 @@ def measure(
     out.write_text(json.dumps(record, indent=1) + "\n")
 
 
-def _selected(short: bool, only: tuple[BenchRow, ...], folder: Path) -> Iterator[runs.Figure]:
+def _selected(short: bool, only: tuple[BenchRow, ...], folder: Path) -> Iterator[runs.BenchResult]:
     if not only:
         yield from _figures(short, folder)
-    clip = runs.speech_of(CLIP_S, folder)
-    rows: dict[BenchRow, Callable[[], Iterable[runs.Figure]]] = {
+    clip = runs.write_speech(CLIP_S, folder)
+    rows: dict[BenchRow, Callable[[], Iterable[runs.BenchResult]]] = {
         "figures": lambda: runs.time_figures(clip, folder),
         "speech-effect": lambda: [runs.time_speech_effect(folder)],
-        "steps": lambda: [runs.time_steps(clip, folder)],
+        "steps": lambda: [runs.time_step_sweep(clip, folder)],
         "training": runs.time_training,
         "memory": lambda: runs.measure_memory(folder),
     }
@@ -64,21 +64,21 @@ def _selected(short: bool, only: tuple[BenchRow, ...], folder: Path) -> Iterator
         yield from rows[row]()
 
 
-def _figures(short: bool, folder: Path) -> Iterator[runs.Figure]:
+def _figures(short: bool, folder: Path) -> Iterator[runs.BenchResult]:
     from app.bench import drawing
     from model.motion.motion import load_motion
 
     yield runs.time_page_start(folder)
     list(warm_up_steps(BUNDLED_WEIGHTS, None))
-    clip = runs.speech_of(CLIP_S, folder)
-    yield from runs.time_motion(clip)
+    clip = runs.write_speech(CLIP_S, folder)
+    yield from runs.time_generation(clip)
     yield from runs.time_page_run(clip, folder)
     motion = load_motion(min((folder / "page").glob("*.npz")))
-    yield runs.time_measures(motion)
+    yield runs.time_metrics(motion)
     yield from drawing.measure_video_rates(body_motion(motion), folder)
     if not short:
-        yield from drawing.measure_stages(body_motion(motion), folder)
+        yield from drawing.measure_render_stages(body_motion(motion), folder)
 
 
 if __name__ == "__main__":
-    tyro.cli(measure, prog="python -m app.bench")
+    tyro.cli(run_benchmark, prog="python -m app.bench")

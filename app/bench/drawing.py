@@ -5,7 +5,7 @@ from collections.abc import Callable
 from itertools import chain
 from pathlib import Path
 
-from app.bench.runs import Figure, Result, timed_with_cpu
+from app.bench.runs import BenchResult, Result, measure_time
 from renderer.body.body import BodyMotion, load_body
 from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import OffscreenRenderer
@@ -23,7 +23,7 @@ NAIVE_FRAMES = 30
 """Frames drawn by the usual loop, which is slow."""
 
 
-def measure_video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
+def measure_video_rates(motion: BodyMotion, folder: Path) -> list[BenchResult]:
     """Measure the frames per second of finished videos, including the start of worker processes.
 
     Several videos are also composed side by side. The CPU rate assumes that all cores were free.
@@ -46,15 +46,17 @@ def measure_video_rates(motion: BodyMotion, folder: Path) -> list[Figure]:
                 paths = [folder / f"{name}.mp4" for name in jobs]
                 compose_videos(paths, list(jobs), folder / "comparison.mp4")
 
-        _, wall_s, cpu_s = timed_with_cpu(draw)
+        _, wall_s, cpu_s = measure_time(draw)
         frames, cores = motion.num_frames, len(os.sched_getaffinity(0))
         at_least = f"at least {aim}"
-        figures.append(Figure(title, frames / wall_s, "frames/s", at_least, cores * frames / cpu_s))
-        figures.append(Figure(f"CPU time, {title}", 1e3 * cpu_s / frames / count, "ms/frame"))
+        figures.append(
+            BenchResult(title, frames / wall_s, "frames/s", at_least, cores * frames / cpu_s)
+        )
+        figures.append(BenchResult(f"CPU time, {title}", 1e3 * cpu_s / frames / count, "ms/frame"))
     return figures
 
 
-def measure_stages(motion: BodyMotion, folder: Path) -> list[Figure]:
+def measure_render_stages(motion: BodyMotion, folder: Path) -> list[BenchResult]:
     """Measure skinning, normals, ground shadow, drawing and encoding of a clip of some seconds.
 
     The vertices of all frames are in memory. The last figure compares normals, shadow and drawing
@@ -65,9 +67,9 @@ def measure_stages(motion: BodyMotion, folder: Path) -> list[Figure]:
     body = select_panel_mesh(whole, stage, stage.panel_cameras[0], settings.panels[0])
 
     def timed(name: str, work: Callable[[], Result]) -> Result:
-        result, *seconds = timed_with_cpu(work)
+        result, *seconds = measure_time(work)
         wall, cpu = (1e3 * each / motion.num_frames for each in seconds)
-        figures.append(Figure(f"{name}, {SIZE_PX} x {SIZE_PX}", wall, "ms/frame", cpu=cpu))
+        figures.append(BenchResult(f"{name}, {SIZE_PX} x {SIZE_PX}", wall, "ms/frame", cpu=cpu))
         return result
 
     chunks = timed("skinning", lambda: list(body.vertices(motion)))
@@ -95,9 +97,12 @@ def measure_stages(motion: BodyMotion, folder: Path) -> list[Figure]:
 
     timed("encoding", encode)
     few = [*chain.from_iterable(whole.vertices(select_frames(motion, slice(NAIVE_FRAMES))))]
-    _, *seconds = timed_with_cpu(lambda: draw_baseline(few, whole, stage, SIZE_PX))
+    _, *seconds = measure_time(lambda: draw_baseline(few, whole, stage, SIZE_PX))
     wall, cpu = (1e3 * each / len(few) for each in seconds)
     ours = [each for each in figures if not each.name.startswith(("skinning", "encoding"))]
     own_wall, own_cpu = sum(each.value for each in ours), sum(each.cpu or 0.0 for each in ours)
     title = "time ratio of naive loop to our drawing"
-    return [*figures, Figure(title, wall / own_wall, "x", "at least 35; CPU 40", cpu / own_cpu)]
+    return [
+        *figures,
+        BenchResult(title, wall / own_wall, "x", "at least 35; CPU 40", cpu / own_cpu),
+    ]

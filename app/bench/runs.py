@@ -47,7 +47,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
-class Figure:
+class BenchResult:
     name: str
     value: float
     unit: str
@@ -60,7 +60,7 @@ class Figure:
         return f"{self.name:<44} {self.value:>9.2f} {self.unit:<9} {cpu:<14} {self.aim}".rstrip()
 
 
-def peak_mb(*arguments: str) -> float:
+def measure_peak_memory_mb(*arguments: str) -> float:
     """Measure the peak memory (MB) of Python with these arguments, or of a larger child process."""
     command, nowhere = [sys.executable, *arguments], subprocess.DEVNULL
     child = subprocess.Popen(command, cwd=PROJECT, stdout=nowhere, stderr=nowhere)
@@ -70,7 +70,7 @@ def peak_mb(*arguments: str) -> float:
     return usage.ru_maxrss / 1024  # kilobytes on Linux
 
 
-def time_page_start(folder: Path) -> Figure:
+def time_page_start(folder: Path) -> BenchResult:
     """Measure the time until a newly started page answers, with empty caches."""
     started = time.monotonic()
     with tempfile.TemporaryDirectory(dir=folder) as fresh:
@@ -85,7 +85,7 @@ def time_page_start(folder: Path) -> Figure:
             while True:
                 try:
                     urllib.request.urlopen("http://127.0.0.1:7899/", timeout=5).read()
-                    return Figure("page start", time.monotonic() - started, "s", "at most 8 s")
+                    return BenchResult("page start", time.monotonic() - started, "s", "at most 8 s")
                 except (urllib.error.URLError, ConnectionError) as error:
                     if time.monotonic() - started > START_TIMEOUT_S or page.poll() is not None:
                         raise RuntimeError("The page did not start.") from error
@@ -95,7 +95,7 @@ def time_page_start(folder: Path) -> Figure:
             page.wait()
 
 
-def speech_of(duration_s: float, folder: Path) -> Path:
+def write_speech(duration_s: float, folder: Path) -> Path:
     """Write speech of exactly this duration, made by cutting or repeating an example."""
     from model.speech.audio import load_speech, write_wav
 
@@ -105,7 +105,7 @@ def speech_of(duration_s: float, folder: Path) -> Path:
     return out
 
 
-def time_motion(clip: Path) -> list[Figure]:
+def time_generation(clip: Path) -> list[BenchResult]:
     """Measure features, generation of each system with default steps, and a batch of samples."""
     from model.generation.windows import measure_ms_per_frame
     from model.speech.audio import load_speech
@@ -115,25 +115,27 @@ def time_motion(clip: Path) -> list[Figure]:
     started = time.perf_counter()
     systems[0].encoder.encode(speech.waveform, speech.num_frames)
     features_ms = 1000 * (time.perf_counter() - started) / speech.num_frames
-    figures = [Figure("speech features", features_ms, "ms/frame")]
+    figures = [BenchResult("speech features", features_ms, "ms/frame")]
     for system in systems:
         steps = system.samplers[0].steps
         each = measure_ms_per_frame(system, speech, steps)  # features are cached by now
         title = f"generation, {system.name}, {steps} steps"
-        figures.append(Figure(title, each, "ms/frame", "at most 4"))
+        figures.append(BenchResult(title, each, "ms/frame", "at most 4"))
     each = measure_ms_per_frame(systems[-1], speech, systems[-1].samplers[0].steps, SAMPLES)
     title = f"one of {SAMPLES} samples, {systems[-1].name}"
-    return [*figures, Figure(title, each, "ms/frame", "at most 2")]
+    return [*figures, BenchResult(title, each, "ms/frame", "at most 2")]
 
 
-def time_training() -> list[Figure]:
+def time_training() -> list[BenchResult]:
     """Measure training at the demo's size, without compilation, which takes minutes."""
-    rates = {name: training_rate(name, BUNDLED_WEIGHTS) for name in representatives("training")}
+    rates = {
+        name: measure_training_rate(name, BUNDLED_WEIGHTS) for name in representatives("training")
+    }
     title = "training, {}, demo size, not compiled"
-    return [Figure(title.format(name), rate, "windows/s") for name, rate in rates.items()]
+    return [BenchResult(title.format(name), rate, "windows/s") for name, rate in rates.items()]
 
 
-def time_page_run(clip: Path, folder: Path) -> list[Figure]:
+def time_page_run(clip: Path, folder: Path) -> list[BenchResult]:
     """Measure a run of the explained systems with the page's settings, in a warm process.
 
     Times: until the first motion of the first system can be shown, until its whole motion is there,
@@ -159,9 +161,9 @@ def time_page_run(clip: Path, folder: Path) -> list[Figure]:
     first = moving_at[0] - started
     whole = f"{len(explained)} systems end to end, 10 s clip, as on the page"
     return [
-        Figure("first window in the viewer, 10 s clip", first, "s", "at most 2 s"),
-        Figure("first whole motion, 10 s clip", whole_at[0] - started, "s"),
-        Figure(whole, seconds, "s", "at most 30 s"),
+        BenchResult("first window in the viewer, 10 s clip", first, "s", "at most 2 s"),
+        BenchResult("first whole motion, 10 s clip", whole_at[0] - started, "s"),
+        BenchResult(whole, seconds, "s", "at most 30 s"),
     ]
 
 
@@ -171,7 +173,7 @@ def _explained_systems() -> tuple[str, ...]:
     return tuple(name for name in list_systems(BUNDLED_WEIGHTS) if name in explained)
 
 
-def time_figures(clip: Path, folder: Path) -> list[Figure]:
+def time_figures(clip: Path, folder: Path) -> list[BenchResult]:
     """Measure the CPU time of figures of the explained systems, for the page and a command."""
     figures, systems = [], _explained_systems()
     for title, forms, aim in (
@@ -186,26 +188,26 @@ def time_figures(clip: Path, folder: Path) -> list[Figure]:
         ) -> None:
             if isinstance(event, Progress) and event.stage == "figure":
                 of_figures.append(len(cpu_at))
-            cpu_at.append(cpu_s())
+            cpu_at.append(cpu_time_s())
 
         fields = {"speech": clip, "out": folder / f"figures {len(forms)}", "systems": systems}
         how = {"has_video": False, "figure_forms": forms}
         generate(request_from(GenerateRequest, fields | how), RunCallbacks(watch))
         seconds = cpu_at[of_figures[-1]] - cpu_at[of_figures[0] - 1]  # from what came before them
         name = f"CPU time, figures of {len(systems)} systems, {title}"
-        figures.append(Figure(name, seconds, "s", f"at most {aim} s"))
+        figures.append(BenchResult(name, seconds, "s", f"at most {aim} s"))
     return figures
 
 
-def time_speech_effect(folder: Path) -> Figure:
+def time_speech_effect(folder: Path) -> BenchResult:
     """Measure the speech effect of two examples with two seeds, in a warm process."""
     values = {"speeches": tuple(sorted(EXAMPLES.glob("*.wav"))[:2]), "out": folder / "effect"}
     request = request_from(SpeechEffectRequest, values)
-    _, wall_s, cpu = timed_with_cpu(lambda: measure_speech_effect(request))
-    return Figure("speech effect of two speeches", wall_s, "s", cpu=cpu)
+    _, wall_s, cpu = measure_time(lambda: measure_speech_effect(request))
+    return BenchResult("speech effect of two speeches", wall_s, "s", cpu=cpu)
 
 
-def time_steps(clip: Path, folder: Path) -> Figure:
+def time_step_sweep(clip: Path, folder: Path) -> BenchResult:
     """Measure the comparison of sampling steps of one system, in a warm process."""
     values = {
         "speech": clip,
@@ -213,11 +215,11 @@ def time_steps(clip: Path, folder: Path) -> Figure:
         "systems": list_systems(BUNDLED_WEIGHTS)[-1:],
     }
     request = request_from(StepSweepRequest, values)
-    _, wall_s, cpu = timed_with_cpu(lambda: measure_step_sweep(request))
-    return Figure("comparison of sampling steps, one system", wall_s, "s", cpu=cpu)
+    _, wall_s, cpu = measure_time(lambda: measure_step_sweep(request))
+    return BenchResult("comparison of sampling steps, one system", wall_s, "s", cpu=cpu)
 
 
-def time_measures(motion: Motion) -> Figure:
+def time_metrics(motion: Motion) -> BenchResult:
     """Measure the time of all measures for one minute of motion, raw and filtered."""
     from model.diagnostics import diagnose
     from model.motion.kinematics import open_body_skeleton
@@ -227,39 +229,41 @@ def time_measures(motion: Motion) -> Figure:
     started = time.perf_counter()
     diagnose({"motion": minute}, open_body_skeleton())
     seconds = time.perf_counter() - started
-    return Figure("all metrics, 1-minute clip, one system", seconds, "s", "at most 1 s")
+    return BenchResult("all metrics, 1-minute clip, one system", seconds, "s", "at most 1 s")
 
 
-def measure_memory(folder: Path) -> list[Figure]:
+def measure_memory(folder: Path) -> list[BenchResult]:
     """Measure the peak memory of a run without videos, for a long and a short clip."""
     system = list_systems(BUNDLED_WEIGHTS)[-1]
     imports = (
         "import app.run.pipeline, model.diagnostics, model.generation.windows, "
         "renderer.figures.figure6.layout"
     )
-    imports_mb = peak_mb("-c", imports)
+    imports_mb = measure_peak_memory_mb("-c", imports)
     peaks_mb = []
     for duration_s in (SHORT_S, LONG_S):
-        clip = speech_of(duration_s, folder)
+        clip = write_speech(duration_s, folder)
         out = folder / f"{duration_s:g}"
         flags = ["--systems", system, "--steps", "1", "--no-video"]
         command = ["-m", "app", "generate", str(clip), "--out", str(out), *flags]
-        peaks_mb.append(peak_mb(*command))
+        peaks_mb.append(measure_peak_memory_mb(*command))
     short_mb, long_mb = peaks_mb
     return [
-        Figure("peak memory, 1-minute clip", short_mb, "MB"),
-        Figure("peak memory, 10-minute clip", long_mb, "MB"),
-        Figure(
+        BenchResult("peak memory, 1-minute clip", short_mb, "MB"),
+        BenchResult("peak memory, 10-minute clip", long_mb, "MB"),
+        BenchResult(
             "peak memory, 10-minute clip minus imports",
             long_mb - imports_mb,
             "MB",
             "at most 600 MB",
         ),
-        Figure("peak memory ratio, 10-minute to 1-minute", long_mb / short_mb, "x", "at most 1.3"),
+        BenchResult(
+            "peak memory ratio, 10-minute to 1-minute", long_mb / short_mb, "x", "at most 1.3"
+        ),
     ]
 
 
-def training_rate(system: str, helpers: Path, config_name: str = "demo") -> float:
+def measure_training_rate(system: str, helpers: Path, config_name: str = "demo") -> float:
     """Measure training of a system in windows per second, in one process, on synthetic data.
 
     Args:
@@ -302,14 +306,14 @@ def _made_up_data(folder: Path, speech_dim: int) -> PreparedData:
     )
 
 
-def timed_with_cpu(work: Callable[[], Result]) -> tuple[Result, float, float]:
+def measure_time(work: Callable[[], Result]) -> tuple[Result, float, float]:
     """Run ``work``; return its result, wall time (s) and CPU time (s)."""
-    cpu_started, started = cpu_s(), time.perf_counter()
+    cpu_started, started = cpu_time_s(), time.perf_counter()
     result = work()
-    return result, time.perf_counter() - started, cpu_s() - cpu_started
+    return result, time.perf_counter() - started, cpu_time_s() - cpu_started
 
 
-def cpu_s() -> float:
+def cpu_time_s() -> float:
     """Return the CPU time (s) of this process and of its children that have ended."""
     usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)

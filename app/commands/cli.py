@@ -17,7 +17,7 @@ from app.commands import runs, studies
 from app.commands.convert import convert
 from app.commands.doctor import doctor
 from app.commands.protocols import protocols
-from app.config import use_file_backend
+from app.config import use_matplotlib_file_backend
 from app.errors import Cancelled, message_for_user
 from app.flags import parse_command
 from app.run.output.console import SafeLogFormatter, print_message
@@ -56,7 +56,7 @@ RENAMED_FLAGS = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
-    use_file_backend()
+    use_matplotlib_file_backend()
     log_to = logging.StreamHandler()
     log_to.setFormatter(SafeLogFormatter("%(levelname)s %(name)s: %(message)s"))
     logging.basicConfig(level=logging.WARNING, handlers=[log_to])

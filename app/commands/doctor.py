@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from app.commands.runs import Files
-from app.config import BUNDLED_WEIGHTS, REQUESTED_BACKEND, backend_fault, default_body
+from app.config import BUNDLED_WEIGHTS, REQUESTED_BACKEND, default_body, matplotlib_backend_error
 from app.errors import RunError, message_for_user
 from app.flags import FileOrDefault, set_family_files
 
@@ -214,7 +214,7 @@ def _matplotlib() -> list[CheckResult]:
     """Check the matplotlib backend of MPLBACKEND, if there is one; no figure depends on it."""
     if not REQUESTED_BACKEND:
         return []
-    fault = backend_fault()
+    fault = matplotlib_backend_error()
     advice = "unset MPLBACKEND; no figure needs it"
     return [
         CheckResult("MPLBACKEND", not fault, fault or REQUESTED_BACKEND, advice, is_needed=False)

@@ -35,8 +35,10 @@ SHORTEST_S = 0.5 / FPS
 PLAN_LISTS = ("left", "right", "nods", "looks", "brows", "smiles", "blinks", "stands", "planted")
 
 
-def merge_plans(plans: Iterable[tuple[int, StreamedPlan]], first: int, count: int) -> GesturePlan:
-    """Return the plan performed in ``count`` frames of a session from ``first``, its second 0.
+def merge_plans(
+    plans: Iterable[tuple[int, StreamedPlan]], first_frame: int, num_frames: int
+) -> GesturePlan:
+    """Return the plan of ``num_frames`` frames of a session; its second 0 is ``first_frame``.
 
     Args:
         plans: planned events with the frame of the session from which they replace all earlier
@@ -50,12 +52,12 @@ def merge_plans(plans: Iterable[tuple[int, StreamedPlan]], first: int, count: in
             new = [one for one in planned if one.end_s > from_s or one.start_s >= from_s]
             until_s = min([from_s, *(one.start_s for one in new)])
             events[name] = [*_cut(events[name], 0.0, until_s), *new]
-    start_s, end_s = first / FPS, (first + count) / FPS
+    start_s, end_s = first_frame / FPS, (first_frame + num_frames) / FPS
     lists = {
         name: tuple(_shifted(one, -start_s) for one in _cut(of, start_s, end_s))
         for name, of in events.items()
     }
-    return GesturePlan(count / FPS, **lists)
+    return GesturePlan(num_frames / FPS, **lists)
 
 
 def _shifted(event: Any, by_s: float) -> Any:
@@ -115,9 +117,9 @@ class RecordingBuffer:
     def add_sound(self, samples: Float32[np.ndarray, " N"]) -> None:
         self._sound.append(samples)
 
-    def add_motion(self, motion: Motion, ahead: StreamedPlan | None = None) -> None:
+    def add_motion(self, motion: Motion, plan: StreamedPlan | None = None) -> None:
         """Append the next frames and the plan that they perform."""
-        self._motion.append((self.frames, motion, ahead))
+        self._motion.append((self.frames, motion, plan))
         self.frames += motion.num_frames
         while len(self._motion) > 1 and self._motion[1][0] <= self._first_frame:
             self._motion.popleft()
@@ -199,7 +201,7 @@ class LiveSession:
         Raises:
             RunError, UnknownNameError: if the system cannot be used live with that speaker.
         """
-        check_live(system)
+        check_supports_live(system)
         self.sampling, self.pace, self.name = sampling, Pace(), system.name
         self.minute = RecordingBuffer()
         self._tell, self._clock = tell, clock
@@ -222,7 +224,7 @@ class LiveSession:
         self.token = secrets.token_urlsafe(32)
         self.ended = 0.0
 
-    def ready(self) -> dict[str, Any]:
+    def ready_message(self) -> dict[str, Any]:
         """Return the settings that a browser needs before it sends sound."""
         return {
             "hop": self.pace.hop,
@@ -257,11 +259,11 @@ class LiveSession:
         """True if there is new sound, or enough of it for a window."""
         return bool(self._inbox) or self._live.is_due
 
-    def work(self, visitors: int = 1) -> None:
+    def generate_due_window(self, num_sessions: int = 1) -> None:
         """Compute features of new sound, and generate one window if it is due.
 
         Args:
-            visitors: number of open sessions on the machine.
+            num_sessions: number of open sessions on the machine.
 
         Raises:
             RunError: if the system or the machine is too slow.
@@ -278,7 +280,7 @@ class LiveSession:
             return
         behind_s = self._live.num_ready / FPS
         if behind_s > MAX_DELAY_S:
-            who = "one visitor" if visitors == 1 else f"{visitors} visitors at once"
+            who = "one visitor" if num_sessions == 1 else f"{num_sessions} visitors at once"
             raise RunError(TOO_SLOW.format(visitors=who, behind=behind_s))
         manner, self._manner = self._manner, None
         if manner is not None:
@@ -293,7 +295,7 @@ class LiveSession:
         self.minute.add_motion(motion, self._live.ahead)
         self._tell(
             frames_message(
-                first, motion, generation_ms=made_ms, waited_ms=waited_ms, visitors=visitors
+                first, motion, generation_ms=made_ms, waited_ms=waited_ms, visitors=num_sessions
             )
         )
         if self._live.ahead is not None:
@@ -301,7 +303,7 @@ class LiveSession:
         self._check_cost()
 
     @property
-    def window_ms(self) -> float:
+    def median_window_cpu_ms(self) -> float:
         """Median CPU time of a window (ms); NaN before the first."""
         return statistics.median(self._costs) if self._costs else float("nan")
 
@@ -323,9 +325,9 @@ class LiveSession:
             "frames_heard_ahead": self.pace.look_ahead,
             "speech_level": "running",
             "windows_of_session": self.windows,
-            "window_cpu_ms": round(self.window_ms, 1),
+            "window_cpu_ms": round(self.median_window_cpu_ms, 1),
         }
-        why = shortening_note(minute, self._samples / SAMPLE_RATE)
+        why = recording_note(minute, self._samples / SAMPLE_RATE)
         take = LiveRecording(npz, facts, why, plan if minute.plan else None)
         return GenerateRequest(
             speech=SpeechToMove(path=wav),
@@ -343,23 +345,23 @@ class LiveSession:
             raise RunError(SLOW_SYSTEM.format(system=self.name, ms=frame_ms, limit=limit))
 
 
-def shortening_note(minute: SessionRecording, spoken_s: float) -> str:
+def recording_note(recording: SessionRecording, spoken_s: float) -> str:
     """Explain in a sentence or two why less is saved than was spoken; empty if nothing is missing.
 
     Args:
         spoken_s: duration of the session's speech.
     """
-    remaining_s = minute.motion.num_frames / FPS
-    made_s = minute.first_frame / FPS + remaining_s
+    remaining_s = recording.motion.num_frames / FPS
+    made_s = recording.first_frame / FPS + remaining_s
     reasons = []
-    if minute.first_frame:
+    if recording.first_frame:
         reasons.append(EARLIER.format(kept=remaining_s, first=made_s - remaining_s))
     if spoken_s - made_s > NORMAL_BACKLOG_S:
         reasons.append(BEHIND.format(behind=spoken_s - made_s, kept=remaining_s))
     return " ".join(reasons)
 
 
-def check_live(system: System) -> None:
+def check_supports_live(system: System) -> None:
     """Check that a system can be used live: its encoder must not need the whole speech in advance.
 
     Raises:
@@ -383,15 +385,15 @@ def warm_up(system: System, speaker: str) -> None:
     live.step()
 
 
-def planned_events_json(ahead: StreamedPlan, first: int) -> dict[str, Any]:
+def planned_events_json(streamed: StreamedPlan, first_frame: int) -> dict[str, Any]:
     """Return the JSON of planned events from a frame on, in seconds of the session.
 
     They replace all events sent earlier for that time.
 
     Args:
-        first: frame of the session; an event that continues there is included.
+        first_frame: frame of the session; an event that continues there is included.
     """
-    plan, zero_s, from_s = ahead.condition, ahead.origin / FPS, first / FPS
+    plan, zero_s, from_s = streamed.condition, streamed.origin / FPS, first_frame / FPS
 
     def span(event: Any) -> list[float]:
         return [round(event.start_s + zero_s, 3), round(event.end_s + zero_s, 3)]

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 
 from app.errors import RunError, visitor_message
-from app.live.session import LiveSession, check_live, warm_up
+from app.live.session import LiveSession, check_supports_live, warm_up
 from app.live.sessions import NOT_THERE, decode_audio
 from app.run.models import get_system
 from app.run.requests.parts import SamplingOptions
@@ -41,7 +41,7 @@ FULL_EACH = (
 TAKEN_OVER = "The live session continues in another tab of this browser."
 
 
-def live_options(message: Any) -> SamplingOptions:
+def parse_live_options(message: Any) -> SamplingOptions:
     """Parse the sampling options of a browser's first message.
 
     Raises:
@@ -96,7 +96,7 @@ class SessionScheduler:
 
     def _open(self, number: int, message: Any, cookie: str, address: str) -> None:
         """Open a session for a browser; an earlier session of the same browser ends."""
-        options = live_options(message)
+        options = parse_live_options(message)
         mine = {each for each, of in self.open.items() if cookie and of.cookie == cookie}
         others = [of for each, of in self.open.items() if each not in mine]
         if len(others) >= MAX_SESSIONS:
@@ -106,11 +106,11 @@ class SessionScheduler:
             raise RunError(FULL_EACH.format(limit=MAX_SESSIONS_EACH))
         for each in mine:
             self._end(each, TAKEN_OVER)
-        system = self.load_warm(options.systems[0], options.speaker or "")
+        system = self.load_and_warm_up(options.systems[0], options.speaker or "")
         session = LiveSession(system, options, partial(self._tell, number))
         session.cookie, session.address = cookie, address
         self.open[number] = session
-        self._tell(number, {"token": session.token, **session.ready()})
+        self._tell(number, {"token": session.token, **session.ready_message()})
 
     def _save_recording(self, token: str, cookie: str, folder: Path) -> GenerateRequest:
         for session in (*self.open.values(), *self.ended):
@@ -119,26 +119,26 @@ class SessionScheduler:
                 return session.save_recording(folder)
         raise RunError(NOT_THERE)
 
-    def turn(self) -> bool:
+    def generate_next_window(self) -> bool:
         """Generate one window for the longest waiting session; return whether one had work."""
         number = next((each for each, of in self.open.items() if of.is_due), None)
         if number is None:
             return False
         session = self.open[number] = self.open.pop(number)
         try:
-            session.work(len(self.open))
+            session.generate_due_window(len(self.open))
         except Exception as error:
             self._end(number, visitor_message(error))
         return True
 
-    def load_warm(self, name: str, speaker: str | None = None) -> System:
+    def load_and_warm_up(self, name: str, speaker: str | None = None) -> System:
         """Load a system and generate a first window, so that no visitor waits for one-time costs.
 
         Raises:
             RunError, UnknownNameError, CheckpointError: if the system cannot be used live.
         """
         system = get_system(name, self._weights)
-        check_live(system)
+        check_supports_live(system)
         if name not in self._prepared:
             warm_up(system, speaker or next(iter(system.speakers)))
             self._prepared.add(name)
@@ -164,13 +164,13 @@ def main() -> None:
     )
     with suppress(Exception):  # the error is reported to the visitor who opens one
         for name in representatives("streaming"):
-            performers.load_warm(name)
+            performers.load_and_warm_up(name)
     has_work = False
     try:
         while channel.poll(0.0 if has_work else KEEP_S) or has_work or performers.open:
             while channel.poll(0.0):
                 performers.handle_message(*channel.recv())
-            has_work = performers.turn()
+            has_work = performers.generate_next_window()
     except (EOFError, OSError):
         return  # the page has ended
 

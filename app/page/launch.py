@@ -24,8 +24,8 @@ from app.config import (
     EXAMPLES,
     LOCAL_PROXIES,
     AppConfig,
-    ask_without_proxies,
-    use_file_backend,
+    disable_http_proxies,
+    use_matplotlib_file_backend,
 )
 from app.errors import RunError, message_for_user
 from app.flags import family_files, parse_command, set_family_files
@@ -105,8 +105,8 @@ def _set_environment(config: AppConfig) -> None:
     config.temp.mkdir(mode=0o700, parents=True, exist_ok=True)
     if config.proxies:  # uvicorn reads it
         os.environ["FORWARDED_ALLOW_IPS"] = ",".join((*LOCAL_PROXIES, *config.proxies))
-    use_file_backend()
-    ask_without_proxies()
+    use_matplotlib_file_backend()
+    disable_http_proxies()
     # Gradio reads them when it is imported or launched.
     os.environ["GRADIO_TEMP_DIR"] = str(config.cache_folder)
     os.environ["GRADIO_ANALYTICS_ENABLED"] = "False"
@@ -153,8 +153,8 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     for each in (worker, video_worker, upload_worker):
         atexit.register(each.close)
     media, saved_runs, opened = Media(), SavedRuns(config.result_lifetime_s), ()
-    if config.opened is not None:
-        opened = (add_owner_run(saved_runs, config.opened, config.temp / "opened", media),)
+    if config.run_to_open is not None:
+        opened = (add_owner_run(saved_runs, config.run_to_open, config.temp / "opened", media),)
     return Services(
         config=config,
         catalogue=catalogue,

@@ -71,7 +71,7 @@ def build_app(services: Services) -> gr.Blocks:
                     form = build_form(services)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = ResultParts()
-                    if services.first_look is not None and services.config.opened is None:
+                    if services.first_look is not None and services.config.run_to_open is None:
                         results.player.value = services.first_look
             with gr.Tab(live_tab.TAB) as tab:
                 tab.select(services.live.start_process, **UNQUEUED_EVENT)

@@ -141,7 +141,7 @@ def test_a_run_on_the_page_and_as_a_file(
     part: int, context: BrowserContext, sense: Sense, fake: Fake, weights: Path, tmp_path: Path
 ) -> None:
     run = hostile_run(tmp_path / "job", NAMES[part::4][:14])
-    config = AppConfig(port=0, weights=weights, temp=tmp_path / "page", opened=run)
+    config = AppConfig(port=0, weights=weights, temp=tmp_path / "page", run_to_open=run)
     with served(config, **fake.does) as address:
         page = opened(context, address)
         expect(page.locator("#player")).to_contain_text(HOSTILE[1])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from app.errors import page_message
+from app.errors import without_cli_options
 from app.page.routes.media import Address, Media
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import (
@@ -164,7 +164,7 @@ def run_views_in(
 
 def _assumed(row: Row) -> dict[str, Any]:
     """Return the interpretation of a row's file for the player, with the file's kind."""
-    read = [{**each, "reason": page_message(each["reason"])} for each in row.assumptions]
+    read = [{**each, "reason": without_cli_options(each["reason"])} for each in row.assumptions]
     return {"kind": f"*{row.file_suffix}", "read": read}
 
 

@@ -21,7 +21,7 @@ from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
 from app import text
-from app.errors import page_message, without_folders
+from app.errors import without_cli_options, without_folders
 from app.page.parts import markup
 from app.page.parts.markup import Updates, update_html
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
@@ -74,9 +74,9 @@ class SavedRun:
     ) -> Updates:
         """Return the updates of a tab that opens the run; with ``begins``, it plays at once."""
         run_view = run_view or self.view
-        record, notes = run_view.record, map(page_message, run_view.record.notes)
+        record, notes = run_view.record, map(without_cli_options, run_view.record.notes)
         is_done, why = record.state == "done", without_folders(record.message)
-        failed = "" if is_done else markup.error_message(page_message(why))
+        failed = "" if is_done else markup.error_message(without_cli_options(why))
         line = record.message if is_done else text.STOPPED
         if self.clips:
             done = [run for run in self.clips.values() if run.record.state == "done"]

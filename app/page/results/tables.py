@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from urllib.parse import quote
 
 from app import text
-from app.errors import page_message, without_folders
+from app.errors import without_cli_options, without_folders
 from app.findings.comparison import by_measure, format_kinds, format_number, point_title
 from app.findings.measure_rows import (
     FGD,
@@ -326,7 +326,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
 def _clip_row(clip: str, cells: list[str], run: RunRecord) -> str:
     if run.state not in ("failed", "cancelled"):
         return markup.table_row(clip, cells)
-    why = escape(page_message(without_folders(run.message)) or text.STOPPED)
+    why = escape(without_cli_options(without_folders(run.message)) or text.STOPPED)
     return f'<tr><th scope="row">{escape(clip)}</th><td colspan="{len(cells)}">{why}</td></tr>'
 
 

@@ -14,7 +14,7 @@ import gradio as gr
 from pydantic import BaseModel, Field, ValidationError
 
 from app import text
-from app.errors import Cancelled, RunError, page_message, visitor_message
+from app.errors import Cancelled, RunError, visitor_message, without_cli_options
 from app.page.parts import markup
 from app.page.parts.markup import PRIVATE_EVENT, Updates, update_html
 from app.page.results.result_parts import ResultParts, download_link
@@ -116,7 +116,9 @@ class EditRunner(TabRunner):
             yield message_update(visitor_message(error), is_refused=True)
             return
         if take.offers:
-            yield message_update(page_message(take.notes[0]), is_refused=True, offers=take.offers)
+            yield message_update(
+                without_cli_options(take.notes[0]), is_refused=True, offers=take.offers
+            )
             return
         done = text.TAKE_DONE.format(number=take.number) if take.number else text.EDITOR_READY
         yield message_update(" ".join((done, *take.notes)))

@@ -23,10 +23,10 @@ pytestmark = pytest.mark.slow
 def test_training_rate_counts_the_windows_of_the_timed_steps(monkeypatch, weights):
     clock = iter([100.0, 102.0])  # as if the steps after the warm-up had taken two seconds
     monkeypatch.setattr(bench, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    rate = bench.training_rate("globaldiff/global", BUNDLED_WEIGHTS, "smoke")
+    rate = bench.measure_training_rate("globaldiff/global", BUNDLED_WEIGHTS, "smoke")
     assert rate == bench.TIMED_STEPS * bench.BATCH / 2.0
     with pytest.raises(CheckpointError, match="motion-vae"):  # what L_m needs
-        bench.training_rate("globaldiff/full", weights, "smoke")
+        bench.measure_training_rate("globaldiff/full", weights, "smoke")
 
 
 @pytest.mark.gl
@@ -49,7 +49,7 @@ def test_the_naive_loop_draws_the_same_body():
 
 @pytest.mark.gl
 def test_every_stage_and_video_costs_something(tmp_path):
-    costs = drawing.measure_stages(waving_motion(8), tmp_path)
+    costs = drawing.measure_render_stages(waving_motion(8), tmp_path)
     names = [cost.name.partition(",")[0] for cost in costs]
     naive = "time ratio of naive loop"
     assert names == ["skinning", "normals", "ground shadow", "drawing", "encoding", naive]

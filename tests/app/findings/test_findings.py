@@ -350,8 +350,8 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
         "(of 1 clip)."
     )
     words = "as the paper claims, the system with global rotations has less jerk than the one with"
-    assert f"Over 3 clips, {words} local ones: from local to full, which has" in verdict.comparison
-    assert "rotations too, 50 % less (47 to 52 %)." in verdict.comparison
+    assert f"Over 3 clips, {words} local rotations. Jerk of full, which also" in verdict.comparison
+    assert "rotations, compared with local: 50 % less (47 to 52 %)." in verdict.comparison
     assert "3 clips, one training run per system: an example, not evidence." in verdict.comparison
     many = make_verdict("right_middle", [clips[1]] * 10)
     assert many is not None and "10 clips" in many.comparison and "example" not in many.comparison

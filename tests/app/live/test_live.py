@@ -22,12 +22,12 @@ from app.live.session import (
     MAX_RECORDED_FRAMES,
     LiveSession,
     RecordingBuffer,
-    check_live,
+    check_supports_live,
     merge_plans,
     planned_events_json,
-    shortening_note,
+    recording_note,
 )
-from app.live.session_process import SessionScheduler, live_options
+from app.live.session_process import SessionScheduler, parse_live_options
 from app.live.sessions import MAX_SOUND_BYTES, AudioGuard, LiveSessions, decode_audio
 from app.run.frame_packets import HEADER, NUM_FACES, frames_message
 from app.run.models import get_system
@@ -80,7 +80,7 @@ def session(weights: Path, told: list[Any], clock: Clock) -> LiveSession:
 @pytest.fixture
 def planning(planned_weights: Path, told: list[Any], clock: Clock) -> LiveSession:
     system = get_system("workbench/planned", planned_weights)
-    check_live(system)
+    check_supports_live(system)
     ask = replace(OPTIONS, systems=("workbench/planned",))
     return LiveSession(system, ask, told.append, clock)
 
@@ -90,7 +90,7 @@ def speak(session: LiveSession, clock: Clock, seconds: float, size: int = 4000) 
         clock.now += len(block) / 32_000
         session.add_audio(decode_audio(block))
         while session.is_due:
-            session.work()
+            session.generate_due_window()
 
 
 @pytest.fixture
@@ -163,7 +163,7 @@ def test_caps_of_speed_and_length_are_told(microphone, clock, monkeypatch):
         # Seconds, a block each so many.
         ("word", [(180, 3.0)], ""),  # a third of the time, as over a bad connection
         ("word", [(60, 60.0), (30, 1.0)], ""),  # its models took a minute to be read
-        ("word", [(180, 3.0), (100, 5.0)], "needs all of it"),
+        ("word", [(180, 3.0), (100, 5.0)], "needs audio without gaps"),
         ("sample", [(81, 9.0)], r"Only 0\.0 s of audio arrived in the last 27 s"),
         ("silence", [(180, 1.0)], ""),
         ("silence", [(182, 1.0)], "There was no sound for 3 minutes"),
@@ -191,7 +191,7 @@ def test_a_machine_that_cannot_keep_up_and_a_slow_system_are_told(
         clock.now += 0.25
         session.add_audio(decode_audio(block))
     with pytest.raises(RunError, match="too slow for 3 visitors at once"):
-        session.work(visitors=3)
+        session.generate_due_window(num_sessions=3)
     monkeypatch.setattr(limits, "MAX_WINDOW_MS", 1e-6)
     slow = LiveSession(get_system(NAME, weights), OPTIONS, lambda _: None, clock)
     with pytest.raises(RunError, match=r"globaldiff/global needs .* ms per frame.*gan/5"):
@@ -203,22 +203,22 @@ def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
     speak(session, clock, 3.0)
     minute = session.minute.recording()
     made_s = minute.motion.num_frames / 30
-    assert shortening_note(minute, made_s + 1.9) == ""
-    told = shortening_note(minute, made_s + 2.5)
+    assert recording_note(minute, made_s + 1.9) == ""
+    told = recording_note(minute, made_s + 2.5)
     assert told.startswith(f"{made_s:.1f} s were saved. The last 2.5 s of speech had no motion yet")
     later = replace(minute, first_frame=45)
-    assert shortening_note(later, made_s).startswith(
+    assert recording_note(later, made_s).startswith(
         f"Only the last {made_s:.0f} s are stored; the 1.5 s"
     )
 
 
 def test_what_asks_for_nothing_is_refused(weights, told):
     good = {"system": "globaldiff/global", "speaker": "ann", "seed": 2**31 - 1}
-    assert live_options(good).seed == 2**31 - 1
+    assert parse_live_options(good).seed == 2**31 - 1
     wrong = [{"system": ["gan/5"]}, *({"seed": seed} for seed in (None, -1, True, 1e300, 2**31))]
     for asked in (None, 3, [], {}, {"system": "gan/5"}, *(good | each for each in wrong)):
         with pytest.raises(RunError):
-            live_options(asked)
+            parse_live_options(asked)
     with pytest.raises(UnknownNameError, match="no speaker 'eve'"):
         system = get_system(NAME, weights)
         LiveSession(system, replace(OPTIONS, speaker="eve"), told.append)
@@ -229,7 +229,7 @@ def test_sound_is_read_as_it_was_written_and_other_bytes_are_refused():
     np.testing.assert_array_equal(decode_audio(samples.tobytes()), samples / 32_768)
     assert len(decode_audio(bytes(MAX_SOUND_BYTES))) == 16_000
     too_much = bytes(MAX_SOUND_BYTES + 2)
-    for content, words in ((b"", "damaged"), (b"abc", "damaged"), (too_much, "at most 32000")):
+    for content, words in ((b"", "damaged"), (b"abc", "damaged"), (too_much, "the limit is 32000")):
         with pytest.raises(RunError, match=words):
             decode_audio(content)
 
@@ -429,7 +429,7 @@ def test_everyone_gets_a_window_before_anyone_gets_a_second(sessions):
                 turns.append(name)
 
         put_all(sessions, sessions.begin(name, tell), seconds)
-    while sessions.performers.turn():
+    while sessions.performers.generate_next_window():
         pass
     assert turns[:3] == ["a", "b", "c"]
     assert set(turns[3:]) == {"a", "b"} and turns.count("a") == turns.count("b")
@@ -468,8 +468,8 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
     with pytest.raises(RunError, match="Speak for at least"):
         sessions.save_recording(token, "mine", tmp_path)
     put_all(sessions, number, 2.9)
-    sessions.performers.turn()
-    sessions.performers.turn()
+    sessions.performers.generate_next_window()
+    sessions.performers.generate_next_window()
     kept = sessions.save_recording(token, "mine", tmp_path)
     assert kept.sampling == OPTIONS
     assert (
@@ -489,11 +489,11 @@ def test_a_minute_is_kept_for_its_own_browser_and_for_a_while(
 def test_a_fault_ends_its_own_session_only(sessions, monkeypatch, told):
     numbers = [sessions.begin("a", told.append), sessions.begin("b")]
     broken, whole = (sessions.performers.open[number] for number in numbers)
-    monkeypatch.setattr(broken, "work", lambda visitors: 1 / 0)
+    monkeypatch.setattr(broken, "generate_due_window", lambda num_sessions: 1 / 0)
     for number in numbers:
         put_all(sessions, number, 1.5)
     for _ in range(3):
-        sessions.performers.turn()
+        sessions.performers.generate_next_window()
     assert len(told) == 2 and "report it with this number" in str(told[1])
     assert whole.windows == 1 and list(sessions.performers.open) == numbers[1:]
 

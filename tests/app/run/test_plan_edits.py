@@ -166,7 +166,7 @@ def test_where_there_is_no_time_the_nearest_place_and_that_of_what_is_there_are_
 def test_an_impossible_edit_is_a_sentence_and_none_of_its_batch_is_done(plan):
     with pytest.raises(PlanError, match="there is no time"):
         done(plan, {"do": "nod", "at": 3.0}, {"do": "move", **FIRST, "at": 6.1})
-    with pytest.raises(RunError, match="The transcript has 3 words"):
+    with pytest.raises(RunError, match="The transcript has only 3 words"):
         done(plan, {"do": "add", "kind": "you", "word": 3})
 
 

@@ -103,7 +103,7 @@ def test_what_cannot_be_shown_is_refused() -> None:
         (Display(exaggeration=21), "factor must be 1 to 20; got 21"),
         (Display(exaggeration=0.9), "factor must be 1 to 20; got 0.9"),
         (Display(exaggeration=float("nan")), "factor must be 1 to 20; got nan"),
-        (Display(cutoff_hz=2), "can be 3 to 8 Hz; got 2"),
+        (Display(cutoff_hz=2), "must be 3 to 8 Hz; got 2"),
         (Display(trail_frames=91), "5 to 90 frames long; got 91"),
         (Display(jerk_m_s3=0), "must be 50 to 2000 m/s³; got 0"),
         (Display(coloring="rainbow"), "no colouring 'rainbow'"),  # type: ignore[arg-type]

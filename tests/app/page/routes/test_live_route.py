@@ -49,7 +49,7 @@ def test_sound_goes_in_and_frames_come_out(client, sessions, tmp_path):
             socket.send_bytes(block)
         session = next(iter(sessions.performers.open.values()))
         wait_for(lambda: session._samples == 40_000)
-        wait_for(lambda: sessions.performers.turn() and session.windows)
+        wait_for(lambda: sessions.performers.generate_next_window() and session.windows)
         first, count, *_ = HEADER.unpack_from(socket.receive_bytes())
         assert first == 0 and count >= 9
     with pytest.raises(RunError, match="no live recording"):

@@ -307,8 +307,8 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     blocks = list(sound(5.5))
     for block in blocks[: len(blocks) // 2]:
         live.add_audio(number, block)
-    live.performers.turn()
-    live.performers.turn()
+    live.performers.generate_next_window()
+    live.performers.generate_next_window()
     job = Job("me", "live", tmp_path / "kept", "mine")
     job.folder.mkdir()
     asked = keeps.make_request(job, (own,))

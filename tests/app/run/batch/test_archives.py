@@ -106,7 +106,7 @@ def test_limits_hold_before_a_byte_is_unpacked_and_for_all_archives_together(
     for limits, said in (
         (UnpackLimits(file_bytes=2**20), r"'a.npz' of 3 MiB; the limit for a file is 1 MiB"),
         (UnpackLimits(files=10, total_bytes=5 * 2**20), r"extract to"),
-        (UnpackLimits(files=1), r"at most 1 are read"),
+        (UnpackLimits(files=1), r"the limit is 1"),
     ):
         with pytest.raises(RunError, match=said):
             unpack_archive(path, folder, NPZ, limits)

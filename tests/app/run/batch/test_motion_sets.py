@@ -180,7 +180,7 @@ def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refuse
         (tmp_path / name).mkdir()
         (tmp_path / name / "a.npz").write_bytes((folders / name / "a.npz").read_bytes())
     result = diagnose_folders(asked(tmp_path, tmp_path / "out"))
-    assert any("have 11 codes" in note and "at least 33" in note for note in result.notes)
+    assert any("have 11 feature vectors" in note and "at least 33" in note for note in result.notes)
     assert "FGD" not in (tmp_path / "out" / "summary.md").read_text()
     (tmp_path / "other").mkdir()
     with pytest.raises(RunError, match="paired by name"):

@@ -101,7 +101,7 @@ def test_all_zips_together_hold_no_more_than_the_limit(folders, tmp_path, monkey
         measure_sets(replace_fields(asked, out=tmp_path / "two", reference=theirs))
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_FILES", len(CLIPS) + 1)
     monkeypatch.setattr("app.run.batch.motion_sets.MAX_BYTES", 10 * held)
-    with pytest.raises(RunError, match="at most 1 are read"):
+    with pytest.raises(RunError, match="the limit is 1"):
         measure_sets(replace_fields(asked, out=tmp_path / "three", reference=theirs))
     for out in ("two", "three"):
         assert not list((tmp_path / out).glob(".*")), "what was unpacked is gone"
