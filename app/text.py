@@ -102,7 +102,7 @@ FIGURES = {
         "the right means larger values.",
         (),
     ),
-    "hearing": FigureText(
+    "speech_effect": FigureText(
         "Effect of the speech and of the noise seed",
         "Lines of one colour share the speech, lines of one style share the noise seed. If the "
         "motion follows the speech, lines of the same colour rise and fall together.",
@@ -115,6 +115,7 @@ FIGURES = {
         (),
     ),
 }
+FIGURES["hearing"] = FIGURES["speech_effect"]  # its former name
 CAPTION = "Caption (for your paper)"
 REDRAW = "Other panels, frames or width"
 OVER_CLIPS = ", mean over clips with 95 % confidence interval"

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 DRAW_FUNCTIONS: Mapping[str, "Callable[[Any], Figure]"] = {
     "figure6": draw_figure6,
     "jitter": draw_jitter_sheet,
-    "hearing": draw_speech_effect,
+    "speech_effect": draw_speech_effect,
+    "hearing": draw_speech_effect,  # its former name
     "error_growth": draw_error_along_chain,
     "steps": draw_sampling_step_sweep,
 }

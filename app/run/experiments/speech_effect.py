@@ -115,7 +115,9 @@ def measure_speech_effect(
             for system, numbers in effects.items()
             for part, shares in numbers["parts"].items()
         ]
-        run.write_table("hearing", effects, [("system", "part", *_COLUMNS, "protocol"), *table])
+        run.write_table(
+            "speech_effect", effects, [("system", "part", *_COLUMNS, "protocol"), *table]
+        )
         _draw_speech_effect(effects, of_system, run, request)
         run.finish(f"Compared {pluralise(len(effects), 'system')}.")
 
@@ -199,7 +201,7 @@ def _read_grids(folder: Path) -> dict[str, Grid]:
 def _effect_numbers(
     system: str, generated: _GeneratedGrid, speakers: tuple[str, str] | None
 ) -> dict[str, Any]:
-    """Return the content of ``hearing.json`` for one system."""
+    """Return the content of ``speech_effect.json`` for one system."""
 
     def shares(shares_of_motion: CorrelationShares) -> dict[str, float]:
         return {column: getattr(shares_of_motion, column) for column in _COLUMNS}
@@ -277,7 +279,7 @@ def _draw_speech_effect(
         )
         for system, of in numbers.items()
     ]
-    run.write_figure("hearing", rows, SPEECH_EFFECT_CAPTION, request.output.figure_forms)
+    run.write_figure("speech_effect", rows, SPEECH_EFFECT_CAPTION, request.output.figure_forms)
 
 
 def _percent(share: float) -> str:

@@ -336,7 +336,7 @@ class SpeechEffectRequest:
 
 
 MIN_NOISE_RAD, MAX_NOISE_RAD = 0.005, 0.1
-ROTATION_NOISE_VIDEO = "mechanism.mp4"
+ROTATION_NOISE_VIDEO = "rotation_noise.mp4"
 WITHOUT_NOISE = "without noise"
 """Name of the unchanged motion in a run of the noise experiment."""
 

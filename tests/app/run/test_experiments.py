@@ -71,23 +71,23 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     record = read_run(out)
     assert sorted(record.result_files) == [
         *(f"globaldiff-global__{stem}__{seed}.npz" for stem in ("one", "two") for seed in (0, 1)),
-        *(f"hearing.{ending}" for ending in ("csv", "json", "pdf", "png", "svg", "txt")),
         "run.json",
+        *(f"speech_effect.{ending}" for ending in ("csv", "json", "pdf", "png", "svg", "txt")),
     ]
     options = GenerateOptions("ann", seed=1, guidance=4.0)
     (expected,) = generate_motion(get_system(WORLD, weights), load_speech(speeches[1]), options)
     made = load_motion(out / "globaldiff-global__two__1.npz")
     np.testing.assert_array_equal(made.poses, expected.poses)
-    told = json.loads((out / "hearing.json").read_text())[WORLD]
+    told = json.loads((out / "speech_effect.json").read_text())[WORLD]
     assert told["guidance"] == 4.0
     arms = told["parts"]["arms"]
     assert arms["by_speech"] == pytest.approx(arms["same_speech"] - arms["neither"])
-    assert (out / "hearing.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
-    rows = csv_rows(out / "hearing.csv")
+    assert (out / "speech_effect.txt").read_text().endswith("Numbers by protocol workbench/1.\n")
+    rows = csv_rows(out / "speech_effect.csv")
     assert {told["protocol"], *(row["protocol"] for row in rows)} == {"workbench/1"}
     assert [row["part"] for row in rows] == ["arms", "head", "brows", "jaw"]
     assert float(rows[0]["by_noise"]) == pytest.approx(arms["by_noise"])
-    assert np.asarray(Image.open(out / "hearing.png").convert("L")).std() > 10
+    assert np.asarray(Image.open(out / "speech_effect.png").convert("L")).std() > 10
     speakers, (note,) = told["speakers"], record.notes
     assert speakers["calm"] == "bob" and 0 < speakers["calm_over_lively"]
     assert f"bob's wrists move {speakers['calm_over_lively']:.2f} times" in note
@@ -99,7 +99,7 @@ def test_each_speech_is_heard_with_each_seed_and_two_speakers_on_the_first(
     measure_speech_effect(
         speech_effect_request(out=tmp_path / "again", speeches=(tmp_path / "motions",))
     )
-    (again,) = json.loads((tmp_path / "again" / "hearing.json").read_text()).values()
+    (again,) = json.loads((tmp_path / "again" / "speech_effect.json").read_text()).values()
     assert again["parts"] == told["parts"] and again["guidance"] is None
 
 
@@ -126,7 +126,9 @@ def test_processes_beside_each_other_generate_the_same_motions_for_the_speech_ef
         one, other = (load_motion(tmp_path / way / name) for way in ("here", "beside"))
         for part in ("poses", "trans", "expressions"):
             np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
-    one, other = ((tmp_path / way / "hearing.json").read_bytes() for way in ("here", "beside"))
+    one, other = (
+        (tmp_path / way / "speech_effect.json").read_bytes() for way in ("here", "beside")
+    )
     assert one == other
     with pytest.raises(Cancelled):
         stopped = speech_effect_request(out=tmp_path / "stopped", speeches=speeches, **asked)
@@ -145,7 +147,7 @@ def test_a_planted_ear_is_found_in_anyones_motion(
             save_motion(motion, tmp_path / "motions" / f"{name}__s{speech}__{seed}.npz")
     out = tmp_path / "out"
     assert main(["hearing", str(tmp_path / "motions"), "--out", str(out)]) == 0
-    told = json.loads((out / "hearing.json").read_text())
+    told = json.loads((out / "speech_effect.json").read_text())
     assert told["hears"]["parts"]["arms"]["by_speech"] > 0.7
     assert told["deaf"]["parts"]["arms"]["by_speech"] < 0.2
     assert told["deaf"]["parts"]["arms"]["by_noise"] > 0.7
@@ -155,7 +157,7 @@ def test_a_planted_ear_is_found_in_anyones_motion(
         str(out / name)
         for name in (
             "run.json",
-            *(f"hearing.{kind}" for kind in ("json", "csv", "png", "svg", "pdf", "txt")),
+            *(f"speech_effect.{kind}" for kind in ("json", "csv", "png", "svg", "pdf", "txt")),
         )
     ]
     with pytest.raises(SystemExit):
@@ -193,7 +195,7 @@ def test_speech_decides_more_only_where_the_printed_interval_says_so(
 def test_what_cannot_be_compared_is_told(tmp_path: Path) -> None:
     for changes, sentence in [
         ({"speeches": ("one.wav",)}, "Two to 8 speeches can be compared; got 1"),
-        ({"speeches": ("a/one.wav", "b/one.wav")}, "one name"),
+        ({"speeches": ("a/one.wav", "b/one.wav")}, "the same name"),
         ({"seeds": 1}, "2 to 8; got 1"),
         ({"systems": ()}, "One to"),
         ({"speeches": (tmp_path,), "speakers": ("ann", "bob")}, "Speakers cannot be compared"),
@@ -273,7 +275,7 @@ def test_a_mechanism_that_cannot_be_is_refused(asked: RotationNoiseRequest) -> N
         ({"seed": -1}, "must not be negative"),
         (
             {"out": Path("two.mp4")},
-            "must be a folder, not a video; its video is called mechanism.mp4",
+            "must be a folder, not a video; its video is called rotation_noise.mp4",
         ),
         ({"joint": "pelvis"}, "No rotation moves the pelvis"),
     ]:

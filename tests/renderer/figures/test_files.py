@@ -121,17 +121,19 @@ def test_a_layout_that_is_not_found_at_once_is_sought_again(
 def test_a_form_that_is_asked_for_later_is_the_one_that_is_written_at_once(
     name: str, tmp_path: Path
 ) -> None:
+    effect = [
+        SpeechEffectRow(
+            name,
+            {(clip, seed): np.arange(90.0) + seed for clip in "xy" for seed in (0, 1)},
+            {"arms": (0.4, 0.1)},
+        )
+        for name in ("a/b", "c")
+    ]
     contents = {
         "figure6": Figure6(**make_inputs(3, num_snapshots=2, num_frames=80)),
         "jitter": replace(example_sheet(2), window_advance=0),
-        "hearing": [
-            SpeechEffectRow(
-                name,
-                {(clip, seed): np.arange(90.0) + seed for clip in "xy" for seed in (0, 1)},
-                {"arms": (0.4, 0.1)},
-            )
-            for name in ("a/b", "c")
-        ],
+        "speech_effect": effect,
+        "hearing": effect,
         "error_growth": growth(),
         "steps": MARKS,
     }[name]
