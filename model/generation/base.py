@@ -141,9 +141,9 @@ class Window:
 
     def part(self, frames: slice) -> "Window":
         """Return some frames of the window."""
-        return replace(self, **self.fields_of(frames))
+        return replace(self, **self.sliced_tensors(frames))
 
-    def fields_of(self, frames: slice) -> dict[str, Tensor]:
+    def sliced_tensors(self, frames: slice) -> dict[str, Tensor]:
         """Return some frames of each tensor, by name."""
         return {name: tensor[:, frames] for name, tensor in vars(self).items()}
 

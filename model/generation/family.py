@@ -175,7 +175,7 @@ class Family:
         """Return the samplers of a generator; the first is the default."""
         return self.samplers.get(system, ())
 
-    def weights_of(self, system: str) -> str:
+    def weights_name(self, system: str) -> str:
         """Return the name under which the weights of a generator are saved."""
         return self.shared_weights.get(system, system)
 
@@ -184,12 +184,12 @@ class Family:
         return tuple(
             name
             for name in self.systems
-            if _weights_file(self.weights_folder(name, folder), self.weights_of(name)).is_file()
+            if _weights_file(self.weights_folder(name, folder), self.weights_name(name)).is_file()
         )
 
     def weights_folder(self, name: str, folder: Path) -> Path:
         """Return the folder of a network's weights: ``folder``, or the family's own without any."""
-        if self.weights is None or _weights_file(folder, self.weights_of(name)).is_file():
+        if self.weights is None or _weights_file(folder, self.weights_name(name)).is_file():
             return folder
         return self.weights
 
@@ -214,9 +214,9 @@ class Family:
 
     def card(self, name: str, folder: Path) -> WeightsCard:
         """Load the model card of a generator's or helper's weights."""
-        return load_card(self.weights_folder(name, folder), self.weights_of(name))
+        return load_card(self.weights_folder(name, folder), self.weights_name(name))
 
-    def fields_of(self, name: str, card: WeightsCard) -> "dict[str, Any]":
+    def system_fields(self, name: str, card: WeightsCard) -> "dict[str, Any]":
         """Return the fields of `System` that follow from the family and the model card."""
         from model.speech.encoders import make_encoder
 

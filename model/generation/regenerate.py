@@ -173,7 +173,7 @@ _CONDITIONING, _FOLLOWED = "heard", "followed."
 
 def save_state(state: GenerationState, path: Path) -> None:
     """Write the windows and their input features, bit-exact; the rest has separate files."""
-    fields = [window.fields_of(slice(None)) for window in state.windows]
+    fields = [window.sliced_tensors(slice(None)) for window in state.windows]
     tensors = {name: torch.stack([each[name] for each in fields]) for name in fields[0]}
     with written_atomically(path) as part:
         followed = {

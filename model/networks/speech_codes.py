@@ -32,7 +32,7 @@ class SpeechPredictions:
 
     phone: Float[Tensor, "B T phones"]
     """Logits of the phones; the first means no phone."""
-    label_logits: Float[Tensor, "B T told"]
+    label_logits: Float[Tensor, "B T labels"]
     """Predictions of `SPEECH_LABELS`: logits, but for strength and speed."""
 
 

@@ -204,10 +204,10 @@ class EventOnset:
 class ChainStates:
     """Event chain of a tier at some frames."""
 
-    state_before: Float[np.ndarray, "T seen"]
-    """Chain's state (T, seen) before the frame: one-hot state, its duration twice, mark."""
-    state_after: Float[np.ndarray, "T seen"]
-    """Chain's state (T, seen) after the event of the frame."""
+    state_before: Float[np.ndarray, "T state_dim"]
+    """Chain's state (T, state_dim) before the frame: one-hot state, its duration twice, mark."""
+    state_after: Float[np.ndarray, "T state_dim"]
+    """Chain's state (T, state_dim) after the event of the frame."""
     event: Int[np.ndarray, " T"]
     """Event (T,): 0 to stay, or 1 + the state that begins."""
     mark: Float[np.ndarray, "T units"]
@@ -324,7 +324,7 @@ def _state_features(
     states: Int[np.ndarray, " T"],
     lasted: Int[np.ndarray, " T"],
     marks: Float[np.ndarray, "T units"],
-) -> Float[np.ndarray, "T seen"]:
+) -> Float[np.ndarray, "T state_dim"]:
     seconds = np.minimum(lasted / FPS, MAX_STATE_S)
     which = np.eye(len(tier.states))[states]
     times = np.stack([seconds, np.log(seconds + 0.1)], axis=1)
@@ -348,7 +348,9 @@ def coupled_states(
     return states
 
 
-def chain_state_at(tier: EventTier, onset: EventOnset, frame: int) -> Float[np.ndarray, " seen"]:
+def chain_state_at(
+    tier: EventTier, onset: EventOnset, frame: int
+) -> Float[np.ndarray, " state_dim"]:
     """Describe a chain at one frame, as `_state_features` does for many; called at every frame."""
     seconds = min((frame - onset.frame) / FPS, MAX_STATE_S)
     count = len(tier.states)

@@ -287,15 +287,15 @@ def _decode(
     rate, declared_s, num_tracks = _parse_log(text, track)
     if rate is None and len(waveform) == 0:
         raise SpeechError(f"{name} is not a sound file that can be read; {_READABLE}.")
-    if stamps.dropped > sum(stamps.filled):
+    if stamps.num_dropped > sum(stamps.gap_lengths):
         whole = _decode(path, name, limits, channel, track, _RESAMPLE)
         note = (
-            f"According to the file's time stamps, {stamps.dropped / SAMPLE_RATE:.1f} s of sound "
-            "overlap; the time stamps were ignored, and all sound was kept."
+            f"According to the file's time stamps, {stamps.num_dropped / SAMPLE_RATE:.1f} s of "
+            "sound overlap; the time stamps were ignored, and all sound was kept."
         )
         return replace(whole, notes=(note,))
     waveform, notes = _with_late_start(waveform, text, track, limits.max_s)
-    notes += _gap_notes(waveform, stamps.filled)
+    notes += _gap_notes(waveform, stamps.gap_lengths)
     return _Decoded(waveform, channel_rms, rate, declared_s, num_tracks, tuple(notes))
 
 
@@ -360,11 +360,11 @@ _STEP = 16384
 class _Stamps:
     """Changes that ffmpeg made to follow time stamps, in samples of the result."""
 
-    filled: list[int] = field(default_factory=list)
+    gap_lengths: list[int] = field(default_factory=list)
     """Lengths of the gaps that were filled with silence, in their order."""
-    dropped: int = 0
+    num_dropped: int = 0
     """Number of samples dropped because their time had already passed."""
-    is_open: bool = False
+    is_gap_open: bool = False
     """True if silence that follows continues the last gap."""
 
 
@@ -381,12 +381,12 @@ def _drain(stream: IO[bytes], log: bytearray, stamps: _Stamps) -> None:
         elif moved := _MOVED.search(line):
             count = int(moved[2])
             if moved[1] == b"discarding":
-                stamps.dropped += count
-            elif stamps.is_open:
-                stamps.filled[-1] += count
+                stamps.num_dropped += count
+            elif stamps.is_gap_open:
+                stamps.gap_lengths[-1] += count
             else:
-                stamps.filled.append(count)
-            stamps.is_open = moved[1] == b"adding" and count == _STEP
+                stamps.gap_lengths.append(count)
+            stamps.is_gap_open = moved[1] == b"adding" and count == _STEP
 
 
 _LATE_FORMATS = re.compile(r"^Input #0, mpeg(?:ts)?,", re.MULTILINE)

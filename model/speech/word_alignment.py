@@ -213,7 +213,7 @@ class TimedWord:
         return Word(start_s, end_s, self.text, round(self.confidence, 3)), phones
 
 
-def pieces(waveform: Int16[np.ndarray, " N"]) -> Iterator[tuple[int, int]]:
+def piece_ranges(waveform: Int16[np.ndarray, " N"]) -> Iterator[tuple[int, int]]:
     """Yield ranges of samples within `PIECE_S` (the last may be shorter), cut in quiet places."""
     step = SAMPLE_RATE // FRAMES_PER_S
     shortest, longest = (round(FRAMES_PER_S * seconds) for seconds in PIECE_S)
@@ -236,7 +236,7 @@ def recognise(waveform: Int16[np.ndarray, " N"]) -> list[TimedWord]:
     """Return the most likely words of the speech, however unlikely they are."""
     decoder = _decoder()
     words = []
-    for start, stop in pieces(waveform):
+    for start, stop in piece_ranges(waveform):
         sound = waveform[start:stop].tobytes()
         _decode(decoder, sound)
         segments = [segment for segment in decoder.seg() or () if segment.word[0] not in _FILLERS]

@@ -94,7 +94,7 @@ def geometric_terms(
         "acceleration": lambda: points_loss(*positions, 2),
         "contact": lambda: contact_loss(*world),
     }
-    return weighted(weights, terms)
+    return weighted_terms(weights, terms)
 
 
 def positions_to_compare(
@@ -106,7 +106,7 @@ def positions_to_compare(
     return predicted.positions, target.positions
 
 
-def weighted(
+def weighted_terms(
     weights: GeometricWeights, terms: Mapping[str, Callable[[], Float[Tensor, " B"]]]
 ) -> dict[str, Float[Tensor, " B"]]:
     """Compute each term times the weight of its name, without those of weight 0."""

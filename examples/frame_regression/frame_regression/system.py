@@ -52,8 +52,8 @@ def _smooth(noise: torch.Tensor, passes: int) -> torch.Tensor:
 
 def load(name: str, folder: Path) -> RegressionSystem:
     """See `Family.load`."""
-    trained = TrainedWeights.read(folder, FAMILY.weights_of(name))
-    fields = FAMILY.fields_of(name, trained.card)
+    trained = TrainedWeights.read(folder, FAMILY.weights_name(name))
+    fields = FAMILY.system_fields(name, trained.card)
     network = Regression(fields["encoder"].dim, trained.card.setting("width"))
     return RegressionSystem(
         **fields,

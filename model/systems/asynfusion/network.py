@@ -180,9 +180,9 @@ class DualBranchNetwork(ConditionedNetwork):
 _FACE = ".face."
 
 
-def face_tensors(stream: BranchStatistics) -> dict[str, Tensor]:
+def face_tensors(statistics: BranchStatistics) -> dict[str, Tensor]:
     """Rename the face's statistics, so that the plain names remain for the body."""
-    return {name.replace(".", _FACE, 1): tensor for name, tensor in stream.tensors().items()}
+    return {name.replace(".", _FACE, 1): tensor for name, tensor in statistics.tensors().items()}
 
 
 def read_statistics(trained: TrainedWeights, seed_frames: int) -> PairStatistics:

@@ -196,11 +196,11 @@ class AsynFusionSystem(System):
 
 def load(name: str, folder: Path) -> AsynFusionSystem:
     """Load a system."""
-    trained = TrainedWeights.read(folder, FAMILY.weights_of(name))
+    trained = TrainedWeights.read(folder, FAMILY.weights_name(name))
     config = trained.card.config(DualBranchConfig, "network")
     statistics = read_statistics(trained, config.seed_frames)
     consistent = trained.card.setting("aim") == "teacher"
-    fields = FAMILY.fields_of(name, trained.card)
+    fields = FAMILY.system_fields(name, trained.card)
     if not trained.card.setting("speech_dropout"):  # trained with speech only
         fields["samplers"] = tuple(replace(one, guidance=None) for one in fields["samplers"])
     return AsynFusionSystem(

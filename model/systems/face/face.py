@@ -236,7 +236,7 @@ def face_first_fields(
         raise CheckpointError(
             f"The windows of {body.name} and of the expression network differ in length or overlap."
         )
-    return family.fields_of(name, body.card) | {
+    return family.system_fields(name, body.card) | {
         "sha256s": {body.name: body.sha256, EXPRESSION: face.sha256},
         "windowing": Windowing(*windows, max(config.speech_context, face.config.speech_context)),
         "config": config,

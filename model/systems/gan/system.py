@@ -73,7 +73,7 @@ class GanSystem(FaceFirstSystem):
 
 def load(name: str, folder: Path) -> GanSystem:
     """Load a system with its expression network."""
-    trained = TrainedWeights.read(folder, FAMILY.weights_of(name))
+    trained = TrainedWeights.read(folder, FAMILY.weights_name(name))
     config = trained.card.config(GeneratorConfig, "generator")
     network = Generator(config, trained.prior(config.seed_frames), trained.normaliser)
     return GanSystem(

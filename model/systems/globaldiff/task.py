@@ -22,7 +22,7 @@ from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.config import GlobalDiffConfig, GlobalDiffLoss
 from model.systems.globaldiff.system import MotionNetwork, make_network
 from model.training import losses
-from model.training.losses import geometric_terms, positions_to_compare, weighted
+from model.training.losses import geometric_terms, positions_to_compare, weighted_terms
 from model.training.parallel import ShardedRandom, compiled
 from model.training.targets import (
     Targets,
@@ -154,7 +154,7 @@ def constraint_terms(
         "skeleton": lambda: skeleton_structure_loss(*positions),
         "motion": motion,
     }
-    return weighted(weights, terms)
+    return weighted_terms(weights, terms)
 
 
 def octahedron_anchors() -> Float[Tensor, "6 3"]:

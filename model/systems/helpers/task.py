@@ -228,7 +228,7 @@ class SpeechEncoderTask(SingleNetworkTask):
 
 
 def prediction_losses(
-    predictions: SpeechPredictions, phone: Int[Tensor, "B T"], labels: Float[Tensor, "B T told"]
+    predictions: SpeechPredictions, phone: Int[Tensor, "B T"], labels: Float[Tensor, "B T labels"]
 ) -> dict[str, Float[Tensor, ""]]:
     """Compute cross-entropies, and squared errors of strength (at accents) and speed."""
     losses = {"phone": F.cross_entropy(predictions.phone.flatten(0, 1), phone.flatten())}

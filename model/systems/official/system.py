@@ -65,7 +65,7 @@ class OfficialSystem(System):
     network: OfficialMotionNetwork
     expressions: OfficialExpressionNetwork
     seed: Float[Tensor, "8 333"]
-    filters: bool
+    smooths_windows: bool
     """True if each window is smoothed before the next one starts, as in the authors' script."""
 
     @torch.inference_mode()
@@ -96,7 +96,7 @@ class OfficialSystem(System):
 
         x_0 = spec.noise((WINDOW_FRAMES, MOTION_DIM))
         sample(predict, x_0, steps=spec.steps, sampler="reinterpolate")
-        vectors = smoothed(last["x_1"]) if self.filters else last["x_1"]
+        vectors = smoothed(last["x_1"]) if self.smooths_windows else last["x_1"]
         return _window(as_rotations(vectors), conditions["expression"])
 
     def join(self, older: Window, newer: Window) -> OfficialWindow:
@@ -135,13 +135,13 @@ def smoothed(vectors: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
     return changed
 
 
-def first_seed() -> Float[Tensor, "8 333"]:
+def initial_seed_pose() -> Float[Tensor, "8 333"]:
     """Return the start of the motion file that ``OFFICIAL_SEED`` names, else a still pose."""
     named = os.environ.get(SEED_VARIABLE)
-    return seed_of(load_motion(Path(named))) if named else standing_seed()
+    return seed_pose_of(load_motion(Path(named))) if named else standing_seed_pose()
 
 
-def seed_of(motion: Motion) -> Float[Tensor, "8 333"]:
+def seed_pose_of(motion: Motion) -> Float[Tensor, "8 333"]:
     """Return the first frames of a motion as motion vectors.
 
     Raises:
@@ -155,7 +155,7 @@ def seed_of(motion: Motion) -> Float[Tensor, "8 333"]:
     return _vectors(start.local_rotations(), torch.tensor(start.trans))
 
 
-def standing_seed() -> Float[Tensor, "8 333"]:
+def standing_seed_pose() -> Float[Tensor, "8 333"]:
     """Return the motion vectors of a still standing pose."""
     poses = torch.zeros(len(JOINT_NAMES), 3)
     for joint, turned in STANDING_POSE.items():
@@ -196,6 +196,6 @@ def load(name: str, folder: Path) -> OfficialSystem:
         expression_basis="flame100",
         network=network,
         expressions=cast(OfficialExpressionNetwork, expressions),
-        seed=first_seed(),
-        filters=name != UNFILTERED,
+        seed=initial_seed_pose(),
+        smooths_windows=name != UNFILTERED,
     )

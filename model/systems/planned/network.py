@@ -99,7 +99,9 @@ class TierHead(nn.Module):
             self.mark_out = nn.Linear(hidden, config.mixtures * (1 + 2 * len(tier.mark_scales)))
 
     def state(
-        self, speech: Float[Tensor, "*rows speech_width"], chain_state: Float[Tensor, "*rows seen"]
+        self,
+        speech: Float[Tensor, "*rows speech_width"],
+        chain_state: Float[Tensor, "*rows state_dim"],
     ) -> Float[Tensor, "*rows hidden"]:
         return F.silu(self.heard(speech) + self.seen(chain_state))
 
@@ -136,7 +138,7 @@ class PlannerNetwork(nn.Module):
 
     def speech_states(
         self,
-        speech: Float[Tensor, "B around input_dim"],
+        speech: Float[Tensor, "B T_ctx input_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
     ) -> Float[Tensor, "B T speech_width"]:
@@ -154,7 +156,7 @@ class PlannerNetwork(nn.Module):
 
     def forward(
         self,
-        speech: Float[Tensor, "B around input_dim"],
+        speech: Float[Tensor, "B T_ctx input_dim"],
         speaker: Int[Tensor, " B"],
         has_speech: Bool[Tensor, " B"],
         states: Mapping[str, Float[Tensor, "B T _"]],

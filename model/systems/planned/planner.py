@@ -175,7 +175,7 @@ class _Events:
     def __call__(
         self,
         speech_states: Float32[np.ndarray, "copies hidden"],
-        states: Float32[np.ndarray, " seen"],
+        states: Float32[np.ndarray, " state_dim"],
     ) -> tuple[Float32[np.ndarray, "copies hidden"], Float32[np.ndarray, "copies events"]]:
         state = _silu(speech_states + states @ self._state_weight)
         (weight, bias), (out, out_bias) = self._layers

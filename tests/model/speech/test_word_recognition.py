@@ -15,7 +15,7 @@ from conventions.rates import SAMPLE_RATE
 from model.speech import word_recognition
 from model.speech.audio import load_speech
 from model.speech.transcript import EMPTY_TRANSCRIPT, Transcript, Word, read_transcript
-from model.speech.word_alignment import PIECE_S, pieces
+from model.speech.word_alignment import PIECE_S, piece_ranges
 from model.speech.word_recognition import (
     MIN_CONFIDENCE,
     RecognitionResult,
@@ -179,11 +179,11 @@ def test_long_speech_is_cut_where_it_is_quiet():
     sound = (3000 * rng.standard_normal(60 * SAMPLE_RATE)).astype("<i2")
     for second in (10, 21, 33):
         sound[second * SAMPLE_RATE : second * SAMPLE_RATE + SAMPLE_RATE // 2] = 0
-    cuts = list(pieces(sound))
+    cuts = list(piece_ranges(sound))
     assert cuts[0][0] == 0 and cuts[-1][1] == len(sound)
     assert all(a[1] == b[0] for a, b in pairwise(cuts))
     lengths = [(stop - start) / SAMPLE_RATE for start, stop in cuts]
     assert max(lengths) <= PIECE_S[1] + 0.01 and min(lengths[:-1]) >= PIECE_S[0]
     for second, (_, stop) in zip((10, 21, 33), cuts, strict=False):
         assert second < stop / SAMPLE_RATE < second + 0.5
-    assert list(pieces(sound[:100])) == [(0, 100)]
+    assert list(piece_ranges(sound[:100])) == [(0, 100)]

@@ -31,9 +31,9 @@ def make_official(folder: Path) -> Path:
 def _calm(state: dict[str, torch.Tensor]) -> None:
     """Let the network's answer be near a body that stands, so that its motion can be shown."""
     from model.systems.official.checkpoints import BODY_CHANNELS, HAND_CHANNELS
-    from model.systems.official.system import standing_seed
+    from model.systems.official.system import standing_seed_pose
 
-    pose = standing_seed()[0]
+    pose = standing_seed_pose()[0]
     for name, channels in (("hand", HAND_CHANNELS), ("body", BODY_CHANNELS)):
         state[f"{name}.weight"] *= 0.05
         state[f"{name}.bias"] = pose[list(channels)]

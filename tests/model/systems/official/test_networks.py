@@ -19,7 +19,7 @@ from model.systems.official.checkpoints import PARTS
 from model.systems.official.config import FAMILY, FILTERED
 from model.systems.official.networks import make_network
 from model.systems.official.speech import OfficialEncoder, windows_to_frames
-from model.systems.official.system import OfficialSystem, seed_of, smoothed
+from model.systems.official.system import OfficialSystem, seed_pose_of, smoothed
 from tests.helpers import smooth_motion_example
 from tests.model.systems.official.filled import fill, made, sha256_of
 
@@ -87,8 +87,8 @@ def test_two_windows(carried, networks, kind, monkeypatch):
         root_motion="place",
         network=networks["motion"],
         expressions=networks["expression"],
-        seed=seed_of(start),
-        filters=kind == "filtered",
+        seed=seed_pose_of(start),
+        smooths_windows=kind == "filtered",
     )
     frames = windows_to_frames(torch.stack([heard(3000), heard(3001)]))
     draw = WindowSpec(2, 0, samples=1, index=0, sampler="reinterpolate", steps=5, guidance=1.0)

@@ -14,7 +14,12 @@ from model.motion.rotations import matrix_from_rot6d
 from model.sampling.samplers import UnknownNameError
 from model.storage.cards import CheckpointError
 from model.systems.official.config import FAMILY, FILTERED, UNFILTERED
-from model.systems.official.system import OfficialSystem, first_seed, seed_of, standing_seed
+from model.systems.official.system import (
+    OfficialSystem,
+    initial_seed_pose,
+    seed_pose_of,
+    standing_seed_pose,
+)
 from model.systems.registry import list_speakers, list_systems, load_system
 from tests.helpers import smooth_motion_example
 from tests.model.made import made_speech
@@ -53,7 +58,7 @@ def test_it_speaks_for_the_others_as_no_speaker(named, weights, tmp_path):
 def test_both_move_by_one_network_for_as_long_as_the_speech(named, tmp_path):
     smooth, raw = (load_system(name, tmp_path) for name in (FILTERED, UNFILTERED))
     assert isinstance(smooth, OfficialSystem) and isinstance(raw, OfficialSystem)
-    assert smooth.network is raw.network and smooth.filters and not raw.filters
+    assert smooth.network is raw.network and smooth.smooths_windows and not raw.smooths_windows
     assert [len(sha256) for sha256 in smooth.sha256s.values()] == [64, 64]
     with pytest.raises(UnknownNameError, match="There is no speaker 'nobody'"):
         smooth.speaker_index("nobody")
@@ -78,15 +83,15 @@ def test_a_motion_to_start_from_can_be_named(tmp_path, monkeypatch):
     motion = smooth_motion_example(12)
     save_motion(motion, tmp_path / "start.npz")
     monkeypatch.setenv("OFFICIAL_SEED", str(tmp_path / "start.npz"))
-    assert torch.equal(first_seed(), seed_of(motion))
+    assert torch.equal(initial_seed_pose(), seed_pose_of(motion))
     monkeypatch.delenv("OFFICIAL_SEED")
-    assert torch.equal(first_seed(), standing_seed())
+    assert torch.equal(initial_seed_pose(), standing_seed_pose())
     with pytest.raises(ValueError, match="has 4 frames; 8 are needed"):
-        seed_of(motion.part(slice(4)))
+        seed_pose_of(motion.part(slice(4)))
 
 
 def test_who_stands_at_the_beginning_lets_the_arms_hang():
-    vectors = standing_seed()
+    vectors = standing_seed_pose()
     rotmat = matrix_from_rot6d(vectors[..., :330].unflatten(-1, (55, 6)))
     joints = joint_positions_from_global(rotmat, open_body_skeleton(), vectors[..., 330:])[0]
     place = {name: joints[index] for index, name in enumerate(JOINT_NAMES)}
