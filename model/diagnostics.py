@@ -29,23 +29,23 @@ from model.metrics.beats import (
     score_and_chance,
 )
 from model.metrics.joints import (
-    fingertip_measures,
-    position_measures,
-    range_measures,
-    rotation_measures,
+    fingertip_metrics,
+    joint_limit_metrics,
+    position_metrics,
+    rotation_metrics,
 )
 from model.metrics.lag import find_lag
-from model.metrics.posture import posture_measures
+from model.metrics.posture import posture_metrics
 from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.protocols.formulas import protocol_sums, protocol_values
-from model.metrics.protocols.table import protocol_of, without_parts
+from model.metrics.protocols.table import protocol_of, without_missing_parts
 from model.metrics.reference_error import diversity, error_to_reference
 from model.metrics.results import BeatMeasures, BeatSpeeds, MotionMetrics, PublishedMeasures
-from model.metrics.seams import find_period, seam_measures
-from model.metrics.tracked_point import point_measures
+from model.metrics.seams import find_jerk_period, seam_metrics
+from model.metrics.tracked_point import tracked_point_metrics
 from model.motion.kinematics import RestSkeleton
 from model.motion.motion import Motion, first_frames
-from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, moving_chain, track_points
+from model.motion.tracks import POINT_NAMES, TipTrack, Tracks, kinematic_chain, track_points
 from model.motion.transforms import smooth_motion
 from model.storage.json_validation import rename_keys
 
@@ -95,7 +95,7 @@ class RawAndFiltered:
         """Leave out published protocols that need a part which the motion lacks."""
         if self.raw.published is None or not lacks:
             return self
-        published = PublishedMeasures(without_parts(self.raw.published.protocols, lacks))
+        published = PublishedMeasures(without_missing_parts(self.raw.published.protocols, lacks))
         return replace(self, raw=replace(self.raw, published=published))
 
     def as_json(self) -> dict[str, Any]:
@@ -286,7 +286,7 @@ def _versions(
     Periods, lag and mean speeds are those of the unfiltered motion.
     """
     tracks = track_points(motion, ways.skeleton)
-    period = find_period(tracks)
+    period = find_jerk_period(tracks)
     lag = None if ways.speech_bands is None else find_lag(motion, ways.speech_bands)
     usual_speed = _usual_speed(
         ways.inputs.mean_speeds, recorded[0].tracks if recorded else None, tracks
@@ -301,13 +301,13 @@ def _versions(
             point = np.asarray(ways.tip_track(motion, tracks), dtype=np.float64)
         onsets_s = ways.onsets_s
         numbers = MotionMetrics(
-            point_measures(point, tracks, moving_chain(ways.point)),
-            fingertip_measures(tracks),
-            position_measures(tracks),
-            rotation_measures(tracks),
-            seam_measures(tracks, windows, period),
-            posture_measures(tracks),
-            range_measures(tracks, ways.skeleton),
+            tracked_point_metrics(point, tracks, kinematic_chain(ways.point)),
+            fingertip_metrics(tracks),
+            position_metrics(tracks),
+            rotation_metrics(tracks),
+            seam_metrics(tracks, windows, period),
+            posture_metrics(tracks),
+            joint_limit_metrics(tracks, ways.skeleton),
             diversity(tracks.joints),
             error_to_reference(tracks, recorded[k].tracks) if recorded else None,
             None if onsets_s is None else _measure_beats(tracks, *usual_speed, onsets_s),
@@ -323,8 +323,8 @@ def _versions(
 def _measure_published(
     motion: Motion, tracks: Tracks, inputs: ProtocolInputs, recorded: Sequence[AnalysedMotion]
 ) -> PublishedMeasures:
-    reference = inputs.clip(recorded[0].motion, recorded[0].tracks) if recorded else None
-    sums = protocol_sums(inputs.clip(motion, tracks, reference))
+    reference = inputs.make_clip(recorded[0].motion, recorded[0].tracks) if recorded else None
+    sums = protocol_sums(inputs.make_clip(motion, tracks, reference))
     return PublishedMeasures(protocol_values(sums))
 
 

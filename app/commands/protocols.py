@@ -22,7 +22,8 @@ def protocols(is_json: Annotated[bool, arg(name="json")] = False) -> None:
 
     if is_json:
         records = [
-            dict(zip(HEADINGS, protocol_row(record), strict=True)) | {"values": record.values or {}}
+            dict(zip(HEADINGS, protocol_row(record), strict=True))
+            | {"values": record.value_units or {}}
             for record in PROTOCOLS.values()
         ]
         sys.stdout.write(json.dumps(records, indent=1, ensure_ascii=False) + "\n")

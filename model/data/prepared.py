@@ -27,7 +27,7 @@ from model.data.recordings import (
     read_files,
     read_split,
 )
-from model.motion.motion import NUM_FACE_UNITS, Motion, face_units
+from model.motion.motion import NUM_FACE_UNITS, Motion, arkit_weights
 from model.speech.audio import Speech, SpeechError
 from model.speech.encoder import SpeechEncoder
 from model.storage.files import write_atomically, written_atomically
@@ -281,7 +281,7 @@ def _by_clip(
             motion, features = encoded
             start = read[-1].stop if read else 0
             read.append(PreparedClip(name, number, kind, start, motion.num_frames, copy))
-            yield motion.poses, motion.trans, face_units(motion), features
+            yield motion.poses, motion.trans, arkit_weights(motion), features
     if not read:
         raise DataError(f"{folder} holds no usable clip ({skipped} skipped).")
     if skipped:

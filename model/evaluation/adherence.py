@@ -30,7 +30,7 @@ from model.generation.windows import GenerateOptions, draw_conditions
 from model.metrics.posture import foot_slide
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
-from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest
+from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest_frame
 from model.networks.autoencoder import load_encoder
 from model.plan.editing import (
     Gesture,
@@ -234,7 +234,7 @@ def score_clip(
     (plan,) = draw_conditions(system, speech, options)
     first = regenerate(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
-    places = wrist_positions_in_chest(tracks)
+    places = wrist_positions_in_chest_frame(tracks)
     answers["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(places, plan)]
 
     def again(changed: GesturePlan) -> GenerationState:
@@ -246,7 +246,7 @@ def score_clip(
         made = again(edited.plan)
         motions.append(made.motion)
         new_tracks = track_points(made.motion, skeleton)
-        new = wrist_positions_in_chest(new_tracks)
+        new = wrist_positions_in_chest_frame(new_tracks)
         if gesture is not None:
             end = round(gesture.stroke_end_s * FPS)
             own = GesturePlan(plan.duration_s).with_hand(
@@ -307,7 +307,7 @@ def _varied(
         except PlanError:
             return []
         tracks = track_points(again(edited.plan).motion, open_body_skeleton())
-        steps.append(wrist_positions_in_chest(tracks))
+        steps.append(wrist_positions_in_chest_frame(tracks))
     return steps
 
 
@@ -328,7 +328,7 @@ def _lands_at(places: WristPositions, gesture: Gesture) -> Float[np.ndarray, " 3
 
 def score_recording(motion: Motion, plan: GesturePlan, answers: Scores) -> None:
     """Evaluate recorded motion against its annotation."""
-    places = wrist_positions_in_chest(track_points(motion, open_body_skeleton()))
+    places = wrist_positions_in_chest_frame(track_points(motion, open_body_skeleton()))
     answers["recorded: strokes in time"] += _within_tolerance(stroke_lags(places, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
     alone = [

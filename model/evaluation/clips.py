@@ -35,10 +35,10 @@ from model.metrics import beats, face, reference_error, speech_effect
 from model.metrics.face import (
     face_hand_correlation,
     face_measures,
-    lagged_correlation,
+    max_lag_correlation,
     wrist_speed,
 )
-from model.metrics.reference_error import l1_to_mean
+from model.metrics.reference_error import l1_distance_to_mean
 from model.metrics.speech_effect import SILENCE_S, silence_speed_ratio
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
@@ -70,7 +70,7 @@ def clip_measures(
     numbers["ankle_jerk_m_s3"] = float(jerk[_ANKLES].mean())
     place = motion.trans[:, [0, 2]]
     numbers["pelvis_wander_m"] = float(np.sqrt(np.square(place - place.mean(0)).sum(1).mean()))
-    numbers["l1_to_mean_m"] = l1_to_mean(joints)
+    numbers["l1_to_mean_m"] = l1_distance_to_mean(joints)
     if motion is not recorded and motion.expression_basis == recorded.expression_basis:
         numbers["face_mse"] = face_error(motion, recorded)
     return numbers
@@ -142,8 +142,8 @@ class ClipRow:
     measures: dict[str, float]
     arrays: dict[str, np.ndarray]
     """``positions``: pelvis-aligned joints of the first frames for each noise seed, for the
-    pairwise distances; ``windows`` of the first seed (`reference_error.windows_of`); and codes by
-    distance."""
+    pairwise distances; ``windows`` of the first seed (`reference_error.cut_into_windows`); and
+    codes by distance."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,9 @@ class ClipTargets:
             "foreign": frame_loudness(self.other_sound, self.recorded.num_frames),
         }
         own, *wrong = (
-            float(np.mean([lagged_correlation(wrist_speed(joints), track) for joints in positions]))
+            float(
+                np.mean([max_lag_correlation(wrist_speed(joints), track) for joints in positions])
+            )
             for track in (self.loudness, *others.values())
         )
         rows = {"wrists_loudness": own}
@@ -223,7 +225,7 @@ class ClipTargets:
         ]
         arrays = {
             "positions": np.stack([joints[:PAIRWISE_FRAMES] for joints in positions]),
-            "windows": reference_error.windows_of(motions[0]),
+            "windows": reference_error.cut_into_windows(motions[0]),
         }
         for name, judge in self.cast.encoders.items():
             judged = [frechet.motion_features(judge, motion) for motion in motions]

@@ -14,8 +14,8 @@ from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from model.evaluation.tables import Estimate, bootstrap_statistic, percentile_interval
-from model.metrics.reference_error import GESTURE_DIM, pair_distances, window_batches
-from model.motion.motion import Motion, face_units
+from model.metrics.reference_error import GESTURE_DIM, pairwise_l1, window_batches
+from model.motion.motion import Motion, arkit_weights
 from model.networks.autoencoder import FrozenEncoder, input_vectors
 from model.systems.helpers.config import FED_ENCODER, FGD_ENCODER, FMD_ENCODER
 
@@ -54,7 +54,7 @@ def motion_features(encoder: FrozenEncoder, motion: Motion) -> Features | None:
     whole = motion.num_frames - motion.num_frames % max(config.scales)
     poses, trans, face = (
         torch.from_numpy(array[:whole].copy())[None]
-        for array in (motion.poses, motion.trans, face_units(motion))
+        for array in (motion.poses, motion.trans, arkit_weights(motion))
     )
     codes = encoder.codes(input_vectors(config, poses, trans, face))[-1]
     return codes[0].numpy().astype(np.float64)
@@ -148,7 +148,7 @@ def _over_batches(
     sums, pairs = np.zeros((2, num_clips, num_clips))
     for batch in window_batches(len(windows)):
         between = owner[batch][:, None], owner[batch]
-        np.add.at(sums, between, pair_distances(windows[batch]))
+        np.add.at(sums, between, pairwise_l1(windows[batch]))
         np.add.at(pairs, between, 1.0 - np.eye(len(batch)))
 
     def statistic(index: Int[np.ndarray, " n"]) -> float:

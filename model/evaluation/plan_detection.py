@@ -22,7 +22,7 @@ from conventions.rates import FPS
 from model.data.recordings import parse_speaker, read_split
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import load_motion
-from model.motion.tracks import track_points, wrist_positions_in_chest
+from model.motion.tracks import track_points, wrist_positions_in_chest_frame
 from model.plan.detection import WEIGHTS, PhaseNetwork, hand_features, plan_from_motion
 from model.plan.files import read_annotated_plan
 from model.plan.plan import PHASES, SIDES, GesturePlan, HandPhase
@@ -187,9 +187,8 @@ def train_phase_network(folder: Path, names: Sequence[str], out: Path) -> None:
 
 def _recorded(folder: Path, name: str):
     tracks = track_points(load_motion(folder / f"smplxflame_30/{name}.npz"), open_body_skeleton())
-    return read_annotated_plan(folder / f"textgrid/{name}.TextGrid"), wrist_positions_in_chest(
-        tracks
-    )
+    plan = read_annotated_plan(folder / f"textgrid/{name}.TextGrid")
+    return plan, wrist_positions_in_chest_frame(tracks)
 
 
 def _states(phases: Sequence[HandPhase], num_frames: int) -> Int[np.ndarray, " T"]:

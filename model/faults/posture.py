@@ -17,7 +17,7 @@ from model.faults.analysis import (
     longest_true_ranges,
     worst_second_frame,
 )
-from model.metrics.face import unit_columns
+from model.metrics.face import blendshape_columns
 from model.metrics.joints import FINGER_JOINT_NAMES
 from model.metrics.posture import FEET, FLOATING_M, GROUND_PERCENTILE, SINKING_M, WRISTS
 from model.metrics.smoothness import derivative_magnitudes
@@ -337,7 +337,7 @@ def still_face(analysed: AnalysedMotion) -> Iterator[Finding]:
     unit = float(motion.expressions.std(axis=0).max())
     jaw_unit = 0.0
     if motion.expression_basis == "arkit52":
-        jaw_unit = float(motion.expressions[:, unit_columns("jawOpen")].std(axis=0).max())
+        jaw_unit = float(motion.expressions[:, blendshape_columns("jawOpen")].std(axis=0).max())
     is_jaw_still = jaw_deg < STILL_JAW_DEG and jaw_unit < STILL_COEFFICIENT
     if is_jaw_still and unit < STILL_COEFFICIENT:
         message = "The face never moves, neither jaw nor expression."

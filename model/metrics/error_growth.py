@@ -35,7 +35,7 @@ from model.motion.kinematics import (
 )
 from model.motion.motion import Motion
 from model.motion.rotations import geodesic_angle, matrix_from_axis_angle
-from model.motion.tracks import POINT_NAMES, moving_chain, point_label
+from model.motion.tracks import POINT_NAMES, kinematic_chain, point_label
 
 NOISE_RAD = 0.02
 """Standard deviation of the noise about each axis (rad); about 1.1 degrees."""
@@ -87,7 +87,7 @@ def measure_error_growth(
     Raises:
         ValueError: if no rotation moves the point: the pelvis is only ever translated.
     """
-    chain = moving_chain(point)
+    chain = kinematic_chain(point)
     if not chain:
         raise ValueError(
             f"No rotation moves the {point_label(point)}; track a point further from the pelvis."
@@ -149,7 +149,7 @@ def _points(
     """Compute root-relative positions of the chain's joints and, last, of the tracked point."""
     joints = joint_positions_from_global(R_world_joint, skeleton)
     points = torch.cat([fingertip_positions(R_world_joint, joints, skeleton), joints], dim=1)
-    way = [len(FINGERTIP_NAMES) + joint for joint in moving_chain(point)[1:]]
+    way = [len(FINGERTIP_NAMES) + joint for joint in kinematic_chain(point)[1:]]
     return points[:, [*way, POINT_NAMES.index(point)]] - joints[:, :1]
 
 

@@ -6,7 +6,7 @@ from jaxtyping import Float, Num
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.motion.kinematics import face_unit_names
+from model.motion.kinematics import blendshape_names
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 
@@ -14,9 +14,9 @@ BLINK_CLOSED, BLINK_OPEN = 0.5, 0.3
 """Lid values (0 open to 1 closed) above which a blink begins, and below which it ends."""
 
 
-def unit_columns(name: str) -> tuple[int, ...]:
-    """Return the columns of a blendshape on both sides, in the order of `face_unit_names`."""
-    return tuple(k for k, unit in enumerate(face_unit_names()) if unit.startswith(name))
+def blendshape_columns(name: str) -> tuple[int, ...]:
+    """Return the columns of a blendshape on both sides, in the order of `blendshape_names`."""
+    return tuple(k for k, unit in enumerate(blendshape_names()) if unit.startswith(name))
 
 
 def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str, float]:
@@ -30,8 +30,8 @@ def face_measures(motion: Motion, loudness: Float[np.ndarray, " T"]) -> dict[str
     jaw = np.linalg.norm(motion.poses[:frames, 3 * JOINT_INDEX["jaw"] :][:, :3], axis=1)
     measures = {"jaw_loudness": correlation(jaw, loudness[:frames])}
     if motion.expression_basis == "arkit52":
-        lids = motion.expressions[:, unit_columns("eyeBlink")].mean(1)
-        brow = motion.expressions[:, unit_columns("browInnerUp")].mean(1)
+        lids = motion.expressions[:, blendshape_columns("eyeBlink")].mean(1)
+        brow = motion.expressions[:, blendshape_columns("browInnerUp")].mean(1)
         measures["blinks_per_min"] = 60 * count_blinks(lids) / motion.duration_s
         measures["brow_std"] = float(brow.std())
     return measures
@@ -52,7 +52,7 @@ MAX_LAG_S = 0.5
 SMOOTHING_FRAMES = 9
 
 
-def lagged_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -> float:
+def max_lag_correlation(a: Float[np.ndarray, " N"], b: Float[np.ndarray, " M"]) -> float:
     """Compute the highest correlation over lags of up to 0.5 s, after smoothing over 0.3 s.
 
     Choosing the lag raises it above 0 for any two signals: compare with a shifted one.
@@ -93,7 +93,7 @@ def face_hand_correlation(motion: Motion, joints: Float[np.ndarray, "T 55 3"]) -
     hands = wrist_speed(joints)
     measures = {"head_with_hands": _correlation_above_chance(head_speed(motion), hands)}
     if motion.expression_basis == "arkit52":
-        brow = motion.expressions[1:, unit_columns("browInnerUp")].mean(1)
+        brow = motion.expressions[1:, blendshape_columns("browInnerUp")].mean(1)
         measures["brow_with_hands"] = _correlation_above_chance(brow, hands)
     return measures
 
@@ -116,4 +116,4 @@ def _correlation_above_chance(
     face: Float[np.ndarray, " N"], hands: Float[np.ndarray, " N"]
 ) -> float:
     later = np.roll(face, round(SHIFT_S * FPS))
-    return lagged_correlation(face, hands) - lagged_correlation(later, hands)
+    return max_lag_correlation(face, hands) - max_lag_correlation(later, hands)

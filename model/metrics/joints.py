@@ -76,20 +76,20 @@ class RotationMeasures:
     fingers_still_share: Sides[float]
 
 
-def fingertip_measures(tracks: Tracks) -> FingertipMeasures:
+def fingertip_metrics(tracks: Tracks) -> FingertipMeasures:
     """Compute the metrics of the ten rigid fingertips."""
     return FingertipMeasures(
         *(mean_over_time(derivative_magnitudes(tracks.fingertips, order)) for order in (1, 2, 3))
     )
 
 
-def position_measures(tracks: Tracks) -> PositionMeasures:
+def position_metrics(tracks: Tracks) -> PositionMeasures:
     """Compute the metrics of all joint positions."""
     means = [mean_over_time(derivative_magnitudes(tracks.joints, order)) for order in (1, 2, 3)]
     return PositionMeasures(*means, *map(mean_by_depth, means))
 
 
-def rotation_measures(tracks: Tracks) -> RotationMeasures:
+def rotation_metrics(tracks: Tracks) -> RotationMeasures:
     """Compute the metrics of all local joint rotations."""
     velocity = angular_velocity(tracks.R_parent_joint)  # (T - 1, 55, 3)
     magnitude = np.degrees(np.linalg.norm(velocity, axis=-1))
@@ -168,7 +168,7 @@ def flexion_angles_deg(
     return np.degrees(flexion), np.degrees(np.arcsin(np.clip(sideways, -1, 1))), np.degrees(whole)
 
 
-def finger_is_outside(
+def finger_outside_limits(
     R_parent_joint: Float[np.ndarray, "T 55 3 3"], skeleton: RestSkeleton
 ) -> Bool[np.ndarray, "T 30"]:
     """Check whether each finger joint is bent beyond the human range, in the order of `HANDS`."""
@@ -220,9 +220,9 @@ class JointLimitMetrics:
     elbow_backwards_share: Sides[float]
 
 
-def range_measures(tracks: Tracks, skeleton: RestSkeleton) -> JointLimitMetrics:
+def joint_limit_metrics(tracks: Tracks, skeleton: RestSkeleton) -> JointLimitMetrics:
     """Compute how often finger joints and elbows are bent beyond the human range."""
-    share = finger_is_outside(tracks.R_parent_joint, skeleton).mean(axis=0)
+    share = finger_outside_limits(tracks.R_parent_joint, skeleton).mean(axis=0)
     left, right = (
         elbow_backwards_share(tracks.R_parent_joint, skeleton, s) for s in ("left", "right")
     )

@@ -108,7 +108,7 @@ class PostureMeasures:
     foot_sinking_share: float
 
 
-def posture_measures(tracks: Tracks) -> PostureMeasures:
+def posture_metrics(tracks: Tracks) -> PostureMeasures:
     """Compute the metrics of feet, spine, hands and root."""
     feet = tracks.joints[:, list(FEET)]
     tilt = spine_tilt_deg(tracks.joints)

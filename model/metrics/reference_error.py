@@ -23,7 +23,7 @@ from conventions.joints import (
 )
 from model.metrics.smoothness import mean_by_depth
 from model.motion.kinematics import mirror_local
-from model.motion.motion import Motion, face_units, first_frames
+from model.motion.motion import Motion, arkit_weights, first_frames
 from model.motion.rotations import axis_angle_from_matrix, geodesic_angle
 from model.motion.tracks import Tracks
 
@@ -147,15 +147,15 @@ class Diversity:
 
 def diversity(positions: Float[np.ndarray, "T J 3"]) -> Diversity:
     """Compute the L1 diversity of root-relative joint positions (m)."""
-    return Diversity(l1_to_mean(positions - positions[:, :1]))
+    return Diversity(l1_distance_to_mean(positions - positions[:, :1]))
 
 
-def l1_to_mean(positions: Float[np.ndarray, "T J 3"]) -> float:
+def l1_distance_to_mean(positions: Float[np.ndarray, "T J 3"]) -> float:
     """Compute EMAGE's L1 diversity: distance to the mean pose, summed over coordinates (m)."""
     return float(np.abs(positions - positions.mean(0)).sum((1, 2)).mean())
 
 
-def windows_of(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
+def cut_into_windows(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
     """Cut the motion into consecutive windows of 2 s at 15 frames per second.
 
     Returns:
@@ -167,7 +167,7 @@ def windows_of(motion: Motion) -> Float32[np.ndarray, "W 30 dim"]:
     rotations = axis_angle_from_matrix(motion.local_rotations()[frames])
     parts = [rotations.flatten(1).numpy()]
     if motion.expression_basis == "arkit52":
-        parts.append(face_units(motion)[frames])
+        parts.append(arkit_weights(motion)[frames])
     numbers = np.concatenate(parts, axis=1)
     return numbers.reshape(num_windows, WINDOW_FRAMES // EVERY_FRAMES, numbers.shape[1])
 
@@ -179,7 +179,7 @@ def window_batches(num_windows: int) -> Iterator[Int[np.ndarray, " B"]]:
         yield order[start : start + BATCH_WINDOWS]
 
 
-def pair_distances(windows: Float[np.ndarray, "B T dim"]) -> Float[np.ndarray, "B B"]:
+def pairwise_l1(windows: Float[np.ndarray, "B T dim"]) -> Float[np.ndarray, "B B"]:
     """Compute the mean L1 distances of all windows (terms of AsynFusion's eq. 17)."""
     flat = windows.reshape(len(windows), -1)
     return squareform(pdist(flat, "cityblock")) / flat.shape[1]

@@ -108,7 +108,7 @@ class _Candidate:
     part: str
 
 
-def find_period(tracks: Tracks) -> JerkPeriod | None:
+def find_jerk_period(tracks: Tracks) -> JerkPeriod | None:
     """Find the period that is least likely to be chance; None if all may be chance.
 
     A clip too short for four periods of some length is not searched for that length.
@@ -211,7 +211,7 @@ def _fold_by_period(values: Float[np.ndarray, " N"], frames: int) -> Float[np.nd
     return values[: whole * frames].reshape(whole, frames).mean(axis=0)
 
 
-def by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
+def mean_jerk_by_phase(jerk: Float[np.ndarray, " N"], frames: int) -> Float[np.ndarray, " frames"]:
     """Compute the mean jerk at each phase of a period; NaN where there is none.
 
     A third difference over frames i to i + 3 is counted at frame i + 2, the first frame after its
@@ -233,7 +233,7 @@ def _shortest(frames: int, folded: Float[np.ndarray, " frames"]) -> int:
 
 
 def _described(chosen: _Candidate, jerk: Float[np.ndarray, " N"]) -> JerkPeriod:
-    folded = by_phase(jerk, chosen.frames)
+    folded = mean_jerk_by_phase(jerk, chosen.frames)
     phase = int(folded.argmax())
     entries = np.arange((phase - 2) % chosen.frames, len(jerk), chosen.frames)
     worst = entries[np.argsort(-jerk[entries])][:WORST]
@@ -294,7 +294,7 @@ class RecurringJerk:
 
 
 def recurring_jerk(jerk: Float[np.ndarray, " N"], window_advance: int) -> RecurringJerk:
-    """Find the peak of `by_phase` with medians, so that no single jump can cause it.
+    """Find the peak of `mean_jerk_by_phase` with medians, so that no single jump can cause it.
 
     NaN under 4 whole windows, and where nothing moves.
     """
@@ -329,7 +329,7 @@ class SeamMeasures:
     """Period detected in the unfiltered motion, with known windows or without."""
 
 
-def seam_measures(
+def seam_metrics(
     tracks: Tracks, windows: Windowing | None, period: JerkPeriod | None
 ) -> SeamMeasures:
     """Compute the metrics of seams on windows, or of a period, which may start anywhere."""
@@ -337,7 +337,7 @@ def seam_measures(
         jerk = derivative_magnitudes(tracks.joints, 3).mean(axis=1)
         return SeamMeasures(
             seam_jerk_ratio(jerk, windows.advance, windows.overlap),
-            by_phase(jerk, windows.advance),
+            mean_jerk_by_phase(jerk, windows.advance),
             recurring_jerk(jerk, windows.advance),
             windows.advance,
             period,
@@ -345,5 +345,5 @@ def seam_measures(
     unknown = RecurringJerk(None, 0, math.nan)
     if period is None:
         return SeamMeasures(math.nan, np.empty(0), unknown)
-    folded = by_phase(_part_jerk(tracks, period.part), period.frames)
+    folded = mean_jerk_by_phase(_part_jerk(tracks, period.part), period.frames)
     return SeamMeasures(math.nan, folded, unknown, period.frames, period)

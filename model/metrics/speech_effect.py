@@ -19,7 +19,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.metrics.face import correlation, head_speed, unit_columns
+from model.metrics.face import blendshape_columns, correlation, head_speed
 from model.motion.motion import Motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
 
@@ -78,7 +78,7 @@ def angular_speed_sum(motion: Motion, joints: Sequence[int]) -> Float[np.ndarray
 def _brows(motion: Motion) -> Float[np.ndarray, " T"] | None:
     if motion.expression_basis != "arkit52":
         return None
-    return motion.expressions[:, unit_columns("browInnerUp")].mean(1)
+    return motion.expressions[:, blendshape_columns("browInnerUp")].mean(1)
 
 
 def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:

@@ -52,7 +52,7 @@ def attribute_jerk(
 
     Args:
         point: positions in metres.
-        chain: the joints with rotations that move the point, pelvis first (`tracks.moving_chain`).
+        chain: joints with rotations that move the point, pelvis first (`tracks.kinematic_chain`).
     """
     whole = _mean_jerk(point)
     share = np.full(len(chain), np.nan)
@@ -116,7 +116,7 @@ class TrackedPointMetrics:
     tip_jerk_attribution: JerkAttribution
 
 
-def point_measures(
+def tracked_point_metrics(
     point: Float[np.ndarray, "T 3"], tracks: Tracks, chain: tuple[int, ...]
 ) -> TrackedPointMetrics:
     """Compute the metrics of a point that moves with the last joint of ``chain``."""
@@ -124,7 +124,7 @@ def point_measures(
     def mean(order: int) -> float:
         return float(mean_over_time(derivative_magnitudes(point, order)))
 
-    arc_length, log_jerk = mean_over_movements(point)
+    arc_length, log_jerk = mean_sparc_and_log_jerk(point)
     above_5hz, shares = math.nan, None
     spectrum = velocity_spectrum(np.diff(point, axis=0) * FPS)
     if spectrum is not None and spectrum.velocity_power.any():
@@ -173,7 +173,7 @@ def log_dimensionless_jerk(positions: Float[np.ndarray, "T 3"]) -> float:
     return float(-np.log(duration_s**4 / peak**2 * np.mean(jerk**2)))
 
 
-def mean_over_movements(positions: Float[np.ndarray, "T 3"]) -> tuple[float, float]:
+def mean_sparc_and_log_jerk(positions: Float[np.ndarray, "T 3"]) -> tuple[float, float]:
     """Compute SPARC and log dimensionless jerk as means over stretches of 2 s from the first frame.
 
     The rest at the end is not used, nor are stretches without movement. NaN for fewer than 61

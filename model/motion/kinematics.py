@@ -72,7 +72,7 @@ def open_body_skeleton() -> RestSkeleton:
 
 
 @cache
-def face_unit_names() -> tuple[str, ...]:
+def blendshape_names() -> tuple[str, ...]:
     """Return ARKit's face units in the order of the open body's ``expressions``."""
     with np.load(_SKELETON_FILE, allow_pickle=False) as arrays:
         return tuple(str(name) for name in arrays["expression_names"])

@@ -119,7 +119,7 @@ def first_frames(motion: Motion, num_frames: int) -> Motion:
     return motion.part(slice(num_frames))
 
 
-def face_units(motion: Motion) -> np.ndarray:
+def arkit_weights(motion: Motion) -> np.ndarray:
     """Return the 52 face units (T, 52); zero where the clip has FLAME coefficients instead."""
     if motion.expression_basis == "arkit52":
         return motion.expressions[:, :NUM_FACE_UNITS].astype(np.float32)

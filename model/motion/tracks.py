@@ -74,7 +74,7 @@ def point_label(name: str) -> str:
     return f"{spaced[:-1]} joint {spaced[-1]}" if is_finger else spaced
 
 
-def moving_chain(point: str) -> tuple[int, ...]:
+def kinematic_chain(point: str) -> tuple[int, ...]:
     """Return the joints that move a point by their rotation, from the pelvis outwards.
 
     A fingertip is moved by all joints up to the last of its finger, a joint by its ancestors only.
@@ -84,22 +84,22 @@ def moving_chain(point: str) -> tuple[int, ...]:
     return chain_to_root(JOINT_INDEX[point])[:0:-1]
 
 
-OUTWARD_SIGNS: dict[Literal["left", "right"], tuple[float, float, float]] = {
+CHEST_AXIS_SIGNS: dict[Literal["left", "right"], tuple[float, float, float]] = {
     "left": (1.0, 1.0, 1.0),
     "right": (-1.0, 1.0, 1.0),
 }
 """Signs by which the chest's axes turn into outwards, up and forwards for each side."""
 
 
-def wrist_positions_in_chest(
+def wrist_positions_in_chest_frame(
     tracks: Tracks,
 ) -> dict[Literal["left", "right"], Float[np.ndarray, "T 3"]]:
     """Compute wrist positions in the chest's frame (m): to the hand's side, up, forwards."""
     chest = JOINT_INDEX["spine3"]
     R_world_chest = tracks.R_world_joint[:, chest].astype(np.float64)
     p_chest_wrists = {}
-    for side in OUTWARD_SIGNS:
+    for side in CHEST_AXIS_SIGNS:
         offset_world = tracks.joints[:, JOINT_INDEX[f"{side}_wrist"]] - tracks.joints[:, chest]
         p_chest = np.einsum("tij,ti->tj", R_world_chest, offset_world)
-        p_chest_wrists[side] = p_chest * np.array(OUTWARD_SIGNS[side])
+        p_chest_wrists[side] = p_chest * np.array(CHEST_AXIS_SIGNS[side])
     return p_chest_wrists

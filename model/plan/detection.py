@@ -21,10 +21,10 @@ from torch import Tensor, nn
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS
-from model.motion.kinematics import RestSkeleton, face_unit_names
+from model.motion.kinematics import RestSkeleton, blendshape_names
 from model.motion.motion import Motion
 from model.motion.runs import equal_runs, true_runs
-from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest
+from model.motion.tracks import Tracks, track_points, wrist_positions_in_chest_frame
 from model.plan.plan import (
     PHASES,
     SIDES,
@@ -65,7 +65,7 @@ def plan_from_motion(motion: Motion, skeleton: RestSkeleton) -> GesturePlan:
     What the motion does not have (face, moving eyes) is not detected.
     """
     tracks = track_points(motion, skeleton)
-    places = wrist_positions_in_chest(tracks)
+    places = wrist_positions_in_chest_frame(tracks)
     hands = {
         side: tuple(hand_phases(places[side], places[SIDES[1 - SIDES.index(side)]]))
         for side in SIDES
@@ -237,7 +237,7 @@ def _face(
 ) -> tuple[tuple[Brow, ...], tuple[Smile, ...], tuple[Blink, ...]]:
     if motion.expression_basis != "arkit52":
         return (), (), ()
-    names = face_unit_names()
+    names = blendshape_names()
 
     def unit(*units: str) -> Float[np.ndarray, " T"]:
         columns = motion.expressions[:, [names.index(name) for name in units]]

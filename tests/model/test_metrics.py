@@ -25,7 +25,7 @@ from model.faults.analysis import Finding
 from model.generation.base import Windowing
 from model.metrics import posture, smoothness, tracked_point
 from model.metrics.beats import read_mean_speeds
-from model.metrics.joints import elbow_backwards_share, finger_is_outside, rotation_noise
+from model.metrics.joints import elbow_backwards_share, finger_outside_limits, rotation_noise
 from model.metrics.protocols.clip import ProtocolInputs
 from model.metrics.reference_error import error_to_reference
 from model.metrics.smoothness import HIGH_FREQUENCY_HZ, velocity_spectrum
@@ -38,7 +38,7 @@ from model.motion.kinematics import (
 )
 from model.motion.motion import Motion, load_motion
 from model.motion.rotations import axis_angle_from_matrix, matrix_from_axis_angle
-from model.motion.tracks import moving_chain, point_label, track_points
+from model.motion.tracks import kinematic_chain, point_label, track_points
 from model.motion.transforms import smooth_motion, smooth_rotations
 from model.storage.npz import MotionError
 from tests.helpers import ROOT, beat2_folder, smooth_motion_example
@@ -139,11 +139,14 @@ def test_sparc_of_a_bell_is_the_length_of_its_own_curve():
 def test_movement_smoothness_does_not_depend_on_the_clip_s_length():
     path = along(0, 0.2 * np.sin(2 * np.pi * seconds(601)))
     long, short = (
-        tracked_point.mean_over_movements(path),
-        tracked_point.mean_over_movements(path[:61]),
+        tracked_point.mean_sparc_and_log_jerk(path),
+        tracked_point.mean_sparc_and_log_jerk(path[:61]),
     )
     np.testing.assert_allclose(long, short, rtol=1e-6)
-    assert np.isfinite(short).all() and np.isnan(tracked_point.mean_over_movements(path[:60])).all()
+    assert (
+        np.isfinite(short).all()
+        and np.isnan(tracked_point.mean_sparc_and_log_jerk(path[:60])).all()
+    )
 
 
 def test_measures_of_a_body_that_moves_as_one():
@@ -203,7 +206,7 @@ def test_attribution_points_at_the_joint_that_shakes(noisy):
     poses = motion.poses.reshape(300, 55, 3).copy()
     poses[:, JOINT_INDEX[noisy]] += 0.05 * np.random.default_rng(0).standard_normal((300, 3))
     tracks = track_points(replace(motion, poses=poses.reshape(300, 165)), SKELETON)
-    found = attribute_jerk(tracks.point("right_middle"), tracks, moving_chain("right_middle"))
+    found = attribute_jerk(tracks.point("right_middle"), tracks, kinematic_chain("right_middle"))
     assert found.joints[int(found.share.argmax())] == noisy
     assert found.share.max() > 0.3 and np.sort(found.share)[-2] < 0.02
 
@@ -218,7 +221,7 @@ def test_attribution_is_forward_kinematics_with_one_joint_smoothed():
     R_world_joint, positions = joint_positions_from_local(changed, SKELETON, transl)
     tip = fingertip_positions(R_world_joint, positions, SKELETON)[:, 6].numpy()
     tracks = track_points(motion, SKELETON)
-    found = attribute_jerk(tracks.point("right_middle"), tracks, moving_chain("right_middle"))
+    found = attribute_jerk(tracks.point("right_middle"), tracks, kinematic_chain("right_middle"))
     after, before = (
         smoothness.derivative_magnitudes(points, 3).mean()
         for points in (tip, tracks.point("right_middle"))
@@ -239,9 +242,9 @@ def test_jitter_of_the_translation_is_told_apart_and_a_joint_has_its_ancestors_o
 
 
 def test_chains_and_names_of_points():
-    assert moving_chain("right_middle")[-1] == FINGERTIP_JOINTS[6]
-    assert moving_chain("right_middle")[0] == 0
-    assert moving_chain("left_hip") == (0,) and moving_chain("pelvis") == ()
+    assert kinematic_chain("right_middle")[-1] == FINGERTIP_JOINTS[6]
+    assert kinematic_chain("right_middle")[0] == 0
+    assert kinematic_chain("left_hip") == (0,) and kinematic_chain("pelvis") == ()
     assert point_label("right_middle") == "right middle fingertip"
     assert point_label("left_thumb2") == "left thumb joint 2"
     assert point_label("spine3") == "spine3" and point_label("left_hip") == "left hip"
@@ -315,7 +318,7 @@ def test_fingers_outside_the_human_range():
         ("left_middle1", about(1, 0.8), False),
         ("right_thumb3", about(1, 2.0), True),
     ):
-        outside = finger_is_outside(
+        outside = finger_outside_limits(
             posed(2, **{joint: axis_angle}).local_rotations().numpy(), SKELETON
         )
         assert outside[0, HANDS.index(JOINT_INDEX[joint])] == is_outside, (joint, axis_angle)
@@ -323,7 +326,7 @@ def test_fingers_outside_the_human_range():
     rest = SKELETON.rest_joints.double().numpy()
     bone = rest[JOINT_INDEX["left_pinky3"]] - rest[JOINT_INDEX["left_pinky2"]]
     twisted = posed(2, left_pinky2=2.0 * bone / np.linalg.norm(bone))  # a bone about itself
-    assert not finger_is_outside(twisted.local_rotations().numpy(), SKELETON).any()
+    assert not finger_outside_limits(twisted.local_rotations().numpy(), SKELETON).any()
 
 
 def test_elbows_bend_to_the_front():

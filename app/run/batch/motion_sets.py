@@ -59,7 +59,7 @@ from model.formats.reading import MISSING_PART_TEXTS, MOTIONS, REFERENCE, Import
 from model.metrics.lag import speech_bands_by_frame
 from model.metrics.protocols.clip import Clip, ProtocolInputs, Sums
 from model.metrics.protocols.formulas import protocol_sums
-from model.metrics.protocols.table import PROTOCOLS, protocol_of, without_parts
+from model.metrics.protocols.table import PROTOCOLS, protocol_of, without_missing_parts
 from model.metrics.results import BeatSpeeds
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
@@ -406,7 +406,7 @@ class _ClipJob:
                 motions.setdefault(name, []).append(motion)
                 analysed = analyse_raw(motion, open_body_skeleton(), reference, **shared)
                 recorded = None if name == REFERENCE_NAME else clips.get(REFERENCE_NAME, [None])[0]
-                clip = shared["inputs"].clip(motion, analysed.tracks, recorded)
+                clip = shared["inputs"].make_clip(motion, analysed.tracks, recorded)
                 clips.setdefault(name, []).append(clip)
                 faults = drop_findings_on_missing_parts(
                     find_faults(analysed), reading.missing_parts
@@ -443,7 +443,7 @@ class _ClipJob:
         Args:
             motions: samples by system, the reference first; ``clips`` are theirs, unvaried.
         """
-        with_own = bool(self.request.metrics.expected)
+        include_own = bool(self.request.metrics.expected)
         sums: dict[tuple[str, str], dict[str, Sums]] = {}
         for variation in (PLAIN, *_variations(self.request)):
             recorded: Clip | None = None
@@ -454,7 +454,7 @@ class _ClipJob:
                 if name == REFERENCE_NAME:
                     recorded = varied[0]
                 sums[name, variation] = mean_sums([
-                    without_parts(protocol_sums(clip, with_own), reading.missing_parts)
+                    without_missing_parts(protocol_sums(clip, include_own), reading.missing_parts)
                     for clip, reading in zip(varied, readings[name].values(), strict=True)
                 ])  # fmt: skip
         return sums

@@ -71,8 +71,8 @@ def _pairs_of(name: str) -> list[tuple[str, str]]:
         (record.id, value)
         for record in PROTOCOLS.values()
         if name in record.names
-        for value in record.values or ()
-        if name == value or len(record.values or ()) == 1
+        for value in record.value_units or ()
+        if name == value or len(record.value_units or ()) == 1
     ]
 
 
@@ -92,7 +92,7 @@ def varied_clip(
         recorded: clip of the recorded motion under the same variation.
     """
     here, skeleton = varied(motion, variation)
-    return inputs.clip(here, track_points(here, skeleton), recorded)
+    return inputs.make_clip(here, track_points(here, skeleton), recorded)
 
 
 def sums_path(record: Path) -> Path:
@@ -165,7 +165,7 @@ class PublishedMetrics:
             if record.is_own:
                 continue
             values = {name: self.values(protocol, name) for name in systems}
-            for key, unit in (record.values or {}).items():
+            for key, unit in (record.value_units or {}).items():
                 values_of_metric = {name: each[key] for name, each in values.items() if key in each}
                 clips = {name: self.clips[PLAIN, protocol, name] for name in values_of_metric}
                 yield from interval_rows(

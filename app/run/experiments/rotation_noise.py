@@ -24,7 +24,7 @@ from model.formats.read import read_any_motion
 from model.metrics.error_growth import ErrorGrowth, error_growth_summary, measure_error_growth
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion
-from model.motion.tracks import moving_chain
+from model.motion.tracks import kinematic_chain
 from model.motion.transforms import add_rotation_noise
 from model.speech.transcript import EMPTY_TRANSCRIPT
 from renderer.video.compose import compose_videos
@@ -47,7 +47,7 @@ def compare_rotation_noise(
     """
     request.check()
     motion = request.motion
-    if not moving_chain(request.joint):
+    if not kinematic_chain(request.joint):
         raise RunError(
             f"No rotation moves the {request.joint}; track a joint further from the pelvis."
         )

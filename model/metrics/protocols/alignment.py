@@ -27,7 +27,7 @@ _SAMPLES_A_FRAME = SAMPLE_RATE / FPS
 
 
 @dataclass(frozen=True)
-class SlicedBeats:
+class BeatAlignVariant:
     """Variant of BeatAlign; its call computes the sums of a clip."""
 
     threshold: float
@@ -36,24 +36,24 @@ class SlicedBeats:
     """Frames that are left out at both ends."""
     max_frames: int | None = None
     """Number of frames of a clip that are used; all by default."""
-    is_deviation: bool = False
+    uses_deviations: bool = False
     """Use the distances of coordinates from their means, which the trainer leaves in the array."""
-    is_upright: bool = False
+    ignores_root_rotation: bool = False
     """Ignore the root's rotation."""
 
     def __call__(self, clip: Clip) -> Sums:
         assert clip.waveform is not None and clip.mean_speeds is not None
-        joints = clip.rooted[: self.max_frames]
+        joints = clip.pelvis_aligned[: self.max_frames]
         frames, start = len(joints), int(self.margin * _SAMPLES_A_FRAME)
         audio = clip.waveform[: int(frames * _SAMPLES_A_FRAME)]
         # The trainer takes the end from the whole recording, the others from the motion.
-        full = len(clip.waveform) if self.is_deviation else len(audio)
+        full = len(clip.waveform) if self.uses_deviations else len(audio)
         audio = audio[start : full - start]
         if frames <= 2 * self.margin or not len(audio):
             return {}
-        if self.is_upright:
+        if self.ignores_root_rotation:
             joints = np.einsum("tij,tki->tkj", clip.root_rotations[:frames].astype(float), joints)
-        if self.is_deviation:
+        if self.uses_deviations:
             joints = np.abs(joints - joints.mean(axis=0))
         onsets = speech_onsets(audio)
         if not len(onsets):
@@ -70,7 +70,7 @@ class SlicedBeats:
         return {"count": np.array(float(count)), "beat_align": np.array(score * count)}
 
 
-def workbench_sums(clip: Clip, speeds: Literal["reference", "own", "emage"]) -> Sums:
+def workbench_beat_sums(clip: Clip, speeds: Literal["reference", "own", "emage"]) -> Sums:
     """Compute the sums of this workbench's BeatAlign (`model.metrics.beats`) for a clip.
 
     Args:
@@ -81,10 +81,10 @@ def workbench_sums(clip: Clip, speeds: Literal["reference", "own", "emage"]) -> 
     if speeds != "emage":
         source = clip.reference if speeds == "reference" else clip
         assert source is not None
-        mean_speeds = joint_speeds(source.rooted[:, BEAT_JOINTS]).mean(axis=0)
+        mean_speeds = joint_speeds(source.pelvis_aligned[:, BEAT_JOINTS]).mean(axis=0)
     assert mean_speeds is not None
     onsets = onsets_within_margins(speech_onsets(clip.waveform), len(clip.joints) / FPS)
     if not len(onsets):
         return {}
-    score = audio_to_motion(onsets, joint_beats(clip.rooted, mean_speeds))
+    score = audio_to_motion(onsets, joint_beats(clip.pelvis_aligned, mean_speeds))
     return {"count": np.array(1.0), "beat_align": np.array(score)}

@@ -38,18 +38,18 @@ class Clip:
     """Body shape, which the face of a motion that is compared with this one has as well."""
 
     @property
-    def rooted(self) -> Float[np.ndarray, "T 55 3"]:
+    def pelvis_aligned(self) -> Float[np.ndarray, "T 55 3"]:
         """Pelvis-aligned joint positions (m)."""
         return self.joints - self.joints[:, :1]
 
-    def first(self, num_frames: int) -> "Clip":
+    def first_frames(self, num_frames: int) -> "Clip":
         """Return the first frames; the waveform stays whole."""
         frames = slice(num_frames)
         return replace(
             self,
             joints=self.joints[frames],
             root_rotations=self.root_rotations[frames],
-            reference=self.reference and self.reference.first(num_frames),
+            reference=self.reference and self.reference.first_frames(num_frames),
             semantics=None if self.semantics is None else self.semantics[frames],
         )
 
@@ -64,7 +64,7 @@ class ProtocolInputs:
     """Semantic relevance of at least as many frames as are measured."""
     face_vertices: Callable[[Motion], FaceVertices | None] | None = None
 
-    def clip(self, motion: Motion, tracks: Tracks, reference: Clip | None = None) -> Clip:
+    def make_clip(self, motion: Motion, tracks: Tracks, reference: Clip | None = None) -> Clip:
         """Make the clip of a motion; its face has the body shape of its reference."""
         face = motion
         if reference is not None and reference.betas is not None:

@@ -19,19 +19,19 @@ _SIZE = int(WIDTH_CM / CELL_CM)
 
 def coverage_sums(clip: Clip) -> Sums:
     """Compute the number of cells of a clip, and the Dice score with its reference."""
-    cells = coverage(clip.joints)
+    cells = covered_cells(clip.joints)
     sums = {"count": np.array(1.0), "cells": np.array(float(cells.sum()))}
     if clip.reference is not None:
-        sums["dice"] = np.array(dice(cells, coverage(clip.reference.joints)))
+        sums["dice"] = np.array(dice_score(cells, covered_cells(clip.reference.joints)))
     return sums
 
 
-def dice(cells: Bool[np.ndarray, "y x"], others: Bool[np.ndarray, "y x"]) -> float:
+def dice_score(cells: Bool[np.ndarray, "y x"], others: Bool[np.ndarray, "y x"]) -> float:
     """Compute the Dice score of two coverages, 0 to 1."""
     return float(2 * (cells & others).sum() / (cells.sum() + others.sum()))
 
 
-def coverage(joints: Float[np.ndarray, "T 55 3"]) -> Bool[np.ndarray, "400 400"]:
+def covered_cells(joints: Float[np.ndarray, "T 55 3"]) -> Bool[np.ndarray, "400 400"]:
     """Return the cells [height, width] that the bones touch in any frame."""
     body = (joints[:, :22] - joints[:, :1])[..., :2] * 100
     body[..., 1] -= body[..., 1].min()

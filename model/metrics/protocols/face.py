@@ -8,12 +8,12 @@ _FRAMES = 64
 """Frames that are posed at once: 64 of SMPL-X take 16 MB."""
 
 
-def squared_error_sums(clip: Clip) -> Sums:
+def face_squared_error_sums(clip: Clip) -> Sums:
     """Sum up the squared errors of the coordinates (m^2)."""
     return _face_sums(clip, "mse_m2")
 
 
-def velocity_error_sums(clip: Clip) -> Sums:
+def face_velocity_error_sums(clip: Clip) -> Sums:
     """Sum up the absolute errors of the coordinates' steps to the next frame (m)."""
     return _face_sums(clip, "lvd_m")
 

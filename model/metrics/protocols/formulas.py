@@ -6,15 +6,19 @@ from functools import partial
 
 import numpy as np
 
-from model.metrics.protocols.alignment import SlicedBeats, workbench_sums
+from model.metrics.protocols.alignment import BeatAlignVariant, workbench_beat_sums
 from model.metrics.protocols.clip import Clip, Sums, mean_values
 from model.metrics.protocols.coverage import coverage_sums
-from model.metrics.protocols.face import squared_error_sums, velocity_error_sums
-from model.metrics.protocols.genea import correlation_sums, hellinger, histogram_sums
-from model.metrics.protocols.physical import physical_sums
-from model.metrics.protocols.semantics import RelevanceRecall
+from model.metrics.protocols.face import face_squared_error_sums, face_velocity_error_sums
+from model.metrics.protocols.genea import (
+    canonical_correlation_sums,
+    hellinger_distance,
+    speed_histogram_sums,
+)
+from model.metrics.protocols.physical import physical_plausibility_sums
+from model.metrics.protocols.semantics import SemanticRelevanceRecall
 from model.metrics.protocols.table import PROTOCOLS
-from model.metrics.reference_error import l1_to_mean
+from model.metrics.reference_error import l1_distance_to_mean
 
 
 @dataclass(frozen=True)
@@ -25,42 +29,47 @@ class Formula:
     evaluate: Callable[[Mapping[str, np.ndarray]], dict[str, float]] = mean_values
 
 
-def diversity_sums(clip: Clip) -> Sums:
+def l1_diversity_sums(clip: Clip) -> Sums:
     """Compute the L1 distance to the mean pose of a clip."""
-    return {"count": np.array(1.0), "l1_diversity_m": np.array(l1_to_mean(clip.rooted))}
+    return {
+        "count": np.array(1.0),
+        "l1_diversity_m": np.array(l1_distance_to_mean(clip.pelvis_aligned)),
+    }
 
 
 FORMULAS: Mapping[str, Formula] = {
-    "beats/workbench": Formula(partial(workbench_sums, speeds="reference")),
-    "beats/workbench-own": Formula(partial(workbench_sums, speeds="own")),
-    "beats/workbench-emage": Formula(partial(workbench_sums, speeds="emage")),
-    "beats/emage": Formula(SlicedBeats(threshold=0.3, margin=60, is_deviation=True)),
-    "beats/evaltools": Formula(SlicedBeats(threshold=0.1, margin=60, is_upright=True)),
-    "beats/raggesture": Formula(SlicedBeats(threshold=0.3, margin=10, max_frames=300)),
-    "l1div/emage": Formula(diversity_sums),
-    "physical/mbench": Formula(physical_sums),
+    "beats/workbench": Formula(partial(workbench_beat_sums, speeds="reference")),
+    "beats/workbench-own": Formula(partial(workbench_beat_sums, speeds="own")),
+    "beats/workbench-emage": Formula(partial(workbench_beat_sums, speeds="emage")),
+    "beats/emage": Formula(BeatAlignVariant(threshold=0.3, margin=60, uses_deviations=True)),
+    "beats/evaltools": Formula(
+        BeatAlignVariant(threshold=0.1, margin=60, ignores_root_rotation=True)
+    ),
+    "beats/raggesture": Formula(BeatAlignVariant(threshold=0.3, margin=10, max_frames=300)),
+    "l1div/emage": Formula(l1_diversity_sums),
+    "physical/mbench": Formula(physical_plausibility_sums),
     "gac/unicamp": Formula(coverage_sums),
-    "srgr/beat": Formula(RelevanceRecall(threshold_m=0.1, norm=2)),
-    "srgr/raggesture": Formula(RelevanceRecall(threshold_m=0.3, norm=1)),
-    "hellinger/genea": Formula(histogram_sums, hellinger),
-    "cca/genea": Formula(correlation_sums),
-    "mse_face/emage": Formula(squared_error_sums),
-    "lvd/emage": Formula(velocity_error_sums),
+    "srgr/beat": Formula(SemanticRelevanceRecall(threshold_m=0.1, norm=2)),
+    "srgr/raggesture": Formula(SemanticRelevanceRecall(threshold_m=0.3, norm=1)),
+    "hellinger/genea": Formula(speed_histogram_sums, hellinger_distance),
+    "cca/genea": Formula(canonical_correlation_sums),
+    "mse_face/emage": Formula(face_squared_error_sums),
+    "lvd/emage": Formula(face_velocity_error_sums),
 }
 """Formulas by id."""
 
 
-def protocol_sums(clip: Clip, with_own: bool = False) -> dict[str, Sums]:
+def protocol_sums(clip: Clip, include_own: bool = False) -> dict[str, Sums]:
     """Compute the sums of a clip for all protocols that have their inputs, by id.
 
     Args:
-        with_own: also compute metrics of this program, which are measured apart.
+        include_own: also compute metrics of this program, which are measured apart.
     """
     sums = {
         name: formula.sums(clip)
         for name, formula in FORMULAS.items()
-        if (with_own or not PROTOCOLS[name].is_own)
-        and all(getattr(clip, need) is not None for need in PROTOCOLS[name].needs)
+        if (include_own or not PROTOCOLS[name].is_own)
+        and all(getattr(clip, need) is not None for need in PROTOCOLS[name].required_inputs)
     }
     return {name: each for name, each in sums.items() if each}
 

@@ -20,10 +20,10 @@ scikit-learn's CCA, which GENEA uses."""
 
 
 def _positions_cm(clip: Clip) -> Float[np.ndarray, "T J 3"]:
-    return clip.rooted[:, JOINTS] * 100
+    return clip.pelvis_aligned[:, JOINTS] * 100
 
 
-def histogram_sums(clip: Clip) -> Sums:
+def speed_histogram_sums(clip: Clip) -> Sums:
     """Count the speeds of all joints of a clip and of its reference by steps of 0.05 cm/s."""
     assert clip.reference is not None
     return {
@@ -34,7 +34,7 @@ def histogram_sums(clip: Clip) -> Sums:
     }
 
 
-def hellinger(sums: Mapping[str, Num[np.ndarray, " ..."]]) -> dict[str, float]:
+def hellinger_distance(sums: Mapping[str, Num[np.ndarray, " ..."]]) -> dict[str, float]:
     """Compute the Hellinger distance of the two histograms; nothing if one is empty."""
     counts = sums["generated"], sums["recorded"]
     if not all(each.sum() for each in counts):
@@ -44,7 +44,7 @@ def hellinger(sums: Mapping[str, Num[np.ndarray, " ..."]]) -> dict[str, float]:
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # on matrices this small threads only wait
-def correlation_sums(clip: Clip) -> Sums:
+def canonical_correlation_sums(clip: Clip) -> Sums:
     """Compute the first canonical correlation of a clip with its reference.
 
     Empty for a clip that has fewer frames than coordinates, where it is always 1.

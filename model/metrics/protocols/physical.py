@@ -25,7 +25,7 @@ MIN_PEAKS = 3
 _EPSILON = 1e-6
 
 
-def physical_sums(clip: Clip) -> Sums:
+def physical_plausibility_sums(clip: Clip) -> Sums:
     """Compute slide (m), floating share, jitter (m), dynamics (m) and penetration (m) of a clip."""
     if len(clip.joints) < MIN_FRAMES:
         return {}

@@ -50,7 +50,7 @@ def read_semantics(path: Path, num_frames: int) -> Float[np.ndarray, " T"]:
 
 
 @dataclass(frozen=True)
-class RelevanceRecall:
+class SemanticRelevanceRecall:
     """Variant of SRGR; its call computes the sums of a clip."""
 
     threshold_m: float
@@ -59,7 +59,9 @@ class RelevanceRecall:
 
     def __call__(self, clip: Clip) -> Sums:
         assert clip.reference is not None and clip.semantics is not None
-        distance = np.linalg.norm(clip.rooted - clip.reference.rooted, ord=self.norm, axis=-1)
+        distance = np.linalg.norm(
+            clip.pelvis_aligned - clip.reference.pelvis_aligned, ord=self.norm, axis=-1
+        )
         near = (distance < self.threshold_m).mean(axis=1)
         score = (near * clip.semantics).sum() / SCORE_OF_ALL
         return {"count": np.array(float(len(near))), "srgr": np.array(score)}

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
-from model.metrics.protocols.record import Need, Protocol
+from model.metrics.protocols.record import Protocol, ProtocolInput
 
 if TYPE_CHECKING:
     from model.metrics.results import BeatSpeeds
@@ -80,16 +80,16 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "That code first replaces the joint positions by their absolute differences from the "
             "mean position (for L1 diversity), so its motion beats are minima of the speed of "
             "these differences.",
-            _UPPER, _WITHOUT_60, f"{_PANTOMATRIX}, scripts/EMAGE_2024", values=_BEAT,
-            needs=("waveform", "mean_speeds"),
+            _UPPER, _WITHOUT_60, f"{_PANTOMATRIX}, scripts/EMAGE_2024", value_units=_BEAT,
+            required_inputs=("waveform", "mean_speeds"),
         ),
         Protocol(
             "beats/evaltools",
             "BeatAlign of EMAGE's later evaluation tools. It uses joint positions, a lower speed "
             "threshold (0.1) and no pelvis rotation. Its values are higher than those of "
             "beats/emage.",
-            _UPPER, _WITHOUT_60, f"{_PANTOMATRIX}, emage_evaltools/mertic.py", values=_BEAT,
-            needs=("waveform", "mean_speeds"),
+            _UPPER, _WITHOUT_60, f"{_PANTOMATRIX}, emage_evaltools/mertic.py", value_units=_BEAT,
+            required_inputs=("waveform", "mean_speeds"),
         ),
         Protocol(
             "beats/raggesture",
@@ -98,7 +98,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
             _UPPER,
             "frames 10 to 290 of each clip, or up to 10 frames before its end; mean over clips, "
             "weighted by length",
-            f"{_RAG}, tools/evaluate.py", values=_BEAT, needs=("waveform", "mean_speeds"),
+            f"{_RAG}, tools/evaluate.py", value_units=_BEAT,
+            required_inputs=("waveform", "mean_speeds"),
         ),
         Protocol(
             "beats/asynfusion",
@@ -106,14 +107,15 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "(standard deviation 0.1 s). The paper does not state its standard deviation, so its "
             "numbers cannot be compared.",
             _UPPER, _WITHOUT_2_S, "AsynFusion, eq. 18",
-            values={"beat_align_motion_to_audio": "0 to 1"}, needs=("waveform", "reference"),
+            value_units={"beat_align_motion_to_audio": "0 to 1"},
+            required_inputs=("waveform", "reference"),
         ),
         Protocol(
             "l1div/emage",
             "L1 distance between the joint positions and their mean over the clip, summed over "
             "all 165 coordinates. EMAGE itself uses a body with the mean hand pose and the clip's "
             "betas.",
-            _PELVIS_ALIGNED, _WHOLE, f"{_PANTOMATRIX}, L1div", values={"l1_diversity_m": "m"},
+            _PELVIS_ALIGNED, _WHOLE, f"{_PANTOMATRIX}, L1div", value_units={"l1_diversity_m": "m"},
             is_own=True,
         ),
         Protocol(
@@ -122,14 +124,14 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "is implemented from the paper's text, because the paper's repository has no code for "
             "it.",
             _PELVIS_ALIGNED, "first 10 s; mean over pairs of clips", "GlobalDiff, section 4",
-            values={"pairwise_l1_m": "m"},
+            value_units={"pairwise_l1_m": "m"},
         ),
         Protocol(
             "div/asynfusion",
             "Mean L1 distance between windows of 2 s, in random batches of 50 windows. "
             "`div_gesture` compares axis-angle rotations, `div` also the 52 blendshapes.",
             "55 local rotations (rad), 52 blendshapes", "windows of 2 s", "AsynFusion, eq. 17",
-            values={"div": "", "div_gesture": ""}, rate_fps=15.0, seeds="0",
+            value_units={"div": "", "div_gesture": ""}, rate_fps=15.0, seed="0",
         ),
         Protocol(
             "fgd/workbench",
@@ -162,8 +164,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "times 10.",
             "55 local rotations as 6D vectors (first two rows)",
             f"{_CODES}, each cut to a multiple of 32 frames; one code per 16 frames",
-            f"{_PANTOMATRIX}, emage_evaltools/mertic.py", values={"fgd": ""},
-            needs=("reference", "emage_weights"),
+            f"{_PANTOMATRIX}, emage_evaltools/mertic.py", value_units={"fgd": ""},
+            required_inputs=("reference", "emage_weights"),
             encoder="AESKConv_240_100.bin, which you provide",
         ),
         *(
@@ -177,7 +179,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
                 f"windows of {length} frames, one every {length // 2} frames; one distance over "
                 "all windows",
                 f"{_GENEA}, FGD",
-                values={"fgd": ""}, needs=("reference", "genea_weights"),
+                value_units={"fgd": ""}, required_inputs=("reference", "genea_weights"),
                 encoder=f"model_checkpoint_{length}.bin, which you provide",
             )
             for length in GENEA_LENGTHS
@@ -192,7 +194,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "yes, relative differences of at most 4e-7 on six clips",
             {"slide_m": "m", "floating_share": "share", "jitter_m": "m", "dynamic_m": "m",
              "penetration_m": "m"},
-            parts=("detail", "place", "legs"),
+            required_parts=("detail", "place", "legs"),
         ),
         Protocol(
             "gac/unicamp",
@@ -202,7 +204,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "20 bones between the 22 body joints (cm), pelvis-aligned, lowest point at height 0",
             _WHOLE, "AI-Unicamp/gesture-area-coverage, GAC",
             "yes, the same cells on six clips, the same Dice score on four pairs",
-            {"cells": "cells", "dice": "0 to 1"}, parts=("legs",),
+            {"cells": "cells", "dice": "0 to 1"}, required_parts=("legs",),
         ),
         Protocol(
             "srgr/beat",
@@ -210,15 +212,15 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "labels of semantic relevance and divided by their mean in BEAT (0.165).",
             _PELVIS_ALIGNED, _BY_LENGTH,
             "BEAT (Liu et al. 2022), SRGR, with the Euclidean norm of emage_evaltools",
-            values={"srgr": ""}, needs=("reference", "semantics"),
+            value_units={"srgr": ""}, required_inputs=("reference", "semantics"),
         ),
         Protocol(
             "srgr/raggesture",
             "SRGR as in srgr/beat, but a joint counts if the absolute differences of its three "
             "coordinates add up to less than 30 cm. RAG-Gesture itself evaluates only the first "
             "10 s of each clip, so its values differ.",
-            _PELVIS_ALIGNED, _BY_LENGTH, f"{_RAG}, tools/evaluate.py", values={"srgr": ""},
-            needs=("reference", "semantics"),
+            _PELVIS_ALIGNED, _BY_LENGTH, f"{_RAG}, tools/evaluate.py", value_units={"srgr": ""},
+            required_inputs=("reference", "semantics"),
         ),
         Protocol(
             "hellinger/genea",
@@ -227,7 +229,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "positions of 51 joints of body and hands (cm), pelvis-aligned",
             "whole clips; one histogram of all clips",
             f"{_GENEA}, calc_histogram.py and hellinger_distance.py",
-            values={"hellinger": "0 to 1"}, needs=("reference",), parts=("detail", "hands"),
+            value_units={"hellinger": "0 to 1"}, required_inputs=("reference",),
+            required_parts=("detail", "hands"),
         ),
         Protocol(
             "cca/genea",
@@ -236,28 +239,28 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "shorter than 10 s are left out.",
             "positions of 51 joints of body and hands (cm), pelvis-aligned", _WHOLE,
             f"{_GENEA}, cca.py, but averaged over clips instead of its global value",
-            values={"cca": "0 to 1"}, needs=("reference",),
+            value_units={"cca": "0 to 1"}, required_inputs=("reference",),
         ),
         Protocol(
             "mse_face/emage",
             "Mean squared error of the vertices of a licensed SMPL-X body that only jaw and "
             "expressions move. Papers print it in units of 1e-8.",
             _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
-            values={"mse_m2": "m²"}, needs=("reference", "face_vertices"),
+            value_units={"mse_m2": "m²"}, required_inputs=("reference", "face_vertices"),
         ),
         Protocol(
             "lvd/emage",
             "Mean absolute error of the frame-to-frame displacement of the vertices of "
             "mse_face/emage. Papers print it in units of 1e-5; a bug in the code of older papers "
             "makes their values four times as large.",
-            _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py", values={"lvd_m": "m"},
-            needs=("reference", "face_vertices"),
+            _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
+            value_units={"lvd_m": "m"}, required_inputs=("reference", "face_vertices"),
         ),
     )
 }  # fmt: skip
 """Records by id."""
 
-NEEDS: Mapping[Need, str] = {
+FLAG_OF_INPUT: Mapping[ProtocolInput, str] = {
     "reference": "--reference",
     "waveform": "--speech",
     "mean_speeds": "--mean-speeds",
@@ -274,7 +277,7 @@ _BEATS: Mapping[BeatSpeeds, str] = {
     "own": "beats/workbench-own",
     "emage": "beats/workbench-emage",
 }
-OWN_METRICS: Mapping[str, str] = {
+PROTOCOL_OF_METRIC: Mapping[str, str] = {
     "l1_diversity_m": "l1div/emage",
     "l1_to_mean_m": "l1div/emage",
     "pairwise_l1_m": "diversity/globaldiff",
@@ -295,18 +298,18 @@ def protocol_of(metric: str, speeds: BeatSpeeds = "own") -> str:
     """
     metric = metric.removesuffix("_floor").removesuffix("_chance").removesuffix("_chance_highest")
     is_beat = metric in ("beat_align", "beats_per_joint_s")
-    return OWN_METRICS.get(metric, _BEATS[speeds] if is_beat else WORKBENCH)
+    return PROTOCOL_OF_METRIC.get(metric, _BEATS[speeds] if is_beat else WORKBENCH)
 
 
 T = TypeVar("T")
 
 
-def without_parts(by_id: Mapping[str, T], missing_parts: Collection[str]) -> dict[str, T]:
+def without_missing_parts(by_id: Mapping[str, T], missing_parts: Collection[str]) -> dict[str, T]:
     """Leave out protocols that need a part which a motion lacks."""
     return {
         name: each
         for name, each in by_id.items()
-        if not set(PROTOCOLS[name].parts) & {*missing_parts}
+        if not set(PROTOCOLS[name].required_parts) & {*missing_parts}
     }
 
 
@@ -315,12 +318,12 @@ HEADINGS = ("id", "rule", "input", "flags", "source")
 
 def protocol_row(record: Protocol) -> tuple[str, str, str, str, str]:
     """Return the cells of a record in a table with `HEADINGS`."""
-    parts = [f"{record.input}, {record.rate_fps:g} fps", record.pieces]
+    parts = [f"{record.input}, {record.rate_fps:g} fps", record.segments]
     parts += [f"{name} {each}" for name, each in (
-        ("encoder", record.encoder), ("seed", record.seeds)
+        ("encoder", record.encoder), ("seed", record.seed)
     ) if each != "none"]  # fmt: skip
-    flags = " ".join(NEEDS[need] for need in record.needs)
+    flags = " ".join(FLAG_OF_INPUT[need] for need in record.required_inputs)
     source = record.source
-    if record.compared != "our own":
-        source += f"; compared with the authors' code: {record.compared}"
+    if record.code_comparison != "our own":
+        source += f"; compared with the authors' code: {record.code_comparison}"
     return record.id, record.rule, "; ".join(parts), flags or "motion only", source

@@ -28,7 +28,7 @@ from model.motion.kinematics import (
     open_body_skeleton,
 )
 from model.motion.motion import Motion
-from model.motion.tracks import OUTWARD_SIGNS
+from model.motion.tracks import CHEST_AXIS_SIGNS
 from model.motion.two_bone_ik import HingedLimb, minimum_jerk, unit
 from model.plan.plan import SIDES, FootContact, GesturePlan, Side, StreamedPlan, fill_gaps
 from model.plan.plan_features import goal_path
@@ -269,7 +269,7 @@ class HandGuide:
         chest = JOINT_INDEX["spine3"]
         poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()
         for side in sides:
-            wished = _planned(self.plan, side, frames) * OUTWARD_SIGNS[side]
+            wished = _planned(self.plan, side, frames) * CHEST_AXIS_SIGNS[side]
             wished = np.einsum("tij,tj->ti", rotmat[:, chest], wished) + joints[:, chest]
             for joint, angles in _reached(side, rotmat, joints, wished):
                 poses[:, joint] = angles

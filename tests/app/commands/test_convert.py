@@ -33,7 +33,8 @@ def test_what_was_understood_goes_through_every_form(z_up, tmp_path, capsys):
     assert main(["convert", str(z_up), "--out", str(npz), *argv]) == 0
     printed = capsys.readouterr()
     assert printed.out.strip() == str(npz)
-    assert "up z" in printed.err and "units cm" in printed.err and "hands mean" in printed.err
+    assert "up axis z" in printed.err and "units cm" in printed.err
+    assert "hands relative to the mean pose" in printed.err
     with np.load(npz, allow_pickle=False) as arrays:
         assumed = {each["kind"]: each["value"] for each in json.loads(str(arrays["assumptions"]))}
     assert (assumed["up"], assumed["units"], assumed["hands"]) == ("z", "cm", "mean")

@@ -105,8 +105,8 @@ def test_everything_is_measured_beside_a_reference_with_speech_and_words(
     )
     for words_said in (
         "The reference has 55 frames; the first 40 were measured",
-        "The speech lasts 3.0 s and 3 of the motions 1.3 to 1.8 s",
-        "their.npz: joints 52, SMPL-H",
+        "The speech lasts 3.0 s, but 3 of the motions last 1.3 to 1.8 s",
+        "their.npz: joints 52, as many joints as SMPL-H",
         "units cm",
         "no expressions",
         "in 52 of the 55 joints",
@@ -445,7 +445,7 @@ def test_assumptions_are_told_counted_apart_and_overruled(tmp_path: Path) -> Non
     kinds = {each["kind"] for each in told["findings"]["theirs"]}
     assert not kinds & {"frozen_hand", "finger_range", "still_face", "jerk", "high_frequency"}
     assert told["notes"][0].startswith("The motions differ in frame rate")
-    assert "theirs has no finger motion" in said and "theirs.npz: up z" in said
+    assert "theirs has no finger motion" in said and "theirs.npz: up axis z" in said
 
 
 def test_what_nobody_can_say_is_refused_before_anything_is_read(

@@ -48,7 +48,7 @@ def test_a_full_disk_leaves_no_cache_that_looks_whole(data_folder, tmp_path, mon
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("model.data.prepared.face_units", full)
+    monkeypatch.setattr("model.data.prepared.arkit_weights", full)
     with pytest.raises(WriteError, match="the disk is full"):
         prepare(data_folder, tmp_path / "cache", MelEncoder())
     (cache,) = tmp_path.iterdir()

@@ -11,7 +11,7 @@ from model.evaluation import frechet
 from model.evaluation.clips import face_error, mean_pairwise_l1
 from model.evaluation.frechet import window_diversity
 from model.metrics import beats, reference_error
-from model.metrics.reference_error import l1_to_mean
+from model.metrics.reference_error import l1_distance_to_mean
 from model.motion.motion import first_frames
 from model.motion.packing import MOTION_DIM, Normaliser
 from model.networks.autoencoder import FrozenEncoder, MotionAutoencoder
@@ -118,8 +118,8 @@ def test_features_are_one_for_every_eight_frames_and_the_same_for_any_cut():
 def test_diversities_are_sums_over_coordinates():
     still, swaying = np.zeros((4, 55, 3)), np.zeros((4, 55, 3))
     swaying[::2, :, 0], swaying[1::2, :, 0] = 0.1, -0.1
-    assert l1_to_mean(still) == 0
-    assert l1_to_mean(swaying) == pytest.approx(5.5)
+    assert l1_distance_to_mean(still) == 0
+    assert l1_distance_to_mean(swaying) == pytest.approx(5.5)
     distances = mean_pairwise_l1([still, swaying, swaying[:2]])
     assert distances[0, 1] == distances[1, 0] == pytest.approx(5.5)
     assert distances[1, 2] == 0 and (np.diag(distances) == 0).all()
@@ -169,7 +169,7 @@ def test_a_clip_drawn_twice_is_no_pair_with_itself():
 
 def test_windows_hold_every_second_frame_end_to_end():
     motion = smooth_motion_example(150)
-    windows = reference_error.windows_of(motion)
+    windows = reference_error.cut_into_windows(motion)
     assert windows.shape == (2, 30, 217)
     np.testing.assert_allclose(windows[1, 3, :165], motion.poses[66], atol=1e-5)
     np.testing.assert_array_equal(windows[1, 3, 165:], motion.expressions[66, :52])
@@ -177,11 +177,11 @@ def test_windows_hold_every_second_frame_end_to_end():
     axis = turned[:, :3] / np.linalg.norm(turned[:, :3], axis=1, keepdims=True)
     turned[:, :3] += 2 * np.pi * axis  # the same rotation, told in another way
     np.testing.assert_allclose(
-        reference_error.windows_of(replace(motion, poses=turned)), windows, atol=1e-4
+        reference_error.cut_into_windows(replace(motion, poses=turned)), windows, atol=1e-4
     )
-    assert reference_error.windows_of(first_frames(motion, 59)).shape == (0, 30, 217)
+    assert reference_error.cut_into_windows(first_frames(motion, 59)).shape == (0, 30, 217)
     flame = replace(motion, expression_basis="flame100")
-    assert reference_error.windows_of(flame).shape == (2, 30, 165)
+    assert reference_error.cut_into_windows(flame).shape == (2, 30, 165)
 
 
 def test_face_error_looks_at_the_columns_in_use():

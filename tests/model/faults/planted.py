@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, LEFT_HAND, MIRROR_PERMUTATION, RIGHT_HAND
 from model.generation.base import Windowing
-from model.metrics.face import unit_columns
+from model.metrics.face import blendshape_columns
 from model.motion.motion import Motion
 from model.motion.transforms import change_motion_speed
 
@@ -119,7 +119,7 @@ def stiff_jaw(joints: np.ndarray) -> None:
 def still_jaw(motion: Motion) -> Motion:
     expressions = motion.expressions.copy()
     if motion.expression_basis == "arkit52":
-        expressions[:, unit_columns("jawOpen")] = 0.0
+        expressions[:, blendshape_columns("jawOpen")] = 0.0
     return replace(stiff_jaw(motion), expressions=expressions)
 
 

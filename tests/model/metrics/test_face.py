@@ -7,12 +7,12 @@ import pytest
 
 from conventions.joints import JOINT_INDEX
 from model.metrics.face import (
+    blendshape_columns,
     count_blinks,
     face_hand_correlation,
     face_measures,
     head_speed,
-    lagged_correlation,
-    unit_columns,
+    max_lag_correlation,
 )
 from model.motion.motion import Motion
 from tests.model.motion.made import about, along, posed
@@ -28,13 +28,13 @@ def test_a_blink_is_one_closing_however_the_lid_trembles():
 def units_of(num_frames: int, **tracks: np.ndarray) -> np.ndarray:
     units = np.zeros((num_frames, 100), np.float32)
     for name, track in tracks.items():
-        units[:, unit_columns(name)] = track[:, None]
+        units[:, blendshape_columns(name)] = track[:, None]
     return units
 
 
 def test_a_face_is_measured_against_its_voice():
-    assert len(unit_columns("eyeBlink")) == len(unit_columns("browDown")) == 2
-    assert len(unit_columns("browInnerUp")) == 1
+    assert len(blendshape_columns("eyeBlink")) == len(blendshape_columns("browDown")) == 2
+    assert len(blendshape_columns("browInnerUp")) == 1
     lids = np.isin(np.arange(300) % 90, range(30, 34)).astype(float)  # three times in ten seconds
     brows = 0.4 * (np.arange(300) % 2 == 0)
     loudness = np.sin(np.arange(300) / 7.0)
@@ -79,7 +79,7 @@ def test_a_face_that_goes_with_the_hands_is_told_from_one_that_does_not():
     assert set(face_hand_correlation(made(still, still), hands(own)).values()) == {0.0}
     assert face_hand_correlation(made(still[:200], still[:200]), hands(own[:200])) == {}
     for lag in (-12, 0, 12):  # frames, found on either side
-        assert lagged_correlation(np.roll(own, lag)[50:-50], own[50:-50]) > 0.9
+        assert max_lag_correlation(np.roll(own, lag)[50:-50], own[50:-50]) > 0.9
 
 
 def test_the_heads_speed_is_in_radians_a_second():

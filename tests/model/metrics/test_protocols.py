@@ -13,10 +13,10 @@ from model.formats.read import read_any_motion
 from model.metrics.beats import BEAT_JOINTS, speech_onsets
 from model.metrics.protocols import face
 from model.metrics.protocols.clip import Clip, Sums
-from model.metrics.protocols.coverage import coverage, dice
+from model.metrics.protocols.coverage import covered_cells, dice_score
 from model.metrics.protocols.formulas import FORMULAS, Formula, protocol_sums, protocol_values
 from model.metrics.protocols.semantics import read_semantics
-from model.metrics.protocols.table import NEEDS, PROTOCOLS
+from model.metrics.protocols.table import FLAG_OF_INPUT, PROTOCOLS
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, first_frames
 from model.motion.tracks import track_points
@@ -71,10 +71,10 @@ def test_physical_and_coverage_give_the_numbers_of_the_authors_code():
         found = value("physical/mbench", clip)
         for key, title in NAMES.items():
             assert found[key] == pytest.approx(numbers["physical"][title], rel=1e-4), (name, key)
-        cells[name] = coverage(clip.joints)
+        cells[name] = covered_cells(clip.joints)
         assert cells[name].sum() == numbers["gac_cells"] == value("gac/unicamp", clip)["cells"]
     for pair, score in scores.items():
-        assert dice(*(cells[name] for name in pair.split())) == pytest.approx(score, abs=1e-6)
+        assert dice_score(*(cells[name] for name in pair.split())) == pytest.approx(score, abs=1e-6)
 
 
 def test_ids_are_frozen_and_records_complete():
@@ -84,9 +84,9 @@ def test_ids_are_frozen_and_records_complete():
         *("mse_face/emage", "lvd/emage"),
     ]
     for name, record in PROTOCOLS.items():
-        assert record.id == name and record.source and record.input and record.pieces
+        assert record.id == name and record.source and record.input and record.segments
         assert record.rule.endswith(".") and record.rule.count(". ") <= 2, name
-        assert set(record.needs) <= set(NEEDS)
+        assert set(record.required_inputs) <= set(FLAG_OF_INPUT)
         with pytest.raises(AttributeError):
             record.id = "other"  # pyright: ignore
 
@@ -103,7 +103,7 @@ def test_every_input_that_is_missing_leaves_its_protocols_out(clip: Clip):
 
 
 def test_sums_of_clips_add_up_to_the_value_of_a_set(clip: Clip):
-    halves = clip.first(200), replace(clip.first(160), joints=clip.joints[200:])
+    halves = clip.first_frames(200), replace(clip.first_frames(160), joints=clip.joints[200:])
 
     def added(formula: Formula) -> Sums:
         first, second = map(formula.sums, halves)
@@ -149,21 +149,23 @@ def slow_beats(clip: Clip, threshold: float, margin: int, joints: np.ndarray, en
 
 def test_beats_are_those_of_the_published_formulas(clip: Clip):
     assert clip.waveform is not None
-    rooted = clip.joints - clip.joints[:, :1]
+    pelvis_aligned = clip.joints - clip.joints[:, :1]
     offset = 60 * 16000 // 30
-    spread = np.abs(rooted - rooted.mean(0))
+    spread = np.abs(pelvis_aligned - pelvis_aligned.mean(0))
     found = value("beats/emage", clip)["beat_align"]
     assert found == pytest.approx(slow_beats(clip, 0.3, 60, spread, len(clip.waveform) - offset))
     upright = np.stack(
         [
             joints @ turn
-            for joints, turn in zip(rooted, clip.root_rotations.astype(float), strict=True)
+            for joints, turn in zip(pelvis_aligned, clip.root_rotations.astype(float), strict=True)
         ]
     )
     found = value("beats/evaltools", clip)["beat_align"]
     assert found == pytest.approx(slow_beats(clip, 0.1, 60, upright, (360 - 60) * 16000 // 30))
     found = value("beats/raggesture", clip)["beat_align"]
-    assert found == pytest.approx(slow_beats(clip, 0.3, 10, rooted[:300], 290 * 16000 // 30))
+    assert found == pytest.approx(
+        slow_beats(clip, 0.3, 10, pelvis_aligned[:300], 290 * 16000 // 30)
+    )
 
 
 def test_semantic_recall_is_that_of_the_papers_formula(clip: Clip):
@@ -206,7 +208,7 @@ def test_genea_measures_are_those_of_textbooks(clip: Clip):
 
     found = value("cca/genea", clip)["cca"]
     assert found == pytest.approx(correlation(ours, theirs), abs=1e-3)
-    assert "cca/genea" not in protocol_sums(clip.first(30))
+    assert "cca/genea" not in protocol_sums(clip.first_frames(30))
 
 
 def test_faces_are_compared_over_all_frames_and_pieces(clip: Clip, monkeypatch: pytest.MonkeyPatch):
@@ -234,6 +236,6 @@ def test_labels_of_beat_are_read_frame_by_frame_and_others_refused(tmp_path):
 def test_bones_that_stand_still_cover_their_lines_only():
     joints = np.zeros((1, 55, 3))
     joints[:, 21] = [0.5, 0.5, 0.0]  # right wrist, from the elbow at the pelvis
-    cells = coverage(joints)
+    cells = covered_cells(joints)
     assert PARENTS[21] == 19
     assert cells.sum() == 101 and cells[np.arange(101), 200 + np.arange(101)].all()

@@ -12,8 +12,8 @@ from model.formats.read import read_any_motion
 from model.generation.base import Windowing
 from model.metrics.seams import (
     JerkPeriod,
-    by_phase,
-    find_period,
+    find_jerk_period,
+    mean_jerk_by_phase,
     recurring_jerk,
     seam_jerk_ratio,
 )
@@ -67,7 +67,7 @@ def test_a_pop_anywhere_in_a_join_is_found_and_elsewhere_not_blamed_on_it(is_kin
 
 def test_a_pop_at_any_offset_stands_out_at_its_phase():
     for offset in range(0, 52, 3):
-        found = by_phase(jerk_of(jumping_points(620, 52 + offset, 52)), 52)
+        found = mean_jerk_by_phase(jerk_of(jumping_points(620, 52 + offset, 52)), 52)
         assert found.argmax() == offset
         assert found.max() > 5 * np.median(found)
 
@@ -76,7 +76,7 @@ def test_one_window_has_no_seams():
     assert math.isnan(seam_jerk_ratio(jerk_of(rough_points(52)), 52, 8))
     assert math.isnan(seam_jerk_ratio(jerk_of(rough_points(60)), 52, 8))
     assert not math.isnan(seam_jerk_ratio(jerk_of(rough_points(65)), 52, 8))
-    assert np.isnan(by_phase(jerk_of(rough_points(20)), 52)).sum() == 52 - 17
+    assert np.isnan(mean_jerk_by_phase(jerk_of(rough_points(20)), 52)).sum() == 52 - 17
 
 
 def test_a_jump_in_one_window_does_not_recur():
@@ -110,7 +110,7 @@ def with_jumps(motion: Motion, period: int, joint: str | None = None, first: int
 
 
 def period_of(motion: Motion) -> JerkPeriod | None:
-    return find_period(track_points(motion, SKELETON))
+    return find_jerk_period(track_points(motion, SKELETON))
 
 
 @pytest.mark.parametrize("period", [8, 33, 52, 60, 64, 124, 240])

@@ -16,7 +16,7 @@ from model.metrics.speech_effect import (
     speech_and_silence_masks,
     track_correlation,
 )
-from model.motion.kinematics import face_unit_names
+from model.motion.kinematics import blendshape_names
 from model.motion.motion import Motion
 from tests.model.motion.made import about, posed
 
@@ -35,7 +35,7 @@ def motion_of(speech: int, noise: int, share: float, arm: str = "left_elbow") ->
     mixed = np.sqrt(share) * heard + np.sqrt(1 - share) * drawn
     turned = np.cumsum(np.clip(4 + mixed, 0.1, None)) / 300
     units = np.zeros((FRAMES, 100), np.float32)
-    units[:, face_unit_names().index("browInnerUp")] = 0.5 + 0.1 * mixed
+    units[:, blendshape_names().index("browInnerUp")] = 0.5 + 0.1 * mixed
     jaw = about(0, 0.3 + 0.05 * mixed)
     return posed(FRAMES, units=units, jaw=jaw, head=about(1, turned), **{arm: about(0, turned)})
 

@@ -9,7 +9,7 @@ from conventions.views import MAX_EXAGGERATED_RAD
 from model.motion.kinematics import global_from_local
 from model.motion.motion import Motion
 from model.motion.rotations import geodesic_angle
-from model.motion.tracks import moving_chain
+from model.motion.tracks import kinematic_chain
 from model.motion.transforms import add_rotation_noise, change_motion_speed, exaggerate_tremor
 from tests.helpers import smooth_motion_example
 from tests.model.motion.made import about, along, posed
@@ -81,7 +81,7 @@ def test_noise_is_the_same_turns_on_local_and_on_global_rotations():
     global_error = errors_rad(on_global, is_global=True)[:, OTHERS]
     torch.testing.assert_close(local_error, global_error, atol=1e-3, rtol=0)
     assert spread(local_error) == pytest.approx(NOISE_RAD * np.sqrt(3), rel=0.05)
-    finger, depth = JOINT_INDEX["right_middle3"], len(moving_chain("right_middle"))
+    finger, depth = JOINT_INDEX["right_middle3"], len(kinematic_chain("right_middle"))
     sums = spread(errors_rad(on_local, is_global=True)[:, finger])
     assert sums == pytest.approx(NOISE_RAD * np.sqrt(3 * depth), rel=0.2)
     between = spread(errors_rad(on_global, is_global=False)[:, finger])

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_NAMES
-from model.motion.kinematics import face_unit_names, open_body_skeleton
+from model.motion.kinematics import blendshape_names, open_body_skeleton
 from model.motion.motion import Motion
 from model.plan.detection import hand_phases, plan_from_motion
 from model.plan.plan import PHASES, GesturePlan
@@ -65,7 +65,7 @@ def test_phases_cover_any_length_once():
 
 
 def made_motion(frames: int, basis="arkit52") -> Motion:
-    names, face = list(face_unit_names()), np.zeros((frames, 100), np.float32)
+    names, face = list(blendshape_names()), np.zeros((frames, 100), np.float32)
     time_s = (np.arange(frames) + 0.5) / 30
 
     def bell(at: float, width: float) -> np.ndarray:

@@ -124,8 +124,8 @@ def test_sets_have_rows_of_every_protocol_that_applies(results: AnyRun):
         motions = _motions(clip)
         tracks = {name: track_points(each, open_body_skeleton()) for name, each in motions.items()}
         inputs = ProtocolInputs()
-        recorded = inputs.clip(motions["reference"], tracks["reference"])
-        sums = protocol_sums(inputs.clip(motions["lively"], tracks["lively"], recorded))
+        recorded = inputs.make_clip(motions["reference"], tracks["reference"])
+        sums = protocol_sums(inputs.make_clip(motions["lively"], tracks["lively"], recorded))
         slow.append(protocol_values(sums)["gac/unicamp"]["dice"])
     mean, difference = (
         row for row in rows if row["measure"] == "gac/unicamp/dice" and row["system"] == "lively"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from conventions.joints import JOINT_INDEX, JOINT_NAMES
 from model.motion.kinematics import joint_positions_from_local, open_body_skeleton
 from model.motion.motion import Motion, concatenate
-from model.motion.tracks import track_points, wrist_positions_in_chest
+from model.motion.tracks import track_points, wrist_positions_in_chest_frame
 from model.plan.editing import add_gesture
 from model.plan.plan import SIDES, FootContact, GesturePlan, Side, fill_gaps
 from model.plan.plan_features import goal_path
@@ -163,7 +163,9 @@ def led(swayed) -> Motion:
 def off(motion: Motion, side: Side) -> np.ndarray:
     """Metres from the planned path."""
     path = goal_path(fill_gaps(PLAN.hand(side), PLAN.duration_s), (np.arange(LONG) + 0.5) / 30)
-    return np.linalg.norm(wrist_positions_in_chest(track_points(motion, BODY))[side] - path, axis=1)
+    return np.linalg.norm(
+        wrist_positions_in_chest_frame(track_points(motion, BODY))[side] - path, axis=1
+    )
 
 
 def test_wrists_are_led_their_share_of_the_way_and_no_frame_jumps(swayed, led):

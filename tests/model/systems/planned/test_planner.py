@@ -10,7 +10,7 @@ from model.generation.base import WindowSpec
 from model.generation.live import LiveMotion, Pace
 from model.generation.windows import GenerateOptions, first_window_spec
 from model.motion.kinematics import open_body_skeleton
-from model.motion.tracks import track_points, wrist_positions_in_chest
+from model.motion.tracks import track_points, wrist_positions_in_chest_frame
 from model.plan.editing import clamp_to_reach
 from model.plan.kinds import REST_POSITION
 from model.plan.plan import SIDES, STILL_PHASES, HandPhase, PlanError
@@ -317,7 +317,7 @@ def test_live_hands_are_led_to_their_plan(planned_weights):
         for name in ("poses", "trans", "expressions")
     }
     whole = replace(pieces[0], **joined)
-    places = wrist_positions_in_chest(track_points(whole, open_body_skeleton()))
+    places = wrist_positions_in_chest_frame(track_points(whole, open_body_skeleton()))
     for side in SIDES:
         path = np.concatenate(wished[side])
         off, mixed = (
