@@ -63,9 +63,9 @@ class SpeechWindow:
         wanted = torch.arange(first - context, first + frames + context)
         return SpeechWindow(features[wanted.clamp(0, len(features) - 1)])
 
-    def with_context(self, context: int, window: int) -> Float[Tensor, "T_ctx speech_dim"]:
-        """Return the middle ``window`` frames with ``context`` frames before and after."""
-        spare = (len(self.speech) - window) // 2 - context
+    def with_context(self, context: int, window_frames: int) -> Float[Tensor, "T_ctx speech_dim"]:
+        """Return the middle ``window_frames`` frames with ``context`` frames before and after."""
+        spare = (len(self.speech) - window_frames) // 2 - context
         return self.speech[spare : len(self.speech) - spare]
 
 
@@ -106,7 +106,7 @@ class WindowSpec:
     guidance: float
     first_sample: int = 0
     condition: Any = None
-    """Condition of the window; see `System.condition`."""
+    """Condition of the window; see `System.sample_condition`."""
     first_frame: int | None = None
     """Index of the window's first frame in ``condition``; None for ``index`` times the advance."""
     words: tuple[Interval, ...] = ()
@@ -268,7 +268,7 @@ class System(ABC):
             )
         return self.speakers[speaker]
 
-    def condition(
+    def sample_condition(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
     ) -> Any:
         """Draw the condition for whole speech, for the first sample.

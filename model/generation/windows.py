@@ -159,7 +159,7 @@ def _drawn(system: System, speech: Speech, options: GenerateOptions) -> Iterator
     spec = first_window_spec(system, options)
     for sample in range(options.samples):
         one = replace(spec, first_sample=spec.first_sample + sample)
-        yield system.condition(speech.waveform, speech.num_frames, one)
+        yield system.sample_condition(speech.waveform, speech.num_frames, one)
 
 
 def _generate_pieces(

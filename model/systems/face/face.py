@@ -66,7 +66,7 @@ FACE_CACHE_WINDOWS = 512
 
 
 @dataclass(frozen=True)
-class Face:
+class FaceModel:
     """Trained expression network with the statistics of its blendshapes."""
 
     network: FaceNetwork
@@ -147,17 +147,17 @@ class Face:
         return seeded_noise([seed, 1, window], shape)
 
 
-def load_face(folder: Path) -> Face:
+def load_face(folder: Path) -> FaceModel:
     """Load the expression network, once for all systems of a folder."""
     return _load(folder, load_card(folder, EXPRESSION).sha256)
 
 
 @functools.lru_cache(maxsize=4)
-def _load(folder: Path, sha256: str) -> Face:
+def _load(folder: Path, sha256: str) -> FaceModel:
     trained = TrainedWeights.read(folder, EXPRESSION)
     config = trained.card.config(ExpressionConfig, "expression")
     network = trained.as_of(FaceNetwork(config, trained.prior(config.seed_frames)))
-    return Face(network, trained.normaliser, sha256)
+    return FaceModel(network, trained.normaliser, sha256)
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class FaceFirstSystem(System):
     """Shape of the body's network."""
     normaliser: Normaliser
     """Statistics of the body's motion."""
-    face: Face
+    face: FaceModel
 
     def face_plan(self, speech: Float[Tensor, "T_ctx dim"]) -> Float[Tensor, "T_ctx tracks"] | None:
         """Return the plan's face tracks from those of `conditioning`; None without a plan."""

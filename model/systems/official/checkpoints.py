@@ -36,18 +36,18 @@ HAND_CHANNELS = _channels(_FINGERS)
 BODY_CHANNELS = (*_channels((*_TORSO, *_LEGS)), 330, 331, 332, *_channels(_HEAD))
 """Channels in the order of the body branch, with the translation between legs and head."""
 
-Part = Literal["motion", "expression"]
-PARTS: tuple[Part, ...] = get_args(Part)
+OfficialNetwork = Literal["motion", "expression"]
+OFFICIAL_NETWORKS: tuple[OfficialNetwork, ...] = get_args(OfficialNetwork)
 FOLDER_VARIABLE = "OFFICIAL_DIR"
 SPEECH_VARIABLE = "OFFICIAL_FEATURES"
 SEED_VARIABLE = "OFFICIAL_SEED"
 _ENDING = r"/[^/]*\.(pt|pth|bin|ckpt|zip)"
-_NAMES: dict[Part, re.Pattern[str]] = {
+_NAMES: dict[OfficialNetwork, re.Pattern[str]] = {
     "motion": re.compile(rf".*/(epoch_\d+|DiffusionDIT[^/]*{_ENDING})", re.IGNORECASE),
     "expression": re.compile(rf"(.*/)?[^/]*(speech|expression)[^/]*{_ENDING}", re.IGNORECASE),
 }
 """Patterns of the files' names with their folders, in the order in which they are tried."""
-_CALLED: dict[Part, tuple[str, str]] = {
+_CALLED: dict[OfficialNetwork, tuple[str, str]] = {
     "motion": ("motion network", "epoch_<n>, or DiffusionDIT.../best.pt"),
     "expression": ("expression model", "SimpleSpeechModel/best.pt"),
 }
@@ -68,7 +68,7 @@ def official_folder() -> Path | None:
     return Path(named) if named else None
 
 
-def official_file(part: Part) -> Path:
+def official_file(part: OfficialNetwork) -> Path:
     """Return the checkpoint of a network: the one called best, else the last epoch's.
 
     Raises:
@@ -81,14 +81,14 @@ def official_file(part: Part) -> Path:
             "--official FOLDER."
         )
     there = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    own = [path for path in there if part_of(path.relative_to(folder.parent)) == part]
+    own = [path for path in there if network_of_file(path.relative_to(folder.parent)) == part]
     if not own:
         what, called = _CALLED[part]
         raise CheckpointError(f"{folder} holds no file of the {what}; put it there as {called}.")
     return max(own, key=_rank)
 
 
-def part_of(path: Path) -> Part | None:
+def network_of_file(path: Path) -> OfficialNetwork | None:
     """Return the network of a file, by its name and its folder's."""
     named = f"/{path.as_posix()}"
     return next((part for part, names in _NAMES.items() if names.fullmatch(named)), None)

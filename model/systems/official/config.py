@@ -8,7 +8,7 @@ from model.sampling.samplers import make_samplers
 from model.storage.cards import WeightsCard, load_card
 from model.systems.official.checkpoints import (
     FOLDER_VARIABLE,
-    PARTS,
+    OFFICIAL_NETWORKS,
     SEED_VARIABLE,
     SPEECH_VARIABLE,
     official_file,
@@ -43,7 +43,7 @@ class OfficialFamily(Family):
     def require_files(self) -> None:
         """Check the named files (`Family.require_files`)."""
         if official_folder() is not None:
-            for part in PARTS:
+            for part in OFFICIAL_NETWORKS:
                 official_file(part)
             require_speech_features()
 

@@ -18,11 +18,11 @@ from model.systems.official.checkpoints import (
     HAND_CHANNELS,
     MOTION_DIM,
     NUM_SPEAKERS,
-    PARTS,
+    OFFICIAL_NETWORKS,
     SEED_FRAMES,
     SPEAKER_DIM,
     SPEECH_DIM,
-    Part,
+    OfficialNetwork,
     official_file,
 )
 from model.systems.official.speech import official_encoder
@@ -222,12 +222,12 @@ class OfficialMotionNetwork(nn.Module):
 _NETWORKS = {"motion": OfficialMotionNetwork, "expression": OfficialExpressionNetwork}
 
 
-def make_network(part: Part) -> nn.Module:
+def make_network(part: OfficialNetwork) -> nn.Module:
     """Make an untrained network."""
     return _NETWORKS[part]()
 
 
-def load_network(part: Part, path: Path) -> nn.Module:
+def load_network(part: OfficialNetwork, path: Path) -> nn.Module:
     """Load a network from a file that has exactly its weights."""
     tensors = read_tensors(path)
     with torch.device("meta"):
@@ -249,7 +249,7 @@ _ADVICE = "see docs/official.md"
 
 def check_networks(folder: Path) -> Iterator[FileCheck]:
     """Yield a report on each network, and on their speech model."""
-    for part in PARTS:
+    for part in OFFICIAL_NETWORKS:
         name = f"official {part}"
         try:
             path = official_file(part)

@@ -24,7 +24,7 @@ from model.systems.official.checkpoints import (
     SEED_FRAMES,
     SEED_VARIABLE,
     WINDOW_FRAMES,
-    Part,
+    OfficialNetwork,
     official_file,
 )
 from model.systems.official.config import FAMILY, UNFILTERED
@@ -172,7 +172,7 @@ def _vectors(
 
 
 @functools.lru_cache(maxsize=2)
-def _shared(part: Part, path: Path, versions: FileVersions) -> nn.Module:
+def _shared(part: OfficialNetwork, path: Path, versions: FileVersions) -> nn.Module:
     """Load a network once for both systems."""
     return load_network(part, path)
 

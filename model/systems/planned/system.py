@@ -53,7 +53,7 @@ class PlannedSystem(GlobalDiffSystem):
     condition_type = GesturePlan
     planner: Planner
 
-    def condition(
+    def sample_condition(
         self, waveform: Float[np.ndarray, " N"], num_frames: int, spec: WindowSpec
     ) -> GesturePlan:
         features = torch.from_numpy(self.encoder.encode(waveform, num_frames))

@@ -4,14 +4,14 @@ import pytest
 import torch
 
 from model.plan.plan_features import NUM_FACE_TRACKS
-from model.systems.face.face import Face, FaceNetwork, load_face
+from model.systems.face.face import FaceModel, FaceNetwork, load_face
 from tests.model.made import TINY_EXPRESSION, made_prior
 
 HEARD = 60 + 2 * TINY_EXPRESSION.speech_context
 
 
 @pytest.fixture(scope="module")
-def face(weights) -> Face:
+def face(weights) -> FaceModel:
     return load_face(weights)
 
 

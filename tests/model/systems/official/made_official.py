@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from model.systems.official.checkpoints import SPEECH_DIM, WINDOW_FRAMES, Part
+from model.systems.official.checkpoints import SPEECH_DIM, WINDOW_FRAMES, OfficialNetwork
 from model.systems.official.networks import make_network
 from tests.model.systems.official.filled import fill, made
 
-NAMES: dict[Part, str] = {
+NAMES: dict[OfficialNetwork, str] = {
     "motion": "split/DiffusionDITNetPartsFixedExpressions2PostNorm_LL_split/epoch_999",
     "expression": "split/SimpleSpeechModel/best.pt",
 }

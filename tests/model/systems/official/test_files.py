@@ -11,7 +11,7 @@ from torch import Tensor
 
 from model.storage.cards import CheckpointError
 from model.storage.checkpoint import read_tensors
-from model.systems.official.checkpoints import official_file, official_folder, part_of
+from model.systems.official.checkpoints import network_of_file, official_file, official_folder
 from model.systems.official.networks import load_network, make_network
 from tests.model.systems.official.filled import fill
 from tests.model.training.made import assert_equal_states
@@ -49,7 +49,7 @@ def expression() -> OrderedDict[str, Tensor]:
     ],
 )
 def test_names_tell_the_network(name, part):
-    assert part_of(Path(name)) == part
+    assert network_of_file(Path(name)) == part
 
 
 def test_the_last_epoch_is_taken_unless_one_is_called_best(tmp_path, monkeypatch):

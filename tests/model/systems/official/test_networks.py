@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from model.generation.base import SpeechWindow, Windowing, WindowSpec
 from model.storage.cards import WeightsCard
-from model.systems.official.checkpoints import PARTS
+from model.systems.official.checkpoints import OFFICIAL_NETWORKS
 from model.systems.official.config import FAMILY, FILTERED
 from model.systems.official.networks import make_network
 from model.systems.official.speech import OfficialEncoder, windows_to_frames
@@ -48,7 +48,7 @@ def heard(seed: int) -> Tensor:
 
 @pytest.fixture(scope="module")
 def networks() -> dict[str, nn.Module]:
-    return {part: fill(make_network(part)) for part in PARTS}
+    return {part: fill(make_network(part)) for part in OFFICIAL_NETWORKS}
 
 
 @torch.inference_mode()
@@ -121,6 +121,6 @@ def test_the_filter_changes_only_the_middle():
     torch.testing.assert_close(smoothed(parabola), parabola, atol=1e-6, rtol=0)
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", OFFICIAL_NETWORKS)
 def test_names_shapes_and_filling_are_the_authors(networks, part):
     assert sha256_of(networks[part]) == FILLED[part]
