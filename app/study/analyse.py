@@ -38,10 +38,14 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
         RunError: if the key cannot be used, or no participant is left to analyse.
     """
     from app.study.report.figures import preference_bars, write_pdf
-    from app.study.report.report import csv_of, latex_table, page_of, participants_csv
-    from app.study.statistics.answers import Collected, collect_answers
-    from app.study.statistics.results import analyse_participants, balance_reached, read_jitter
-    from app.study.statistics.screening import Screened, screen
+    from app.study.report.report import latex_table, participants_csv, render_report, results_csv
+    from app.study.statistics.answers import CollectedAnswers, collect_answers
+    from app.study.statistics.results import (
+        analyse_participants,
+        measure_answer_balance,
+        read_jitter,
+    )
+    from app.study.statistics.screening import ScreeningResult, screen
     from app.study.statistics.votes import battles_of, read_battles
     from model.storage.escaping import csv_text
 
@@ -52,20 +56,23 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
     elif [path.suffix for path in request.answers] == [".csv"]:
         key, raters = read_battles(request.answers[0])
         note = f"{key.title} is a table of battles, without attention checks and response times."
-        collected, screened = Collected(tuple(raters), (note,)), Screened(tuple(raters))
+        collected, screened = (
+            CollectedAnswers(tuple(raters), (note,)),
+            ScreeningResult(tuple(raters)),
+        )
     else:
         raise RunError(NO_KEY)
     jitter = read_jitter(request.diagnostics, key) if request.diagnostics else None
     results = analyse_participants(screened.included, key, jitter)
     if not results:
-        left = (*screened.excluded, *screened.set_aside)
-        sentences = [f"{one.participant.source}: {one.why}." for one in left]
+        left = (*screened.excluded, *screened.implausible)
+        sentences = [f"{one.participant.source}: {one.reason}." for one in left]
         reasons = [*collected.left_out, *sentences][:MAX_LISTED_ERRORS]
         raise RunError(" ".join(["There are no valid answers to analyse.", *reasons]))
-    balance = balance_reached(screened.included, key)
-    everyone = [*screened.included, *(one.participant for one in screened.set_aside)]
-    with_all = analyse_participants(everyone, key) if screened.set_aside else []
-    page = page_of(key, collected, screened, balance, results, with_all)
+    balance = measure_answer_balance(screened.included, key)
+    everyone = [*screened.included, *(one.participant for one in screened.implausible)]
+    with_all = analyse_participants(everyone, key) if screened.implausible else []
+    page = render_report(key, collected, screened, balance, results, with_all)
     battles = battles_of(screened.included, key)
     with ResultFolder(request.out) as folder:
         folder.path("report.html").write_text(page, "utf-8", errors="replace")  # for file names
@@ -73,7 +80,7 @@ def analyse(request: AnalysisRequest, *_: object) -> tuple[Path, ...]:
             rows = [list(battles), *battles.to_numpy().tolist()]
             folder.path("battles.csv").write_text(csv_text(rows, "\n"), "utf-8", newline="")
         write_pdf(preference_bars(results, key), folder.path("preference.pdf"))
-        folder.path("results.csv").write_text(csv_of(results), "utf-8", newline="")
+        folder.path("results.csv").write_text(results_csv(results), "utf-8", newline="")
         people = participants_csv(key, screened)
         folder.path("participants.csv").write_text(people, "utf-8", "replace", newline="")
         folder.path("table.tex").write_text(latex_table(results, key), "utf-8")

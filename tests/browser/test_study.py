@@ -17,7 +17,7 @@ from app.run.batch.leaderboard import Entry, MetricValue, leaderboard_html
 from app.study.design.key import Key, read_key
 from app.study.design.plan import load_wording
 from app.study.leaks import check_study
-from app.study.statistics.answers import Collected, collect_answers
+from app.study.statistics.answers import CollectedAnswers, collect_answers
 from model.speech.audio import Speech
 from tests.app.study.made_study import make_study
 from tests.browser.conftest import PATIENCE_MS, expect_fit, findings, saved, watched
@@ -89,7 +89,7 @@ class Host:
     def key(self, protocol: str) -> Key:
         return read_key(self.root / protocol / "study" / "researcher_only" / "key.json")
 
-    def collected(self, protocol: str, folder: Path) -> Collected:
+    def collected(self, protocol: str, folder: Path) -> CollectedAnswers:
         return collect_answers([folder], self.key(protocol))
 
 

@@ -167,18 +167,18 @@ class Key:
         judged = {trial.clip for trial in self.trials.values() if trial.expected is None}
         return tuple(sorted(judged))
 
-    def token(self, number: int) -> str:
-        """Return a link's token: the number and 128 bits of its HMAC-SHA256 by the secret."""
+    def token(self, participant: int) -> str:
+        """Return a link's token: the participant and 128 bits of its HMAC-SHA256 by the secret."""
         assert self.link_secret is not None
-        message = f"{self.study}/{number}".encode()
+        message = f"{self.study}/{participant}".encode()
         signature = hmac.new(self.link_secret.encode(), message, hashlib.sha256).hexdigest()
-        return f"{number}-{signature[:_SIGNATURE_HEX]}"
+        return f"{participant}-{signature[:_SIGNATURE_HEX]}"
 
-    def list_of(self, number: int) -> int:
+    def list_of(self, participant: int) -> int:
         """Return the list of a participant: the lists in turn, then from the first again."""
-        return sorted(self.lists)[number % len(self.lists)]
+        return sorted(self.lists)[participant % len(self.lists)]
 
-    def link(self, number: int, address: str) -> str:
+    def link(self, participant: int, address: str) -> str:
         """Return the link of a participant.
 
         Args:
@@ -194,7 +194,8 @@ class Key:
                 f"{address!r} is not the URL of a page; it should look like "
                 "https://lab.example/study/."
             )
-        return f"{address}?{urlencode({'p': self.list_of(number), 't': self.token(number)})}"
+        query = {"p": self.list_of(participant), "t": self.token(participant)}
+        return f"{address}?{urlencode(query)}"
 
     def link_error(self, token: str | None, list_number: int) -> str | None:
         """Return why a link is invalid, as the end of a sentence; None if valid or not needed."""

@@ -77,7 +77,7 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
         for group, result in enumerate(results):
             for system, name in enumerate(key.systems):
                 at = group + (system - (count - 1) / 2) * width
-                if (bar := result.one(result.bar_measure, name)) is None:
+                if (bar := result.find_estimate(result.bar_measure, name)) is None:
                     continue
                 value, low, high = (scale * each for each in bar.limits)
                 axes.bar(at, value, 0.92 * width, **_fill(system, count))
@@ -113,7 +113,7 @@ def _add_legend(figure: Figure, key: Key) -> None:
         entry.set_text(name)  # as arguments, names that begin with "_" would be left out
 
 
-def forest(estimates: Sequence[ResultEstimate]) -> Figure:
+def forest_plot(estimates: Sequence[ResultEstimate]) -> Figure:
     """Draw values of one measure with intervals, one per row: pairs, or systems by rank."""
     measure, count = estimates[0].measure, len(estimates)
     label, middle, limits = {
@@ -152,7 +152,7 @@ def forest(estimates: Sequence[ResultEstimate]) -> Figure:
     return figure
 
 
-def svg_of(figure: Figure, name: str, description: str) -> str:
+def figure_to_svg(figure: Figure, name: str, description: str) -> str:
     """Return inline SVG with a text alternative; ids contain ``name``, as figures share a page."""
     buffer = io.StringIO()
     with mpl.rc_context(_STYLE):

@@ -16,11 +16,11 @@ from markupsafe import Markup
 
 from app.study.design.key import Key
 from app.study.report import figures
-from app.study.statistics.answers import Collected, skipped_by
+from app.study.statistics.answers import CollectedAnswers, skipped_trials
 from app.study.statistics.models import PRIOR_SD, RESAMPLES
 from app.study.statistics.proportions import ALPHA, MIN_CLIPS, ResultEstimate
-from app.study.statistics.results import BalanceReached, QuestionResult
-from app.study.statistics.screening import SLIDER_TOLERANCE, Screened
+from app.study.statistics.results import AnswerBalance, QuestionResult
+from app.study.statistics.screening import SLIDER_TOLERANCE, ScreeningResult
 from conventions.names import join_names, pluralise, printable
 from model.storage import escaping
 
@@ -34,11 +34,11 @@ _COLUMNS_OF_PARTICIPANTS = ("started", "finished", "included", "why", "answers",
 _COUNTS = ("wins", "ties", "losses", "participants_for", "participants_against")
 
 
-def page_of(
+def render_report(
     key: Key,
-    collected: Collected,
-    screened: Screened,
-    balance: BalanceReached,
+    collected: CollectedAnswers,
+    screened: ScreeningResult,
+    balance: AnswerBalance,
     results: Sequence[QuestionResult],
     results_with_all: Sequence[QuestionResult],
 ) -> str:
@@ -50,7 +50,7 @@ def page_of(
             key=key,
             collected=collected,
             screened=screened,
-            skipped=[pages for one in screened.included if (pages := skipped_by(one))],
+            skipped=[pages for one in screened.included if (pages := skipped_trials(one))],
             balance=balance,
             results=results,
             results_with_all=results_with_all,
@@ -145,7 +145,7 @@ def better_first(gap: ResultEstimate, is_ranking: bool) -> ResultEstimate:
 def headline(result: QuestionResult) -> str:
     """Describe which system ranks first and which of the printed differences are significant."""
     name = f"{result.question.id}: "
-    if matches := result.all("right_choices"):
+    if matches := result.estimates_of("right_choices"):
         good = [str(one.first) for one in matches if one.significant_side > 0]
         if not good:
             return (
@@ -156,9 +156,9 @@ def headline(result: QuestionResult) -> str:
             f"{name}the matching speech was chosen significantly more often than chance for "
             f"{join_names(good)} ({len(good)} of {pluralise(len(matches), 'system')})."
         )
-    ranks, ratings = result.all("mean_rank"), result.all("mean_rating")
+    ranks, ratings = result.estimates_of("mean_rank"), result.estimates_of("mean_rating")
     sign = 1 if ranks else -1
-    scores = ranks or ratings or result.all("log_strength")
+    scores = ranks or ratings or result.estimates_of("log_strength")
     order = [str(one.first) for one in sorted(scores, key=lambda one: sign * one.limits[0])]
     if len(order) < 2:
         return f"{name}there are too few answers to compare systems."
@@ -167,7 +167,7 @@ def headline(result: QuestionResult) -> str:
 
     def lead(one: str, other: str) -> int:
         """Return 1 if the first system is significantly better, -1 if worse, else 0."""
-        estimate = result.one(measure, one, other)
+        estimate = result.find_estimate(measure, one, other)
         return better * estimate.significant_side if estimate else 0
 
     best, *others = order
@@ -181,7 +181,7 @@ def headline(result: QuestionResult) -> str:
         lines.append(f"{best} does not differ significantly from {join_names(alike[1:])}")
     elif len(alike) > 1:
         lines.append(f"{join_names(alike)} do not differ significantly")
-    if len(order) == 2 and measure == "share" and (votes := result.one("share", *order)):
+    if len(order) == 2 and measure == "share" and (votes := result.find_estimate("share", *order)):
         ties = f", {pluralise(votes.ties, 'tie')}" if votes.ties else ""
         lines[:1] = [f"{lines[0]}: {votes.wins} and {votes.losses} votes{ties}"] if lines else []
     if beaten:
@@ -192,7 +192,7 @@ def headline(result: QuestionResult) -> str:
             f"{'is' if len(ahead_of_best) == 1 else 'are'} significantly better than {best} in "
             "direct comparison"
         )
-    friedman = result.one("friedman")
+    friedman = result.find_estimate("friedman")
     if alike == order and friedman and friedman.is_significant:
         lines.append("but Friedman's test finds a significant difference between the systems")
     return f"{name}{'; '.join(lines)}."
@@ -200,15 +200,15 @@ def headline(result: QuestionResult) -> str:
 
 def _inline_figure(kind: str, name: str, description: str, *about: Any) -> Markup:
     """Return a figure as inline SVG."""
-    return Markup(figures.svg_of(getattr(figures, kind)(*about), name, description))
+    return Markup(figures.figure_to_svg(getattr(figures, kind)(*about), name, description))
 
 
-def csv_of(results: Sequence[QuestionResult]) -> str:
+def results_csv(results: Sequence[QuestionResult]) -> str:
     """Format one row per number as CSV, with empty cells for missing values; shares are 0 to 1."""
     names = [field.name for field in fields(ResultEstimate)]
     rows: list[Sequence[object]] = [("question", *names)]
     for result in results:
-        for one in result.numbers:
+        for one in result.estimates:
             cells = dict(zip(names, astuple(one), strict=True))
             if not one.votes:
                 cells |= dict.fromkeys(_COUNTS)
@@ -217,19 +217,19 @@ def csv_of(results: Sequence[QuestionResult]) -> str:
     return escaping.csv_text(rows)
 
 
-def participants_csv(key: Key, screened: Screened) -> str:
+def participants_csv(key: Key, screened: ScreeningResult) -> str:
     """Format one row per participant as CSV: inclusion, skipped pages and ids of the panel."""
     rows: list[Sequence[object]] = [
         ("file", "participant", *key.panel_ids, "list", *_COLUMNS_OF_PARTICIPANTS)
     ]
     states = [(one, "yes", "") for one in screened.included]
-    states += [(each.participant, "no", each.why) for each in screened.excluded]
-    states += [(each.participant, "implausible", each.why) for each in screened.set_aside]
+    states += [(each.participant, "no", each.reason) for each in screened.excluded]
+    states += [(each.participant, "implausible", each.reason) for each in screened.implausible]
     for one, counts, why in states:
         ids = (one.panel.get(name, "") for name in key.panel_ids)
         times = (one.started.isoformat(), one.finished.isoformat() if one.finished else "")
         about = (one.source, one.id, *ids, one.list_number, *times, counts, why)
-        rows.append((*about, len(one.answers), len(skipped_by(one))))
+        rows.append((*about, len(one.answers), len(skipped_trials(one))))
     return escaping.csv_text(rows)
 
 
@@ -252,7 +252,9 @@ def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
     }
     table = pd.DataFrame({"System": map(escaping.escape_latex, key.systems)})
     for result in results:
-        cells = [_latex_cell(result.one(result.bar_measure, name)) for name in key.systems]
+        cells = [
+            _latex_cell(result.find_estimate(result.bar_measure, name)) for name in key.systems
+        ]
         table[escaping.escape_latex(result.question.id)] = cells
     tabular = table.to_latex(index=False, escape=False, column_format="l" + "c" * len(results))
     return f"% Needs \\usepackage{{booktabs}}. {captions[results[0].bar_measure]}\n{tabular}"

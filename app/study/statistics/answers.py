@@ -89,14 +89,14 @@ class Participant:
 
 
 @dataclass(frozen=True)
-class Collected:
+class CollectedAnswers:
     """Participants of a study, each once, and a sentence for everything left out."""
 
     participants: tuple[Participant, ...]
     left_out: tuple[str, ...]
 
 
-def collect_answers(paths: Iterable[Path], key: Key) -> Collected:
+def collect_answers(paths: Iterable[Path], key: Key) -> CollectedAnswers:
     """Read files and folders of answers; unusable ones only add a sentence to ``left_out``.
 
     Raises:
@@ -107,7 +107,7 @@ def collect_answers(paths: Iterable[Path], key: Key) -> Collected:
     for path in _files(paths):
         try:
             sent = read_json(path, Participant, MAX_FILE_BYTES)
-            participant, refused = valid_answers(replace(sent, source=path.name), key)
+            participant, refused = drop_invalid_answers(replace(sent, source=path.name), key)
         except FieldError as error:
             left_out.append(f"{path.name} is left out: {error}.")
             continue
@@ -115,7 +115,7 @@ def collect_answers(paths: Iterable[Path], key: Key) -> Collected:
         if refused:
             left_out.append(_refused_sentence(participant, refused))
     valid, doubles = _each_once(participants, key)
-    return Collected(tuple(valid), tuple(left_out + doubles))
+    return CollectedAnswers(tuple(valid), tuple(left_out + doubles))
 
 
 def _files(paths: Iterable[Path]) -> list[Path]:
@@ -141,7 +141,7 @@ def _files(paths: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(file.resolve() for file in files))
 
 
-def valid_answers(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
+def drop_invalid_answers(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
     """Return the participant with the valid answers only, and counts of the others by reason.
 
     Raises:
@@ -265,6 +265,6 @@ def _named(participant: Participant) -> list[tuple[str, str, str]]:
     return [(one.trial, one.question, str(one.value)) for one in participant.answers]
 
 
-def skipped_by(participant: Participant) -> set[str]:
+def skipped_trials(participant: Participant) -> set[str]:
     """Return the trials that a participant skipped, as a video could not be played."""
     return {answer.trial for answer in participant.answers if answer.skipped is not None}

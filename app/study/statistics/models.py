@@ -46,14 +46,17 @@ ALPHA_DRAWS = 500
 """Number of resamples of judged items for the interval of Krippendorff's alpha."""
 
 
-def participant_weights(count: int) -> Float[np.ndarray, "B R"]:
-    """Return how often each of ``count`` participants is drawn in each resample."""
+def resample_counts(num_participants: int) -> Float[np.ndarray, "B R"]:
+    """Return how often each participant is drawn in each resample."""
     rng = np.random.default_rng(SEED)
-    return rng.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
+    shares = np.full(num_participants, 1 / num_participants)
+    return rng.multinomial(num_participants, shares, RESAMPLES).astype(float)
 
 
-def percentile_limits(samples: Float[np.ndarray, "B C"], count: int) -> Float[np.ndarray, "C 2"]:
-    """Compute lower and upper limits from estimates of resamples of ``count`` participants.
+def percentile_limits(
+    samples: Float[np.ndarray, "B C"], num_participants: int
+) -> Float[np.ndarray, "C 2"]:
+    """Compute lower and upper limits from estimates of resamples of the participants.
 
     Percentiles are expanded for few participants (Hesterberg 2015, "What teachers should know about
     the bootstrap", section 5.3): plain ones are too narrow by sqrt((R - 1) / R) and by the
@@ -63,10 +66,10 @@ def percentile_limits(samples: Float[np.ndarray, "B C"], count: int) -> Float[np
         Infinite limits where resamples cannot differ (one participant, or all with the same
         answers): nothing is then known of how other participants vary.
     """
-    if count < 2:
+    if num_participants < 2:
         return np.tile([-np.inf, np.inf], (samples.shape[1], 1))
-    student = stats.t.ppf((1 - CONFIDENCE) / 2, count - 1)
-    tail = stats.norm.cdf(np.sqrt(count / (count - 1)) * student)
+    student = stats.t.ppf((1 - CONFIDENCE) / 2, num_participants - 1)
+    tail = stats.norm.cdf(np.sqrt(num_participants / (num_participants - 1)) * student)
     limits = np.quantile(samples, [tail, 1 - tail], axis=0).T
     limits[np.ptp(samples, axis=0) < _LEAST_SPREAD] = -np.inf, np.inf
     return limits
@@ -74,7 +77,7 @@ def percentile_limits(samples: Float[np.ndarray, "B C"], count: int) -> Float[np
 
 def mean_limits(values: Float[np.ndarray, "R K"]) -> list[Limits]:
     """Compute the limits of the mean of each column over participants."""
-    drawn = participant_weights(len(values)) @ values / len(values)
+    drawn = resample_counts(len(values)) @ values / len(values)
     return [(float(low), float(high)) for low, high in percentile_limits(drawn, len(values))]
 
 
@@ -86,17 +89,21 @@ class Fit:
     if there are ties.
     """
 
-    best: Float[np.ndarray, " P"]
-    samples: Float[np.ndarray, "B P"]
+    parameters: Float[np.ndarray, " P"]
+    resampled_parameters: Float[np.ndarray, "B P"]
     num_raters: int
     has_ties: bool
 
-    def number(self, measure: str, weights: dict[int, float], *names: str) -> ResultEstimate:
+    def estimate(self, measure: str, weights: dict[int, float], *names: str) -> ResultEstimate:
         """Return a weighted sum of parameters with its interval."""
-        each = np.zeros(len(self.best))
+        each = np.zeros(len(self.parameters))
         each[list(weights)] = list(weights.values())
-        ((low, high),) = percentile_limits((self.samples @ each)[:, None], self.num_raters)
-        return ResultEstimate(measure, *names, value=float(self.best @ each), low=low, high=high)
+        ((low, high),) = percentile_limits(
+            (self.resampled_parameters @ each)[:, None], self.num_raters
+        )
+        return ResultEstimate(
+            measure, *names, value=float(self.parameters @ each), low=low, high=high
+        )
 
 
 def fit_strengths(
@@ -133,7 +140,7 @@ def fit_strengths(
     if has_ties:
         design[:, 2, -1] = 1
     best = _maximum(design, counts.sum(0, keepdims=True), np.zeros(design.shape[2]))[0]
-    drawn = np.einsum("br,rmo->bmo", participant_weights(num_raters), counts, optimize=True)
+    drawn = np.einsum("br,rmo->bmo", resample_counts(num_raters), counts, optimize=True)
     return Fit(best, _maximum(design, drawn, best), num_raters, has_ties)
 
 
@@ -188,33 +195,33 @@ def _log_likelihood(
     return height - (beta**2).sum(1) / (2 * PRIOR_SD**2), log_shares
 
 
-def strength_numbers(
+def strength_estimates(
     votes: pd.DataFrame, systems: Sequence[str], has_sides: bool
 ) -> list[ResultEstimate]:
     """Compute log-strengths, their differences, tie parameter, left advantage and Elo ratings."""
     fit = fit_strengths(votes, systems, has_sides)
-    estimates = [fit.number("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
+    estimates = [fit.estimate("log_strength", {i: 1.0}, name) for i, name in enumerate(systems)]
     estimates += [
-        fit.number("log_strength_gap", {a: 1.0, b: -1.0}, systems[a], systems[b])
+        fit.estimate("log_strength_gap", {a: 1.0, b: -1.0}, systems[a], systems[b])
         for a, b in combinations(range(len(systems)), 2)
     ]
     estimates.append(
-        ResultEstimate("tie_parameter", value=math.exp(fit.best[-1]) if fit.has_ties else 0.0)
+        ResultEstimate("tie_parameter", value=math.exp(fit.parameters[-1]) if fit.has_ties else 0.0)
     )
     if has_sides:
-        estimates.append(fit.number("left_advantage", {len(systems): 1.0}))
-    return estimates + elo_numbers(votes, systems)
+        estimates.append(fit.estimate("left_advantage", {len(systems): 1.0}))
+    return estimates + elo_estimates(votes, systems)
 
 
-def elo_numbers(votes: pd.DataFrame, systems: Sequence[str]) -> list[ResultEstimate]:
+def elo_estimates(votes: pd.DataFrame, systems: Sequence[str]) -> list[ResultEstimate]:
     """Compute Elo ratings as on leaderboards: ties half, no sides, clear preferences twice."""
     fit = fit_strengths(votes, systems, has_sides=False, splits_ties=True)
     scale = ELO_SCALE / math.log(10)
-    estimates = [fit.number("elo", {i: scale}, name) for i, name in enumerate(systems)]
+    estimates = [fit.estimate("elo", {i: scale}, name) for i, name in enumerate(systems)]
     return [one.shifted(ELO_MEAN) for one in estimates]
 
 
-def mean_numbers(
+def mean_estimates(
     values: pd.DataFrame, systems: Sequence[str], measure: str
 ) -> tuple[int, list[ResultEstimate]]:
     """Compute means, differences and tests over the participants that judged every system.
@@ -278,7 +285,7 @@ def krippendorff_alpha(units: Iterable[Sequence[float]], level: Level) -> float 
     return _alpha(np.asarray(by_unit.sum(axis=0)), values, level)
 
 
-def alpha_number(units: Iterable[Sequence[float]], level: Level) -> ResultEstimate:
+def alpha_estimate(units: Iterable[Sequence[float]], level: Level) -> ResultEstimate:
     """Compute alpha with its interval over resampled items."""
     values, by_unit = _coincidences(units)
     count = by_unit.shape[0]
@@ -286,9 +293,7 @@ def alpha_number(units: Iterable[Sequence[float]], level: Level) -> ResultEstima
     alpha = _alpha(np.asarray(by_unit.sum(axis=0)), values, level)
     if alpha is None:
         return ResultEstimate(measure)
-    drawn = (
-        _alpha(draw @ by_unit, values, level) for draw in participant_weights(count)[:ALPHA_DRAWS]
-    )
+    drawn = (_alpha(draw @ by_unit, values, level) for draw in resample_counts(count)[:ALPHA_DRAWS])
     unit_values = np.array([[one] for one in drawn if one is not None])
     ((low, high),) = percentile_limits(unit_values, count if len(unit_values) == ALPHA_DRAWS else 1)
     return ResultEstimate(measure, value=alpha, low=low, high=high)

@@ -63,7 +63,7 @@ class ResultEstimate:
         return p is not None and p < ALPHA
 
     @property
-    def side(self) -> int:
+    def interval_side(self) -> int:
         """Side of chance on which the printed interval lies: 1 above, -1 below, else 0."""
         _, low, high = self.limits
         # Printed with two digits: in per cent without decimals, differences with two.
@@ -78,7 +78,7 @@ class ResultEstimate:
         """
         value, low, high = self.limits
         is_finite = np.isfinite(high - low)
-        side = self.side if is_finite else int(np.sign(value - self._chance))
+        side = self.interval_side if is_finite else int(np.sign(value - self._chance))
         lead = np.sign(self.participants_for - self.participants_against)
         return side if self.is_significant and (not self.votes or lead == side) else 0
 
@@ -149,11 +149,12 @@ def proportion_estimates(
     return estimates
 
 
-def with_holm(numbers: Sequence[ResultEstimate]) -> list[ResultEstimate]:
-    """Add p values adjusted over all numbers with a p value."""
-    adjusted = iter(holm([number.p for number in numbers if number.p is not None]))
+def with_holm(estimates: Sequence[ResultEstimate]) -> list[ResultEstimate]:
+    """Add p values adjusted over all estimates with a p value."""
+    adjusted = iter(holm([estimate.p for estimate in estimates if estimate.p is not None]))
     return [
-        replace(number, p_holm=None if number.p is None else next(adjusted)) for number in numbers
+        replace(estimate, p_holm=None if estimate.p is None else next(adjusted))
+        for estimate in estimates
     ]
 
 
@@ -166,9 +167,9 @@ def clopper_pearson(successes: float, trials: float) -> Limits:
     return float(low), float(high)
 
 
-def sign_test(more: int, fewer: int) -> float:
+def sign_test(wins: int, losses: int) -> float:
     """Compute the exact two-sided p of a sign test; 1 without decided participants."""
-    return float(stats.binomtest(more, more + fewer).pvalue) if more + fewer else 1.0
+    return float(stats.binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -235,22 +236,23 @@ def _effective_over_clips(votes: pd.DataFrame) -> float | None:
     return effective_votes(votes, variance, freedom)
 
 
-def detectable_share(count: int, alpha: float = ALPHA) -> float | None:
-    """Compute the smallest share that ``count`` independent votes distinguish from 1/2 at `POWER`.
+def detectable_share(num_votes: int, alpha: float = ALPHA) -> float | None:
+    """Compute the smallest share that independent votes distinguish from 1/2 at `POWER`.
 
     Exact: the rejection region of the two-sided binomial test at ``alpha``.
 
     Returns:
         A share of 0.5 to 1; None if even unanimous votes would not reach ``alpha``.
     """
-    tail = int(stats.binom.ppf(alpha / 2, count, 0.5)) - 1
-    while stats.binom.cdf(tail + 1, count, 0.5) <= alpha / 2:
+    tail = int(stats.binom.ppf(alpha / 2, num_votes, 0.5)) - 1
+    while stats.binom.cdf(tail + 1, num_votes, 0.5) <= alpha / 2:
         tail += 1
     if tail < 0:
         return None
 
     def lacks(share: float) -> float:
-        power = stats.binom.cdf(tail, count, share) + stats.binom.sf(count - tail - 1, count, share)
+        low = stats.binom.cdf(tail, num_votes, share)
+        power = low + stats.binom.sf(num_votes - tail - 1, num_votes, share)
         return float(power) - POWER
 
     return float(optimize.root_scalar(lacks, bracket=(0.5, 1.0)).root)

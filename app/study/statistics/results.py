@@ -18,9 +18,9 @@ from app.study.design.key import Key, Question
 from app.study.statistics.answers import Participant
 from app.study.statistics.models import (
     Level,
-    alpha_number,
-    mean_numbers,
-    strength_numbers,
+    alpha_estimate,
+    mean_estimates,
+    strength_estimates,
 )
 from app.study.statistics.proportions import (
     ALPHA,
@@ -31,10 +31,10 @@ from app.study.statistics.proportions import (
 )
 from app.study.statistics.votes import (
     MISMATCHED,
-    between,
     first_place_votes,
+    rank_and_rating_table,
     swap_sides,
-    votes_as_arrays,
+    votes_between,
     votes_of,
     votes_of_system,
 )
@@ -51,7 +51,7 @@ Jitter = Mapping[tuple[str, str], float]
 class QuestionResult:
     question: Question
     num_answers: int
-    numbers: tuple[ResultEstimate, ...]
+    estimates: tuple[ResultEstimate, ...]
     """Numbers as in ``results.csv``; those that the protocol does not have are missing."""
     level: Level
     """Level of measurement for Krippendorff's alpha."""
@@ -60,17 +60,19 @@ class QuestionResult:
     num_raters: int
     num_complete_raters: int
     """Number of raters that judged every system."""
-    comparisons: int
+    num_comparisons: int
     detectable_share_after_holm: float | None
     """Smallest share that the sign test detects at Holm's first step over all comparisons."""
 
-    def all(self, measure: str) -> list[ResultEstimate]:
-        return [number for number in self.numbers if number.measure == measure]
+    def estimates_of(self, measure: str) -> list[ResultEstimate]:
+        return [number for number in self.estimates if number.measure == measure]
 
-    def one(self, measure: str, first: str | None = None, second: str | None = None) -> Any:
+    def find_estimate(
+        self, measure: str, first: str | None = None, second: str | None = None
+    ) -> Any:
         """Return the `ResultEstimate` of a measure and systems, from either side, or None."""
         names = {first, second}
-        for number in self.all(measure):
+        for number in self.estimates_of(measure):
             if first is None or {number.first, number.second} == names:
                 return (
                     number
@@ -80,16 +82,16 @@ class QuestionResult:
         return None
 
     @property
-    def compared(self) -> list[ResultEstimate]:
+    def main_comparisons(self) -> list[ResultEstimate]:
         """Main comparisons of systems."""
         kinds = ("mean_rank", "mean_rating", "share", "right_choices")
-        return next((estimates for kind in kinds if (estimates := self.all(kind))), [])
+        return next((estimates for kind in kinds if (estimates := self.estimates_of(kind))), [])
 
     @property
     def bar_measure(self) -> str:
         """Name of the measure of each system that the bars show."""
         kinds = ("right_choices", "first_places", "share_of_all_votes", "mean_rating")
-        return next((kind for kind in kinds if self.all(kind)), kinds[-1])
+        return next((kind for kind in kinds if self.estimates_of(kind)), kinds[-1])
 
 
 def analyse_participants(
@@ -104,7 +106,7 @@ def _result(
     participants: Sequence[Participant], key: Key, question: Question, jitter: Jitter | None
 ) -> QuestionResult | None:
     votes = votes_of(participants, key, question.id)
-    values = votes_as_arrays(participants, key, question.id)
+    values = rank_and_rating_table(participants, key, question.id)
     if not len(votes) and not len(values):
         return None
     systems, is_matched = key.systems, key.protocol == "matched"
@@ -114,11 +116,11 @@ def _result(
     if is_matched:
         for name in systems:
             estimates += proportion_estimates(
-                "right_choices", between(votes, name, name + MISMATCHED), name
+                "right_choices", votes_between(votes, name, name + MISMATCHED), name
             )
     else:
         for pair in pairs:
-            estimates += proportion_estimates("share", between(votes, *pair), *pair)
+            estimates += proportion_estimates("share", votes_between(votes, *pair), *pair)
     estimates = with_holm(estimates)
     num_compared = sum(number.p is not None for number in estimates)
     if not is_matched and not is_rating:
@@ -127,11 +129,11 @@ def _result(
             measure = "first_places" if is_ranking else "share_of_all_votes"
             estimates += proportion_estimates(measure, rows, name, is_tested=False)
         if len(systems) > 1:
-            estimates += strength_numbers(votes, systems, has_sides=not is_ranking)
+            estimates += strength_estimates(votes, systems, has_sides=not is_ranking)
     num_of_means = 0
     if is_ranking or is_rating:
         measure = "mean_rank" if is_ranking else "mean_rating"
-        num_of_means, means = mean_numbers(values, systems, measure)
+        num_of_means, means = mean_estimates(values, systems, measure)
         estimates += means
     level: Level = (
         "nominal" if question.kind == "choice" else "ordinal" if is_ranking else "interval"
@@ -145,7 +147,7 @@ def _result(
     # Two answers of one rater are not an agreement: a table of battles may hold the same one twice.
     units = judged.drop_duplicates([*things, "rater"]).groupby(things).value.apply(list)
     num_raters = (values if is_rating else votes).rater.nunique()
-    estimates.append(alpha_number(units, level))
+    estimates.append(alpha_estimate(units, level))
     alone = detectable_share(num_raters)
     estimates.append(ResultEstimate("detectable_share_of_participants", value=alone))
     if jitter and not is_matched and not is_rating:
@@ -157,12 +159,12 @@ def _result(
     return QuestionResult(
         question=question,
         num_answers=num_answers,
-        numbers=tuple(estimates),
+        estimates=tuple(estimates),
         level=level,
         num_units=int((units.map(len) > 1).sum()),
         num_raters=num_raters,
         num_complete_raters=num_of_means,
-        comparisons=comparisons,
+        num_comparisons=comparisons,
         detectable_share_after_holm=detectable_share(num_raters, ALPHA / max(1, comparisons)),
     )
 
@@ -223,7 +225,7 @@ def join_jitter(votes: pd.DataFrame, jitter: Jitter) -> list[ResultEstimate]:
 
 
 @dataclass(frozen=True)
-class BalanceReached:
+class AnswerBalance:
     """Balance of the included answers without attention checks."""
 
     systems: pd.DataFrame
@@ -232,11 +234,11 @@ class BalanceReached:
     trials on the list, 0 = first trial, 1 = last; 0.5 is balanced."""
     lists_used: int
     lists_planned: int
-    most_of_one_list: int
+    max_participants_per_list: int
     """Most participants on one list."""
 
 
-def balance_reached(participants: Sequence[Participant], key: Key) -> BalanceReached:
+def measure_answer_balance(participants: Sequence[Participant], key: Key) -> AnswerBalance:
     """Measure the balance of the included answers."""
     rows = []
     for participant in participants:
@@ -249,9 +251,9 @@ def balance_reached(participants: Sequence[Participant], key: Key) -> BalanceRea
                 rows += [(system, systems[0] == system, place) for system in set(systems)]
     table = pd.DataFrame(rows, columns=["system", "first", "place"])
     used = Counter(participant.list_number for participant in participants)
-    return BalanceReached(
+    return AnswerBalance(
         systems=pd.DataFrame(table.groupby("system").mean()).reindex(key.systems).dropna(),
         lists_used=len(used),
         lists_planned=len(key.lists),
-        most_of_one_list=max(used.values(), default=0),
+        max_participants_per_list=max(used.values(), default=0),
     )

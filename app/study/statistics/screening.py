@@ -36,22 +36,22 @@ class ExcludedParticipant:
     """Excluded participant, and the reason as the end of a sentence."""
 
     participant: Participant
-    why: str
+    reason: str
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreeningResult:
     """Included and excluded participants."""
 
     included: tuple[Participant, ...]
     excluded: tuple[ExcludedParticipant, ...] = ()
-    set_aside: tuple[ExcludedParticipant, ...] = ()
+    implausible: tuple[ExcludedParticipant, ...] = ()
     """Finished and attentive participants without a valid link, if the study has links, or with
     implausible answers.
     """
 
 
-def screen(participants: Iterable[Participant], key: Key) -> Screened:
+def screen(participants: Iterable[Participant], key: Key) -> ScreeningResult:
     """Include participants that finished, failed at most `Key.max_failed` checks and are plausible.
 
     An unfinished list unbalances order and sides, and participants may leave because of what was
@@ -75,10 +75,10 @@ def screen(participants: Iterable[Participant], key: Key) -> Screened:
     doubted = _link_doubts(included, key)
     doubted |= _panel_doubts([one for one in included if one.id not in doubted], key)
     doubted |= implausible_answers([one for one in included if one.id not in doubted], key)
-    return Screened(
+    return ScreeningResult(
         included=tuple(one for one in included if one.id not in doubted),
         excluded=tuple(excluded),
-        set_aside=tuple(
+        implausible=tuple(
             ExcludedParticipant(one, doubted[one.id]) for one in included if one.id in doubted
         ),
     )

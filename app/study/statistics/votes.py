@@ -58,7 +58,9 @@ def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd
     return pd.DataFrame(rows, columns=list(VOTES))
 
 
-def votes_as_arrays(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
+def rank_and_rating_table(
+    participants: Sequence[Participant], key: Key, question: str
+) -> pd.DataFrame:
     """Return ranks (1 = best), or slider values from 0 to 100."""
     rows = []
     for *about, answer in _judged(participants, key, question):
@@ -103,7 +105,7 @@ def votes_of_system(votes: pd.DataFrame, name: str) -> pd.DataFrame:
     return swap_sides(rows, rows.left != name)
 
 
-def between(votes: pd.DataFrame, first: str, second: str) -> pd.DataFrame:
+def votes_between(votes: pd.DataFrame, first: str, second: str) -> pd.DataFrame:
     """Return the votes between two systems, swapped so that ``first`` is on the left."""
     rows = votes_of_system(votes, first)
     return pd.DataFrame(rows[rows.right == second])

@@ -19,7 +19,7 @@ from app.study.design.key import (
     write_key,
 )
 from app.study.simulate import RaterModel, simulate_answers
-from app.study.statistics.answers import Participant, valid_answers
+from app.study.statistics.answers import Participant, drop_invalid_answers
 from model.storage.json_validation import parse_json
 
 SYSTEMS = ("local", "global", "rival")
@@ -90,7 +90,7 @@ def made_participants(
     """The same, read."""
     files = made_files(key, count, model, seed)
     sent = [parse_json(json.dumps(content), Participant) for content in files]
-    return [valid_answers(replace(one, source="made.json"), key)[0] for one in sent]
+    return [drop_invalid_answers(replace(one, source="made.json"), key)[0] for one in sent]
 
 
 def made_votes(

@@ -216,7 +216,7 @@ def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
         found = study_size(*design_of(tmp_path, protocol, settings, participants=10))
         minutes = math.ceil((INTRO_S + pages * (shown * 6 + ANSWER_S)) / 60)
         sentence = f"{minutes} minutes and {pages} pages for each participant; {votes} if all"
-        assert found == (minutes, f"About {sentence} finish.")
+        assert found == (minutes, f"About {sentence} participants finish.")
     one = "attention_checks = 0\ntrials_per_participant = 1"
     _, sentence = study_size(*design_of(tmp_path, "pairwise", one, participants=1))
     assert " 1 page for each participant; 0 to 1 vote for each pair of systems if" in sentence

@@ -212,7 +212,11 @@ def test_headline_and_power_say_who_came_first_and_how_surely():
     share = detectable_share(28)
     assert share is not None
     said = say(
-        "power", share, strong.detectable_share_after_holm, strong.num_raters, strong.comparisons
+        "power",
+        share,
+        strong.detectable_share_after_holm,
+        strong.num_raters,
+        strong.num_comparisons,
     )
     assert f"a preference of {percent(share)} of the participants; with Holm's correction" in said
     (weak,) = analyse_participants(made_participants(key, 4, UNIFORM_RATERS), key)
@@ -257,7 +261,7 @@ def test_a_tie_has_no_winner_in_its_first_line() -> None:
             ResultEstimate("log_strength", name, None, value, value, value)
             for name, value in (("local", lead), ("global", -lead))
         ]
-        return headline(replace(result, numbers=(pair_of(wins, losses, ties), *strengths)))
+        return headline(replace(result, estimates=(pair_of(wins, losses, ties), *strengths)))
 
     assert said(2, 0, 2) == "realism: local and global do not differ significantly: 2 and 2 votes."
     assert said(1, 0, 0) == "realism: local and global do not differ significantly: 1 and 0 votes."
@@ -276,7 +280,7 @@ def test_the_headline_of_rankings_and_ratings_agrees_with_the_strengths():
         (result,) = analyse_participants(made_participants(key, 28, UNIFORM_RATERS), key)
         assert headline(result).startswith("realism: global was significantly better")
         measure = "mean_rank_gap" if protocol == "ranking" else "mean_rating_gap"
-        gaps = result.all(measure)
+        gaps = result.estimates_of(measure)
         sentences = [plain(say("mean_gap", gap, protocol == "ranking")) for gap in gaps]
         better = "places better" if protocol == "ranking" else "points higher"
         assert re.match(rf"global is [\d.]+ {better} than local \(95 % interval \d", sentences[0])

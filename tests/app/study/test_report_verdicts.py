@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from app.study.design.key import Protocol
 from app.study.report.report import headline
 from app.study.simulate import RaterModel, simulate_answers
-from app.study.statistics.answers import Participant, valid_answers
+from app.study.statistics.answers import Participant, drop_invalid_answers
 from app.study.statistics.proportions import ResultEstimate
 from app.study.statistics.results import QuestionResult, analyse_participants
 from model.storage.json_validation import parse_json
@@ -35,7 +35,7 @@ def results_of(
     taste = dict(zip(SYSTEMS, strengths, strict=True))
     files = simulate_answers(key, taste, count, model, np.random.default_rng(seed))
     sent = [parse_json(json.dumps(content), Participant) for content in files]
-    people = [valid_answers(replace(one, source="made.json"), key)[0] for one in sent]
+    people = [drop_invalid_answers(replace(one, source="made.json"), key)[0] for one in sent]
     (result,) = analyse_participants(people, key)
     return result
 
@@ -43,7 +43,7 @@ def results_of(
 def compared(result: QuestionResult, protocol: str) -> Iterator[tuple[Pair, str]]:
     """Each sentence that compares two systems, the one named first ahead."""
     measure = {"ranking": "mean_rank_gap", "rating": "mean_rating_gap"}.get(protocol, "share")
-    for number in result.all(measure):
+    for number in result.estimates_of(measure):
         is_ranking = protocol == "ranking"
         told = plain(say("pair" if measure == "share" else "mean_gap", number, is_ranking))
         names = re.findall("|".join(SYSTEMS), told)
@@ -98,7 +98,7 @@ def test_no_two_sentences_of_a_report_contradict_each_other(
         assert {name for pair in apart for name in pair} - set(
             re.findall("|".join(SYSTEMS), alike[1])
         ), (first, apart)
-    agreement = result.one(f"krippendorff_alpha_{result.level}")
+    agreement = result.find_estimate(f"krippendorff_alpha_{result.level}")
     told = plain(say("agreement", agreement, result.level, result.num_units))
     if "not differ significantly from chance" not in told and agreement.value is not None:
         low, high = agreement.limits[1:]

@@ -162,7 +162,7 @@ def test_the_rule_of_the_key_decides_and_the_half_finished_are_listed() -> None:
     careless = with_checks(KEY, "tie", "tie")
     half = replace(with_checks(KEY, "left", None), finished=None)
     screened = screen([careless, half, with_checks(KEY, "left", "left")], KEY)
-    assert [dropped.why for dropped in screened.excluded] == [
+    assert [dropped.reason for dropped in screened.excluded] == [
         "attention checks: 2 failed, 1 allowed",
         "not finished (13 of 14 trials)",
     ]
@@ -256,7 +256,7 @@ def test_impossible_answers_are_set_aside() -> None:
             each(lambda number: {"ms": 1 if number % 5 == 0 else 9_000}),
             "4 of 18 trials answered in less time",
         ),
-        (lambda who: replace(who, finished=who.started + timedelta(seconds=60)), "in 60 s from"),
+        (lambda who: replace(who, finished=who.started + timedelta(seconds=60)), "only 60 s from"),
         (lambda who: replace(who, answers=who.answers[::-1]), "a different order"),
         (always(left, num_failed=1), "same position chosen, and 1 attention check failed"),
         (
@@ -266,8 +266,8 @@ def test_impossible_answers_are_set_aside() -> None:
     ]:
         forged = forge(PEOPLE[3])
         screened = screen([*PEOPLE[:3], forged, *PEOPLE[4:]], LONG)
-        assert [one.participant.id for one in screened.set_aside] == [forged.id]
-        assert words in screened.set_aside[0].why and len(screened.included) == 7
+        assert [one.participant.id for one in screened.implausible] == [forged.id]
+        assert words in screened.implausible[0].reason and len(screened.included) == 7
 
 
 def test_copies_are_set_aside_but_the_first_and_one_bad_reload_is_forgiven() -> None:
@@ -344,9 +344,9 @@ def test_ids_of_a_panel_are_those_the_plan_names_and_each_person_counts_once(
         {"PROLIFIC_PID": "abc1"},
         {"PROLIFIC_PID": "abc0"},
     ]
-    (aside,) = screen(collected.participants, key).set_aside
+    (aside,) = screen(collected.participants, key).implausible
     assert aside.participant.source == "simulated00000.json"
-    assert "the same PROLIFIC_PID as simulated00002.json" in aside.why
+    assert "the same PROLIFIC_PID as simulated00002.json" in aside.reason
     analyse(AnalysisRequest([folder], key_path, tmp_path / "report"))
     report = tmp_path / "report"
     assert "abc0" not in (report / "report.html").read_text("utf-8")  # it may be passed on
@@ -390,8 +390,8 @@ def test_forged_links_are_set_aside() -> None:
         first, *others = signed()
         assert first.link is not None
         screened = screen([replace(first, link=forge(first.link)), *others], LINKED)
-        assert [one.participant.id for one in screened.set_aside] == [first.id]
-        assert words in screened.set_aside[0].why and len(screened.included) == 3
+        assert [one.participant.id for one in screened.implausible] == [first.id]
+        assert words in screened.implausible[0].reason and len(screened.included) == 3
 
 
 def test_a_link_counts_once_and_for_its_own_list_and_an_earlier_time_displaces_nobody() -> None:
@@ -399,17 +399,17 @@ def test_a_link_counts_once_and_for_its_own_list_and_an_earlier_time_displaces_n
     assert first.finished is not None
     hour = timedelta(hours=1)
     copy = replace(first, id="thief", started=first.started - hour, finished=first.finished - hour)
-    (aside,) = screen([first, copy, *others], LINKED).set_aside
-    assert aside.participant is copy and f"also used by {first.source}" in aside.why
+    (aside,) = screen([first, copy, *others], LINKED).implausible
+    assert aside.participant is copy and f"also used by {first.source}" in aside.reason
     answer, *rest = copy.answers
     forged = replace(copy, source="forged.json", answers=(replace(answer, value="tie"), *rest))
     screened = screen([first, forged, *others], LINKED)
-    assert [one.participant for one in screened.set_aside] == [first, forged]
-    assert "also used by forged.json" in screened.set_aside[0].why
+    assert [one.participant for one in screened.implausible] == [first, forged]
+    assert "also used by forged.json" in screened.implausible[0].reason
     assert list(screened.included) == others
     number = next(n for n in range(9) if LINKED.list_of(n) != first.list_number)
-    (aside,) = screen([replace(first, link=LINKED.token(number))], LINKED).set_aside
-    assert "another list" in aside.why
+    (aside,) = screen([replace(first, link=LINKED.token(number))], LINKED).implausible
+    assert "another list" in aside.reason
 
 
 @pytest.mark.parametrize("finishes", [True, False])
@@ -429,7 +429,7 @@ def test_a_forged_ballot_of_a_later_time_displaces_no_signed_one(
     kept = {one.id: one for one in collected.participants}
     assert len(kept) == 3 and kept[files[0]["participant"]].link == files[0]["link"]
     (sentence,) = collected.left_out
-    assert sentence.startswith("forged.json is left out") and "a signed link" in sentence
+    assert sentence.startswith("forged.json is left out") and "a valid link" in sentence
     assert len(screen(collected.participants, LINKED).included) == 3 - (not finishes)
 
 

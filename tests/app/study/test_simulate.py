@@ -12,7 +12,7 @@ from app.errors import RunError
 from app.study.simulate import UNIFORM_RATERS, RaterModel, davidson, simulate
 from app.study.statistics.answers import collect_answers
 from app.study.statistics.results import analyse_participants
-from app.study.statistics.votes import MISMATCHED, between, votes_of
+from app.study.statistics.votes import MISMATCHED, votes_between, votes_of
 from tests.app.study.made import (
     STRENGTHS,
     made_key,
@@ -55,8 +55,8 @@ def test_a_seed_makes_the_same_answers_and_two_runs_do_not_mix(tmp_path):
     [
         (0, STRENGTHS, 0, "The number of raters must be from 1 to 10000; got 0"),
         (1, STRENGTHS, -1, "seed must not be negative"),
-        (1, {"local": 1.0}, 0, "exactly local, global, rival; got local"),
-        (1, STRENGTHS | {"other": 1.0}, 0, "exactly local, global, rival"),
+        (1, {"local": 1.0}, 0, "exactly the systems local, global, rival; got local"),
+        (1, STRENGTHS | {"other": 1.0}, 0, "exactly the systems local, global, rival"),
         (1, STRENGTHS | {"local": float("nan")}, 0, "strength of local must be within ±20"),
         (1, STRENGTHS | {"local": 21.0}, 0, "strength of local must be within ±20"),
     ],
@@ -83,7 +83,7 @@ def test_matched_strength_is_the_log_odds_of_the_right_choice():
     key = made_key("matched", num_clips=10)
     votes = votes_of(made_participants(key, 200, UNIFORM_RATERS), key, "match")
     for name in STRENGTHS:
-        score = between(votes, name, name + MISMATCHED).score
+        score = votes_between(votes, name, name + MISMATCHED).score
         odds = (score == 1).mean() / (score == 0).mean()
         assert np.log(odds) == pytest.approx(STRENGTHS[name], abs=0.15)
 
@@ -104,7 +104,7 @@ def test_intervals_hold_the_truth_about_as_often_as_they_claim(protocol):
             gap = STRENGTHS[first] - STRENGTHS[second]
             share = davidson(gap + np.array([side, -side]), tie).mean(0) @ [1, 0.5, 0]
             for measure, truth in (("share", share), ("log_strength_gap", gap)):
-                number = result.one(measure, first, second)
+                number = result.find_estimate(measure, first, second)
                 assert number is not None
                 held.append((measure, number.limits[1] <= truth <= number.limits[2]))
     for measure in ("share", "log_strength_gap"):

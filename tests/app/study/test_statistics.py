@@ -16,12 +16,12 @@ from app.study.simulate import UNIFORM_RATERS
 from app.study.statistics.answers import TIE, Participant
 from app.study.statistics.models import (
     PRIOR_SD,
-    alpha_number,
-    elo_numbers,
+    alpha_estimate,
+    elo_estimates,
     fit_strengths,
     krippendorff_alpha,
-    mean_numbers,
-    strength_numbers,
+    mean_estimates,
+    strength_estimates,
 )
 from app.study.statistics.proportions import (
     POWER,
@@ -34,7 +34,7 @@ from app.study.statistics.proportions import (
     sign_test,
 )
 from app.study.statistics.results import analyse_participants, join_jitter, read_jitter
-from app.study.statistics.votes import between, votes_as_arrays, votes_of
+from app.study.statistics.votes import rank_and_rating_table, votes_between, votes_of
 from tests.app.study.made import STRENGTHS, made_key, made_participants, made_votes
 
 # Krippendorff 2011, "Computing Krippendorff's Alpha-Reliability", example C: four observers.
@@ -103,15 +103,15 @@ def width(number: ResultEstimate) -> float:
 
 def test_two_systems_are_as_far_apart_as_their_log_odds_and_elo_has_them_at_its_scale():
     votes = repeated({("a", "b", 1.0): 300, ("a", "b", 0.0): 100})
-    gap = one(strength_numbers(votes, AB, has_sides=False), "log_strength_gap", "a", "b")
+    gap = one(strength_estimates(votes, AB, has_sides=False), "log_strength_gap", "a", "b")
     assert gap.value == pytest.approx(np.log(3), abs=0.01)
     assert width(gap) == pytest.approx(2 * 1.96 * np.sqrt(1 / 300 + 1 / 100), rel=0.08)
-    assert fit_strengths(votes, AB, has_sides=False).best.sum() == pytest.approx(0, abs=1e-8)
+    assert fit_strengths(votes, AB, has_sides=False).parameters.sum() == pytest.approx(0, abs=1e-8)
     # Ties are half a win for each, clear preferences count twice: 240 and 80 come to 3 to 1.
     mixed = repeated({("a", "b", 1.0): 140, ("b", "a", 0.5): 40, ("b", "a", 1.0): 60})
     mixed.loc[mixed.score.index[:80], "weight"] = 2.0
     for votes_of_elo in (votes, mixed):
-        high, low = elo_numbers(votes_of_elo, AB)
+        high, low = elo_estimates(votes_of_elo, AB)
         assert high.value is not None and low.value is not None
         assert high.value - low.value == pytest.approx(400 * np.log10(3), abs=2)
         assert high.value + low.value == pytest.approx(2000)
@@ -125,27 +125,27 @@ def test_the_maximum_is_that_of_an_independent_slow_search():
             left, right = rng.choice(names, 2, replace=False)
             rows.append((rater, str(left), str(right), float(rng.choice([0, 0.5, 1]))))
     votes = made_votes(rows)
-    found = fit_strengths(votes, names, has_sides=True).best
+    found = fit_strengths(votes, names, has_sides=True).parameters
     assert found == pytest.approx(slow_maximum(votes, names), abs=1e-4)
 
 
 def test_known_strengths_come_back_from_pairs_and_from_rankings():
     key = made_key(num_clips=10)
     votes = votes_of(made_participants(key, 200, UNIFORM_RATERS), key, "realism")
-    *found, side, log_tie = fit_strengths(votes, key.systems, has_sides=True).best
+    *found, side, log_tie = fit_strengths(votes, key.systems, has_sides=True).parameters
     given = np.array([STRENGTHS[name] for name in key.systems])
     assert found == pytest.approx(given - given.mean(), abs=0.1)
     assert np.exp(log_tie) == pytest.approx(UNIFORM_RATERS.tie, abs=0.05)
     assert side == pytest.approx(UNIFORM_RATERS.left_advantage, abs=0.08)
     key = made_key("ranking", num_clips=10)
     votes = votes_of(made_participants(key, 200, UNIFORM_RATERS), key, "realism")
-    found = fit_strengths(votes, key.systems, has_sides=False).best
+    found = fit_strengths(votes, key.systems, has_sides=False).parameters
     assert len(found) == 3 and found[1] - found[2] == pytest.approx(1.8, abs=0.15)
 
 
 def test_a_system_that_wins_everything_stays_finite():
     votes = repeated({("a", "b", 1.0): 30})
-    gap = one(strength_numbers(votes, AB, has_sides=False), "log_strength_gap")
+    gap = one(strength_estimates(votes, AB, has_sides=False), "log_strength_gap")
     assert gap.value is not None and 2 < gap.value < 8
     assert (
         format_interval(gap) == "unknown"
@@ -155,7 +155,7 @@ def test_a_system_that_wins_everything_stays_finite():
 def test_participants_are_drawn_whole():
     once = [(rater, "a", "b", float(rater < 14)) for rater in range(20)]
     single, tenfold = (
-        one(strength_numbers(made_votes(rows), AB, has_sides=False), "log_strength_gap")
+        one(strength_estimates(made_votes(rows), AB, has_sides=False), "log_strength_gap")
         for rows in (once, once * 10)
     )
     # With less weight of the prior the interval may even grow; it must not shrink by sqrt(10).
@@ -171,7 +171,7 @@ def table_of(values: np.ndarray) -> pd.DataFrame:
 
 def test_means_and_tests_are_over_participants():
     table = np.random.default_rng(0).normal([0.0, 0.6, 0.1], 1, (16, 5, 3))
-    count, found = mean_numbers(table_of(table), range(3), "mean")
+    count, found = mean_estimates(table_of(table), range(3), "mean")
     means = table.mean(1)
     assert count == 16
     assert [n.value for n in found[:3]] == pytest.approx(list(means.mean(0)))
@@ -183,20 +183,20 @@ def test_means_and_tests_are_over_participants():
 
 def test_the_bootstrap_interval_is_about_students():
     table = np.random.default_rng(1).normal(50, 10, (28, 1, 2))
-    _, found = mean_numbers(table_of(table), range(2), "mean")
+    _, found = mean_estimates(table_of(table), range(2), "mean")
     half = stats.t.ppf(0.975, 27) * table[:, 0, 0].std(ddof=1) / np.sqrt(28)
     assert width(found[0]) == pytest.approx(2 * half, rel=0.08)
     assert found[-1].p is None
 
 
 def test_equal_systems_are_not_told_apart_and_who_did_not_judge_all_has_no_mean():
-    _, found = mean_numbers(table_of(np.full((6, 2, 3), 2.0)), range(3), "mean")
+    _, found = mean_estimates(table_of(np.full((6, 2, 3), 2.0)), range(3), "mean")
     assert [n.p for n in found[3:]] == [1.0] * 4
     values = table_of(np.arange(12.0).reshape(2, 2, 3))
     rows = ~((values.rater == 1) & (values.system == 2))
-    count, found = mean_numbers(values[rows], range(3), "mean")
+    count, found = mean_estimates(values[rows], range(3), "mean")
     assert (count, [n.value for n in found[:3]]) == (1, [1.5, 2.5, 3.5])
-    assert mean_numbers(values[:0], range(3), "mean") == (0, [])
+    assert mean_estimates(values[:0], range(3), "mean") == (0, [])
 
 
 def test_places_and_ratings_follow_the_blind_ids():
@@ -204,7 +204,7 @@ def test_places_and_ratings_follow_the_blind_ids():
         key = made_key(protocol)
         people = made_participants(key, 1)
         answer = next(each for each in people[0].answers if each.trial == "clip2/0")
-        found = votes_as_arrays(people, key, "realism")
+        found = rank_and_rating_table(people, key, "realism")
         rows = found[found["clip"] == "clip2"]
         seen = {f"clip2-{name}": v for name, v in zip(rows.system, rows.value, strict=True)}
         is_ranking = protocol == "ranking"
@@ -296,11 +296,13 @@ def test_between_turns_rows_around_and_no_votes_have_no_share():
     votes = made_votes(
         [(0, "c", "b", 1.0), (0, "b", "c", 1.0), (1, "c", "b", 0.5), (0, "a", "b", 1.0)]
     )
-    turned = between(votes, "b", "c")
+    turned = votes_between(votes, "b", "c")
     assert turned.score.tolist() == [0.0, 1.0, 0.5]
     assert (turned.left == "b").all() and (turned.right == "c").all()
-    assert proportion_estimates("share", between(votes, "a", "c")) == []
-    found, other = (proportion_estimates("share", between(votes, *p), *p)[0] for p in ("bc", "cb"))
+    assert proportion_estimates("share", votes_between(votes, "a", "c")) == []
+    found, other = (
+        proportion_estimates("share", votes_between(votes, *p), *p)[0] for p in ("bc", "cb")
+    )
     assert found.with_systems_swapped().limits == pytest.approx(other.limits)
 
 
@@ -384,7 +386,7 @@ def test_two_views_of_a_clip_are_two_votes_of_one_rater_and_no_agreement(protoco
         return replace(one, answers=tuple(answers))
 
     (result,) = analyse_participants([on_both(one) for one in people], key)
-    alpha = result.one(f"krippendorff_alpha_{result.level}")
+    alpha = result.find_estimate(f"krippendorff_alpha_{result.level}")
     assert result.num_units == 2 * 20 * 3
     assert abs(alpha.value) < 0.1 and alpha.low < 0 < alpha.high
 
@@ -392,12 +394,12 @@ def test_two_views_of_a_clip_are_two_votes_of_one_rater_and_no_agreement(protoco
 def test_resamples_that_cannot_differ_give_no_interval() -> None:
     """Three participants, each of whom finds each of two systems better once."""
     votes = made_votes([(rater, "a", "b", score) for rater in range(3) for score in (1.0, 0.0)])
-    numbers = strength_numbers(votes, AB, has_sides=True)
+    numbers = strength_estimates(votes, AB, has_sides=True)
     assert one(numbers, "elo", "a").value == pytest.approx(1000)
-    of_means = mean_numbers(table_of(np.full((3, 2, 2), 5.0)), range(2), "mean")[1]
+    of_means = mean_estimates(table_of(np.full((3, 2, 2), 5.0)), range(2), "mean")[1]
     alike = (
         krippendorff_alpha([[1, 1], [2, 2]], "nominal"),
-        alpha_number([[1, 1], [2, 2]], "nominal"),
+        alpha_estimate([[1, 1], [2, 2]], "nominal"),
     )
     assert alike[0] == alike[1].value == 1
     known = [number for number in (*numbers, *of_means, alike[1]) if number.low is not None]
