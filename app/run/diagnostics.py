@@ -193,9 +193,9 @@ def figure6_of(
     """
     end, labels, marks = figures.start_frame + WINDOW_FRAMES, short_names(motions), snapshots.marks
     if marks is not None:
-        pixels, values = _labelled(marks.pixels, labels), _labelled(marks.values, labels)
+        pixels, joint_jerk = _labelled(marks.pixels, labels), _labelled(marks.joint_jerk, labels)
         crop_joints = None if JOINT_INDEX.get(tip.point) in LOWER_BODY else _ABOVE_HIPS
-        marks = replace(marks, pixels=pixels, values=values, crop_joints=crop_joints)
+        marks = replace(marks, pixels=pixels, joint_jerk=joint_jerk, crop_joints=crop_joints)
     return Figure6(
         {labels[name]: tip.track(motion, end, on_piece) for name, motion in motions.items()},
         _labelled(snapshots.pictures, labels),

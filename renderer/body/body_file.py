@@ -48,7 +48,7 @@ class Rig:
     """
 
     path: Path
-    nodes: tuple[int, ...]
+    joint_nodes: tuple[int, ...]
     """Node of each SMPL-X joint, -1 where the character has none."""
     R_rest_to_zero_pose: Float64[np.ndarray, "J 3 3"]
     """World rotation of each joint, in our axes, from the file's rest pose to the zero pose."""

@@ -368,7 +368,7 @@ class _Character:
             jaw_component=None if jaw is None else self._names.index(jaw),
             rig=Rig(
                 path=path,
-                nodes=tuple(self.bones.get(name, -1) for name in JOINT_NAMES),
+                joint_nodes=tuple(self.bones.get(name, -1) for name in JOINT_NAMES),
                 R_rest_to_zero_pose=np.array([turn.as_matrix() for turn in self.turns]),
                 R_file_to_body=self._axes,
                 file_to_body_scale=self._scale,

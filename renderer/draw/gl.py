@@ -499,7 +499,7 @@ class BodyScene:
         )
         for name in ("key", "fill", "rim"):
             light: Light = getattr(STUDIO, name)
-            facing = Camera(eye=light.towards, target=(0.0, 0.0, 0.0))
+            facing = Camera(eye=light.direction_to_light, target=(0.0, 0.0, 0.0))
             self.scene.add(
                 pyrender.DirectionalLight(color=light.color, intensity=light.intensity),
                 name=name,

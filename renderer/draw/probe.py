@@ -75,7 +75,7 @@ def _broken(name: Backend, error: str) -> BackendReport:
     return BackendReport(name, error=error)
 
 
-def draw_and_name_driver(name: Backend) -> str:
+def draw_and_name_driver(backend: Backend) -> str:
     """Draw with a backend in this process and check that the picture is not empty.
 
     Raises:
@@ -92,7 +92,7 @@ def draw_and_name_driver(name: Backend) -> str:
         body.faces, body.num_vertices, CameraSetup((PanelCamera("front", camera),), floor_m=-1.0)
     )
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
-    with OffscreenRenderer(name) as renderer:
+    with OffscreenRenderer(backend) as renderer:
         canvas = renderer.make_canvas(subject, _PROBE_SIZE_PX, _PROBE_SIZE_PX)
         picture = canvas.draw(prepare(body.template), camera).astype(int)
         driver = renderer.driver_name

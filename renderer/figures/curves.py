@@ -197,7 +197,7 @@ class SpeechEffectRow:
     arm_speed: Mapping[tuple[str, int], Float[np.ndarray, " T"]]
     """Arm speed (T,) in degrees per second by speech and noise seed; the first two of each are
     drawn."""
-    shares: Mapping[str, tuple[float, float]]
+    speech_and_noise_shares: Mapping[str, tuple[float, float]]
     """Shares decided by speech and by noise (0 to 1), by part of the body."""
 
     @property
@@ -242,16 +242,16 @@ def draw_speech_effect(rows: Sequence[SpeechEffectRow]) -> "Figure":
 
 
 def _draw_shares(axes: "Axes", row: SpeechEffectRow) -> None:
-    places = np.arange(len(row.shares))[::-1]
+    places = np.arange(len(row.speech_and_noise_shares))[::-1]
     for offset, which, color in ((0.19, 0, BY_SPEECH), (-0.19, 1, BY_NOISE)):
-        values = [max(share[which], 0.0) for share in row.shares.values()]
+        values = [max(share[which], 0.0) for share in row.speech_and_noise_shares.values()]
         axes.barh(places + offset, values, height=0.34, color=color)
         for place, value in zip(places + offset, values, strict=True):
             axes.annotate(
                 f"{value:.2f}".lstrip("0") if value < 1 else "1", (value, place),
                 xytext=(2, 0), textcoords="offset points", va="center", size=style.SMALL_PT,
             )  # fmt: skip
-    axes.set_yticks(places, list(row.shares), size=style.SMALL_PT)
+    axes.set_yticks(places, list(row.speech_and_noise_shares), size=style.SMALL_PT)
     axes.set_xlim(0.0, 1.12)
     axes.set_xticks([0.0, 0.5, 1.0])
 

@@ -136,7 +136,7 @@ COLUMN_TITLES: dict[FilterVersion, str] = {
     "savgol": "Savitzky-Golay filter, 7 frames",
 }
 LIMIT_HZ = 5.0
-NO_DATA = "Not measured: the clip is too short, or nothing moves."
+NO_DATA = "Not measured: clip too short, or no motion."
 NO_PERIOD = "The generation windows are unknown, and the jerk has no period of 2 to 240 frames."
 LOG_SCALE_RATIO = 12.0
 """Ratio between systems from which an axis is logarithmic; a factor of 1.4, which matters most, is

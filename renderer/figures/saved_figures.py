@@ -47,6 +47,8 @@ _RENAMED = {
     "cropped_to": "crop_joints",
     "by_phase": "by_window_frame",
     "period": "period_and_part",
+    "shares": "speech_and_noise_shares",
+    "values": "joint_jerk",
 }
 """Kinds and fields of figures of version 1.0, with their present names."""
 _TEXT = "contents"

@@ -56,7 +56,7 @@ def _local_transforms(
     rig = body.rig
     assert rig is not None
     to_file = Rotation.from_matrix(rig.R_file_to_body.T)
-    joint_of = {node: joint for joint, node in enumerate(rig.nodes) if node >= 0}
+    joint_of = {node: joint for joint, node in enumerate(rig.joint_nodes) if node >= 0}
     world, positions = body.global_transforms(motion)
     rest = Rotation.from_matrix(_rotations(gltf.world))
     local = Rotation.from_matrix(_rotations(gltf.local))

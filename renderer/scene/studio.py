@@ -31,9 +31,9 @@ ROUGHNESS = 0.7
 
 @dataclass(frozen=True)
 class Light:
-    """Distant light. ``towards`` points from the body to the light; colour is linear."""
+    """Distant light. The direction points from the body to the light; colour is linear."""
 
-    towards: tuple[float, float, float]
+    direction_to_light: tuple[float, float, float]
     color: tuple[float, float, float]
     intensity: float
 

@@ -37,7 +37,7 @@ def draw_baseline(
         scene.add(lens, pose=stage.camera.pose())
         for light in (STUDIO.key, STUDIO.fill, STUDIO.rim):
             lamp = pyrender.DirectionalLight(light.color, light.intensity)
-            scene.add(lamp, pose=Camera(light.towards, target=(0.0, 0.0, 0.0)).pose())
+            scene.add(lamp, pose=Camera(light.direction_to_light, target=(0.0, 0.0, 0.0)).pose())
         renderer = pyrender.OffscreenRenderer(size_px, size_px)
         picture, _ = renderer.render(scene)  # type: ignore[reportGeneralTypeIssues]
         renderer.delete()

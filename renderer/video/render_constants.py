@@ -11,7 +11,7 @@ from renderer.scene.studio import ROUGHNESS, STUDIO
 from renderer.video.overlays import HEAT_COLORS, SPEED_COLORS, SPIKE_COLOR, TRAIL_FRAMES
 
 
-def render_constants() -> dict:
+def browser_render_constants() -> dict:
     """Return the shared constants as JSON types: metres, radians, colours 0 to 1."""
     views = {view: camera.view_axes(view).tolist() for view in VIEWS}
     return {

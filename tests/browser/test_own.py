@@ -173,7 +173,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
         }}"""
     )
     ask_for_video(page)
-    expect(page.locator("#own-seen")).to_contain_text("zoom is 0.4 to 10; got 99")
+    expect(page.locator("#own-seen")).to_contain_text("zoom must be 0.4 to 10; got 99")
     for look in ((390, 844, "dark"), (1280, 900, "light")):
         turn_to(page, look)
         for _ in range(2):  # one over another, and back

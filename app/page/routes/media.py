@@ -435,10 +435,10 @@ def viewer_constants() -> bytes:
     from conventions.views import BODY_BUILDS, CUTOFF_HZ, MAX_EXAGGERATED_RAD
     from renderer.body.look import SKIN_TONE_COLORS
     from renderer.files.glb import STEP_M
-    from renderer.video.render_constants import render_constants
+    from renderer.video.render_constants import browser_render_constants
 
     constants = {
-        **render_constants(),
+        **browser_render_constants(),
         "faces": list(face_names()),
         "reaches": base64.b64encode(encode_camera_bound_poses()).decode("ascii"),
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_EXAGGERATED_RAD},

@@ -285,17 +285,17 @@ export interface ViewerConstants {
   lighting: string;
   studio: {
     key: {
-      towards: Vector;
+      direction_to_light: Vector;
       color: Vector;
       intensity: number;
     };
     fill: {
-      towards: Vector;
+      direction_to_light: Vector;
       color: Vector;
       intensity: number;
     };
     rim: {
-      towards: Vector;
+      direction_to_light: Vector;
       color: Vector;
       intensity: number;
     };

@@ -318,7 +318,7 @@ def jerk_marks(
             name: projected_joints(body, motion, frames, settings, stage)
             for name, motion in motions.items()
         },
-        values=values,
+        joint_jerk=values,
         full_scale=_round_up(max(highest, LEAST_FULL_SCALE)),
     )
 

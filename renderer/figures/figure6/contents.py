@@ -50,7 +50,7 @@ class JointMarks:
 
     pixels: Mapping[str, np.ndarray]
     """Pixels (N, J, 2) from the upper left corner, by motion; NaN draws nothing."""
-    values: Mapping[str, np.ndarray]
+    joint_jerk: Mapping[str, np.ndarray]
     """Jerk (N, J) in m/s³, by motion; NaN draws nothing."""
     full_scale: float
     """Value of the strongest mark (m/s³); larger values look the same."""

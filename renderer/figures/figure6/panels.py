@@ -35,9 +35,9 @@ class PanelRow:
     height_mm: float
     widths_mm: tuple[float, ...]
     has_titles: bool
-    frame_numbers_mm: float = 0.0
+    frame_number_height_mm: float = 0.0
     """Height (mm) of the frame numbers, which only the first row of snapshots has."""
-    time_axis_mm: float = 0.0
+    time_axis_height_mm: float = 0.0
     """Height (mm) of the time axis, which only the last row of its panels has."""
 
 
@@ -87,7 +87,7 @@ def draw_coordinates(part: "SubFigure", contents: Figure6, row: PanelRow) -> Non
         ticks = ticks[(ticks >= limits[k, 0]) & (ticks <= limits[k, 1])]
         axes.set_yticks(ticks if len(ticks) <= most + 1 else ticks[[0, -1]])
         axes.set_ylabel(f"{letter} (m)", rotation=0, ha="right", va="center")
-    _write_times(stack[-1], row.time_axis_mm > 0)
+    _write_times(stack[-1], row.time_axis_height_mm > 0)
     part.align_ylabels(stack)
 
 
@@ -120,7 +120,9 @@ def draw_path(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     """Draw the path in space before a floor and two walls, all three axes to one scale."""
     limits = _limits(contents, _PATH_ROOM)
     above, below = (
-        (0.0, 0.0) if contents.is_in_one_plot else (row.frame_numbers_mm, row.time_axis_mm)
+        (0.0, 0.0)
+        if contents.is_in_one_plot
+        else (row.frame_number_height_mm, row.time_axis_height_mm)
     )
     heights = [above or 1e-3, row.height_mm - above - below, below or 1e-3]
     axes = part.add_subplot(part.add_gridspec(3, 1, height_ratios=heights)[1])  # one scale in all

@@ -83,7 +83,7 @@ def draw_snapshots(
 ) -> None:
     """Draw one row of snapshots per motion, the first below the frame numbers."""
     assert contents.marks is not None
-    height_mm = row.height_mm - row.frame_numbers_mm - row.time_axis_mm - AROUND_MM
+    height_mm = row.height_mm - row.frame_number_height_mm - row.time_axis_height_mm - AROUND_MM
     all_axes = part.subplots(len(row.names), 1, squeeze=False)[:, 0]
     for name, axes in zip(row.names, all_axes, strict=True):
         height, width, _ = strips.pictures[name].shape
@@ -94,7 +94,7 @@ def draw_snapshots(
         axes.set_label(f"snapshots of {name}")
         axes.set_anchor("NW")
         axes.spines[:].set_visible(False)
-        is_first = row.frame_numbers_mm > 0 and axes is all_axes[0]
+        is_first = row.frame_number_height_mm > 0 and axes is all_axes[0]
         axes.tick_params(length=0, labeltop=is_first, labelbottom=False)
         middles = (
             strips.spacing_px * np.arange(len(contents.snapshot_frames))
@@ -104,7 +104,7 @@ def draw_snapshots(
         axes.set_yticks([])
         if len(row.names) > 1:
             axes.set_title(style.truncate_text(name, style.LABEL_PT, 0.5 * contents.width_mm))
-        values = np.asarray(contents.marks.values[name]) / contents.marks.full_scale
+        values = np.asarray(contents.marks.joint_jerk[name]) / contents.marks.full_scale
         _draw_marks(axes, strips.joint_pixels[name].reshape(-1, 2), values.ravel())
 
 

@@ -186,7 +186,7 @@ def test_the_shaken_joint_stands_out_where_it_is_shaken() -> None:
 
     marks = jerk_marks(body, motions, (0, 40, 75), settings, stage)
 
-    values = marks.values
+    values = marks.joint_jerk
     assert values["shaken"].shape == (3, 55) and marks.pixels["shaken"].shape == (3, 55, 2)
     assert 40 + AROUND_FRAMES < 60
     np.testing.assert_allclose(values["shaken"][:2], values["smooth"][:2], rtol=1e-3, atol=0.5)
@@ -203,10 +203,10 @@ def test_a_smooth_motion_has_no_strong_mark_and_one_frame_none() -> None:
     stage = make_camera_setup(body, list(motions.values()))
     marks = jerk_marks(body, motions, (0, 50), settings, stage)
     assert marks.full_scale == LEAST_FULL_SCALE
-    assert marks.values["a"].max() < 0.5 * LEAST_FULL_SCALE
+    assert marks.joint_jerk["a"].max() < 0.5 * LEAST_FULL_SCALE
 
     one = {"a": body_motion(smooth_motion_example(1))}
-    assert not jerk_marks(body, one, (0,), settings, stage).values["a"].any()
+    assert not jerk_marks(body, one, (0,), settings, stage).joint_jerk["a"].any()
 
 
 def test_what_a_stage_shows_is_taken():
@@ -240,7 +240,7 @@ def test_what_no_stage_shows_is_refused() -> None:
         ({"panels": ((body, thin),)}, "right hand does not fit"),
         ({"exaggeration": 50.0}, "factor must be 1 to 20; got 50"),
         ({"tone": "green"}, "'light', 'medium', 'dark' or 'clay'"),
-        ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom is 0.4 to 10; got 99"),
+        ({"camera": (0.0, 0.0, 99.0, 0.0, 0.0)}, "zoom must be 0.4 to 10; got 99"),
     ]:
         with pytest.raises(RunError, match=words):
             ViewerState.parse(

@@ -107,7 +107,7 @@ def played(content: bytes, body: Body) -> tuple[np.ndarray, np.ndarray]:
         world[node] = above @ local(node)
     rig = body.rig
     positions, rotations = np.zeros((num_frames, 55, 3)), np.zeros((num_frames, 55, 3, 3))
-    for joint, node in enumerate(rig.nodes):
+    for joint, node in enumerate(rig.joint_nodes):
         positions[:, joint] = rig.file_to_body_scale * world[node][:, :3, 3] @ rig.R_file_to_body.T
         turned = world[node][:, :3, :3] @ np.linalg.inv(gltf.world[node][:3, :3])
         rotations[:, joint] = (
@@ -124,9 +124,9 @@ def test_visitors_figure_has_its_face_and_texture():
         pytest.skip(f"There is no research character at {RPM}.")
     body = load_body(RPM)
     assert body.rig is not None
-    assert [name for name, node in zip(JOINT_NAMES, body.rig.nodes, strict=True) if node < 0] == [
-        "jaw"
-    ]
+    assert [
+        name for name, node in zip(JOINT_NAMES, body.rig.joint_nodes, strict=True) if node < 0
+    ] == ["jaw"]
     assert body.expression_names[body.jaw_component or 0] == "jawOpen"
     assert (np.abs(body.expression_dirs).max(axis=(1, 2)) > 1e-4).sum() == 52
     assert body.texture is not None

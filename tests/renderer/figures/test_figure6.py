@@ -350,7 +350,7 @@ def test_cuts_follow_the_body_and_lose_nothing_of_it(view: str) -> None:
 def test_joints_that_nobody_knows_leave_pictures_whole() -> None:
     inputs = make_inputs(1, False, 2)
     pixels = {NAMES[0]: np.full((2, 2, 2), np.nan)}
-    inputs["marks"] = JointMarks(pixels, inputs["marks"].values, 500.0)
+    inputs["marks"] = JointMarks(pixels, inputs["marks"].joint_jerk, 500.0)
     strips = SnapshotStrips.from_contents(check(**inputs))
     for k, picture in enumerate(inputs["snapshots"][NAMES[0]]):
         cut = strips.pictures[NAMES[0]][:, k * strips.spacing_px :][:, : strips.snapshot_width_px]

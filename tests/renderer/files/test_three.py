@@ -70,8 +70,8 @@ def test_characters_own_file(three: None, kind: str, tmp_path: Path) -> None:
     assert rig is not None
     expected = body.joint_positions(motion)[list(FRAMES)]
     world = body.global_transforms(motion)[0][list(FRAMES)]
-    assert sum(node >= 0 for node in rig.nodes) > 50
-    for joint, node in enumerate(rig.nodes):
+    assert sum(node >= 0 for node in rig.joint_nodes) > 50
+    for joint, node in enumerate(rig.joint_nodes):
         if node < 0:
             continue
         places = rig.file_to_body_scale * nodes[node][:, :3, 3] @ rig.R_file_to_body.T

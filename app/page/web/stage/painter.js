@@ -296,7 +296,7 @@ export class Painter {
     gl.useProgram(body.handle);
     gl.uniform1i(body.at("n_directional_lights"), LIGHTS.length);
     LIGHTS.forEach((name, i) => {
-      const { towards, color, intensity } = studio[name];
+      const { direction_to_light: towards, color, intensity } = studio[name];
       const length = Math.hypot(...towards);
       gl.uniform3fv(body.at(`directional_lights[${i}].direction`), towards.map((part) => -part / length));
       gl.uniform3fv(body.at(`directional_lights[${i}].color`), color);
