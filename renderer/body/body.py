@@ -144,14 +144,15 @@ class Body(BodyArrays):
         notes, num_betas = [], self.shape_dirs.shape[2]
         if motion.expression_basis != self.expression_basis and motion.expressions.any():
             notes.append(
-                f"The face expressions are left out: the motion uses {motion.expression_basis} "
-                f"and the {self.name} needs {self.expression_basis}; jaw and eyes still move."
+                f"Facial expressions are left out: the motion has {motion.expression_basis} "
+                f"coefficients, and {self.name} needs {self.expression_basis}; the jaw and eyes "
+                "still move."
             )
         if motion.betas[num_betas:].any():
             notes.append(
                 f"{self.name} has {num_betas} betas; the motion's other betas are left out."
                 if num_betas
-                else f"The body shape (betas) is left out: the {self.name} has only one shape."
+                else f"The body shape (betas) is left out: {self.name} has only one shape."
             )
         return tuple(notes)
 

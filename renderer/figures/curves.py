@@ -185,7 +185,7 @@ SPEECH_EFFECT_CAPTION = (
     "to speech is the correlation of two motions with the same speech and different noise, minus "
     "the correlation of two motions with different speech and different noise; the share due to "
     "the noise seed is computed likewise from motions with the same noise and different speech. "
-    "Both use all speeches and seeds."
+    "Both shares are computed over all speeches and seeds."
 )
 
 

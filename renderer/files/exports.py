@@ -129,8 +129,8 @@ def blender_unsupported_notes(motion: BodyMotion) -> tuple[str, ...]:
     if motion.expression_basis == "flame100" or not motion.expressions.any():
         return ()
     return (
-        f"The face expressions are left out: the motion uses {motion.expression_basis}, and"
-        " Blender's SMPL-X body needs FLAME's; jaw and eyes still move.",
+        f"Facial expressions are left out: the motion has {motion.expression_basis} coefficients,"
+        " and Blender's SMPL-X body needs flame100; the jaw and eyes still move.",
     )
 
 

@@ -35,6 +35,11 @@ _FILTERED: dict[PostFilter, str] = {
     "none": "The motion is unfiltered.",
     "savgol": "All curves show filtered motion (Savitzky-Golay, 7 frames, order 2).",
 }
+_TIP_SOURCES = {
+    "rigid": "The fingertip is fixed to the last finger joint of the open skeleton.",
+    "joint": "The joint is that of the open skeleton.",
+    "joint of the body": "The joint is that of the licensed body.",
+}
 
 
 def high_pass_mm(positions: Float[np.ndarray, "T 3"], fps: float) -> Float[np.ndarray, "T 3"]:
@@ -229,7 +234,9 @@ class Figure6:
             "Grey lines and markers show the frames of the snapshots.": self.window_snapshot_frames,
             self.marks.caption if self.marks else "": "b" in self.panels,
             self._tremor_caption if "d" in self.panels else "": True,
-            f"Fingertip position: {self.tip_source}.": self.tip_source,
+            _TIP_SOURCES.get(
+                self.tip_source, f"The fingertip is {self.tip_source} of the licensed body."
+            ): self.tip_source,
             _FILTERED[self.post_filter]: True,
             self.caveat: self.caveat,
         }  # fmt: skip

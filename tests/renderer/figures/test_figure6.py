@@ -182,7 +182,7 @@ def test_no_peak_is_cut_and_each_axis_has_a_scale(shift, spread):
 def test_caption_states_frames_source_filter_and_honesty() -> None:
     raw = check(**make_inputs(1), start_frame=30).caption
     assert "frames 30 to 299 of 2_scott_0_1_1 at 30 fps" in raw
-    assert "Fingertip position: rigid." in raw
+    assert "The fingertip is fixed to the last finger joint" in raw
     assert "The motion is unfiltered." in raw
     assert (
         "jerk of each joint around the frame: they are largest and darkest from 500 m/s³ up" in raw
