@@ -12,9 +12,9 @@ from renderer.draw.offscreen import OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera_setup import select_frames
 from renderer.scene.studio import FramePreparer, Subject
+from renderer.video.baseline import draw_baseline
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
-from renderer.video.naive import draw_baseline
 from renderer.video.render import RenderSettings, camera_setup_for, select_panel_mesh
 from renderer.video.workers import RenderJob, run_render_jobs
 

@@ -61,7 +61,7 @@ _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
 @functools.cache
 def body_glb() -> bytes:
     """Return the GLB file of the open body, made at the first call."""
-    from renderer.body.levels import NUM_DRAWN, open_body_lod_faces
+    from renderer.body.lod import NUM_DRAWN, open_body_lod_faces
     from renderer.files.glb import glb_bytes
 
     body = get_body(None)
@@ -71,7 +71,7 @@ def body_glb() -> bytes:
 def write_stage_body(paths: tuple[Path, Path], *_: object) -> None:
     """Write a visitor's character, the first file, as the viewer's mesh, the second."""
     from renderer.body.body import load_body
-    from renderer.body.levels import clustered_lod_faces
+    from renderer.body.lod import clustered_lod_faces
     from renderer.files.glb import glb_bytes
 
     body = load_body(paths[0])

@@ -78,7 +78,7 @@ def warm_up_steps(weights: Path, body: Path | None) -> Iterator[None]:
     from model.generation.family import FamilyError
     from model.generation.windows import GenerateOptions, generate_motion
     from model.speech.audio import Speech
-    from renderer.body.levels import select_lod
+    from renderer.body.lod import select_lod
 
     select_lod(get_body(body), height_px=1.0)  # makes the coarser meshes of a licensed body
     yield

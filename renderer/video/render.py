@@ -9,7 +9,7 @@ from jaxtyping import Float, UInt8
 
 from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
-from renderer.body.levels import select_lod
+from renderer.body.lod import select_lod
 from renderer.draw.offscreen import Backend, OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera

@@ -28,7 +28,7 @@ from model.plan.tiers import plan_to_tiers
 from model.speech.audio import load_speech
 from model.speech.transcript import read_transcript, read_words
 from renderer.body.body import load_body
-from renderer.body.levels import clustered_lod_faces
+from renderer.body.lod import clustered_lod_faces
 from renderer.files.character_glb import animated_glb
 from renderer.files.exports import write_bvh
 from renderer.files.glb import glb_bytes, join_glb_chunks

@@ -13,7 +13,7 @@ from renderer.body.body import load_body
 from renderer.draw.offscreen import OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.studio import FramePreparer, Subject
-from renderer.video.naive import draw_baseline
+from renderer.video.baseline import draw_baseline
 from renderer.video.render import RenderSettings, camera_setup_for
 from tests.renderer.scene.test_camera import waving_motion
 

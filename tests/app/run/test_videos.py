@@ -373,6 +373,6 @@ def test_of_more_than_fit_the_first_sample_of_each_and_the_reference_stand_side_
         names = [f"system{i}" for i in range(number)]
         fitting, told = limit_compared([*names, "reference"])
         assert fitting == [*names[:5], "reference"]
-        assert ("6 motions: system0, system1, " in " ".join(told)) == (number > 5)
+        assert ("show only system0, system1, " in " ".join(told)) == (number > 5)
     names = [f"{name}{sample}" for name in ("a/b", "a/c") for sample in ("", ".s2", ".s3", ".s4")]
     assert limit_compared(names)[0] == ["a/b", "a/c"]

@@ -11,7 +11,7 @@ from conventions.joints import FINGERS, JOINT_NAMES
 from renderer.body.body import Body, BodyMotion, load_body
 from renderer.body.body_file import BodyError
 from renderer.body.gltf import Gltf
-from renderer.body.levels import CLUSTERED_FACES, clustered_lod_faces
+from renderer.body.lod import CLUSTERED_FACES, clustered_lod_faces
 from renderer.files.character_glb import animated_glb
 from renderer.files.glb import glb_bytes, join_glb_chunks
 from tests.renderer.body.made_character import (

@@ -13,7 +13,7 @@ from conventions.views import BODY_BUILDS
 from renderer.body.body import load_body
 from renderer.body.body_file import OPEN_BODY_PATH
 from renderer.body.decimation import NUM_FACES, Surface, body_surface, decimate
-from renderer.body.levels import open_body_lod_faces
+from renderer.body.lod import open_body_lod_faces
 from tests.helpers import ROOT
 from tools.bake import face, geometry
 from tools.bake.body_shapes import FIGURES, Posed, fit_to_skeleton

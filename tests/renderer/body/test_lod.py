@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from renderer.body.body import Body, load_body
-from renderer.body.levels import FACES_PER_SQUARE_PX, select_lod
+from renderer.body.lod import FACES_PER_SQUARE_PX, select_lod
 from tests.golden.regenerate import PICTURES, posed
 from tests.renderer.body.test_body import expanded_to_smplx
 
