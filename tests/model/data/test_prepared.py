@@ -75,7 +75,7 @@ def test_motion_stays_in_time_with_its_speech(copy):
 
 
 def test_clips_shorter_than_a_window_are_told(data):
-    with pytest.raises(DataError, match="None of the 6 clips has 600 frames"):
+    with pytest.raises(DataError, match="None of the 6 clips is as long as a window"):
         data.window_batch(data.clips_of_split("train"), 600, 2, np.random.default_rng(0))
 
 

@@ -18,7 +18,7 @@ from conventions.joints import NUM_JOINTS
 from model.storage.files import write_atomically
 from model.storage.npz import MotionError
 from renderer.body.body import BodyMotion, load_body
-from renderer.video.compose import label_band
+from renderer.video.compose import draw_label_band
 from renderer.video.render import RenderSettings, draw_frames
 from tools.command import run_cli
 from tools.corpus.body.arms import follow_plan, move_arms
@@ -60,7 +60,7 @@ def draw_gestures(rig: Rig, path: Path) -> None:
     rows = []
     for start in range(0, len(pictures), COLUMNS):
         row = slice(start, start + COLUMNS)
-        rows += [label_band(names[row], SIZE_PX, 2 * SIZE_PX), np.hstack(pictures[row])]
+        rows += [draw_label_band(names[row], SIZE_PX, 2 * SIZE_PX), np.hstack(pictures[row])]
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.vstack(rows)).quantize(256).save(path, optimize=True)
 
