@@ -18,7 +18,7 @@ from conventions.names import FILTER_VERSIONS, REFERENCE_NAME, FilterVersion
 from conventions.rates import FPS
 from model.faults.analysis import AnalysedMotion, Finding
 from model.faults.table import find_faults
-from model.formats.reading import current_assumption
+from model.formats.reading import with_current_keys
 from model.generation.base import Windowing
 from model.metrics.beats import (
     BEAT_JOINTS,
@@ -414,7 +414,7 @@ def parse_diagnostics(content: Mapping[str, Any]) -> dict[str, Any]:
     converted: dict[str, Any] = {"format": DIAGNOSTICS_FORMAT} | rename_keys(content, _FORMER_KEYS)
     for key, convert in (
         ("findings", lambda each: rename_keys(each, _FORMER_FINDING_KEYS)),
-        ("assumptions", current_assumption),
+        ("assumptions", with_current_keys),
     ):
         of_all = converted.get(key, {}).items()
         converted[key] = {name: [convert(each) for each in rows] for name, rows in of_all}

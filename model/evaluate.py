@@ -52,7 +52,12 @@ from model.motion.motion import Motion
 from model.networks.autoencoder import load_encoder
 from model.sampling.samplers import DEFAULT_SAMPLING, Sampling, UnknownNameError
 from model.speech.audio import SpeechError
-from model.storage.cards import BUNDLED_WEIGHTS, DEFAULT_SPEAKER_PAIR, CheckpointError, two_speakers
+from model.storage.cards import (
+    BUNDLED_WEIGHTS,
+    DEFAULT_SPEAKER_PAIR,
+    CheckpointError,
+    parse_speaker_pair,
+)
 from model.storage.files import FileVersions, file_versions, write_atomically
 from model.storage.npz import MotionError
 from model.systems.helpers.config import MATCHING_NETWORK
@@ -107,7 +112,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _motion(args: argparse.Namespace) -> None:
-    calm_and_lively, weights = two_speakers(args.speakers), args.weights.absolute()
+    calm_and_lively, weights = parse_speaker_pair(args.speakers), args.weights.absolute()
     names = list_systems(weights) if args.systems == "all" else args.systems.split(",")
     versions = file_versions(weights.glob("[!.]*"))
     cast = partial(load_evaluation_models, tuple(names), weights, versions)

@@ -101,7 +101,7 @@ def converted(request: ConvertRequest) -> list[dict[str, Any]]:
             raise RunError(f"The inputs contain no motion file ({', '.join(ENDINGS)}).")
         if is_file and len(paths) != 1:
             raise RunError(f"--out is one file for {len(paths)} motions; name a folder instead.")
-        request.import_overrides.check(
+        request.import_overrides.check_files_exist(
             [path for path, _ in paths], *(str(name) for _, name in paths)
         )
         outs = [request.out] if is_file else _outs(request, [name for _, name in paths])

@@ -340,7 +340,7 @@ def _read_reference(request: GenerateRequest, speech: Speech, run: RunWriter) ->
     path, overrides = request.imports.reference, request.imports.import_overrides
     if path is None:
         return {}
-    overrides.check([path])
+    overrides.check_files_exist([path])
     read = read_any_motion(path, overrides, request.video.body, REFERENCE_NAME)
     run.add_notes(*read.notes)
     motion = read.motion

@@ -35,7 +35,7 @@ from model.formats.reading import (
     MOTIONS,
     Assumption,
     ImportedMotion,
-    differing_assumptions,
+    assumption_difference_notes,
     length_notes,
 )
 from model.generation.base import Windowing
@@ -74,14 +74,14 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
     check_figure(request.figures, shortest, len(shown), request.output.has_figures)
     limits = SpeechLimits(channel=request.speech.channel)
     speech = None if request.speech.path is None else load_speech(request.speech.path, limits)
-    notes = differing_assumptions(readings) + [
+    notes = assumption_difference_notes(readings) + [
         note for each in readings.values() for note in each.notes
     ]
     is_first_track = speech is None or (request.speech.channel is None and speech.track == 0)
     if speech is not None:
         words.begin(speech.waveform)
         durations = {name: motion.duration_s for name, motion in motions.items()}
-        rates = {name: each.rate for name, each in readings.items()}
+        rates = {name: each.source_fps for name, each in readings.items()}
         notes += [*speech.notes, *length_notes(speech.duration_s, durations, rates)]
     run.report_progress("speech", 1.0)
     staged, cut_notes = picture_motions(shown)
@@ -200,7 +200,7 @@ def _files_of(request: DiagnoseRequest) -> dict[str, Path]:
 def _read_motions(
     request: DiagnoseRequest, files: Mapping[str, Path], run: RunWriter
 ) -> dict[str, ImportedMotion]:
-    request.imports.import_overrides.check(
+    request.imports.import_overrides.check_files_exist(
         list(files.values()), *(name for name in files if name != REFERENCE_NAME)
     )
     readings: dict[str, ImportedMotion] = {}

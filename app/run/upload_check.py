@@ -17,7 +17,7 @@ from app.errors import RunError, message_for_user
 from app.run.requests.parts import MAX_CLIPS
 from conventions.names import printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
-from model.storage.files import opened_zip
+from model.storage.files import open_limited_zip
 
 ARCHIVE_SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar")
 """Suffixes of archives."""
@@ -65,7 +65,7 @@ def _names_in(path: Path) -> list[str]:
     names: list[str] = []
     with suppress(*_UNREADABLE):
         if path.suffix.lower() == ".zip":
-            with opened_zip(path, _MAX_LIST_BYTES) as archive:
+            with open_limited_zip(path, _MAX_LIST_BYTES) as archive:
                 return archive.namelist()
         is_plain = path.suffix.lower() == ".tar"
         with path.open("rb") if is_plain else gzip.open(path) as file:

@@ -17,7 +17,7 @@ from conventions.humanoid import BONE_END_JOINTS, JointMap, JointTree, NoHumanoi
 from conventions.joints import JOINT_INDEX, JOINT_NAMES, NUM_JOINTS, PARENTS
 from conventions.names import join_names
 from model.formats.bvh_text import Joint, parse_bvh
-from model.formats.motion_draft import Draft
+from model.formats.motion_draft import MotionDraft
 from model.formats.reading import AXES, METRES, Confidence, Kind, axis_vector
 from model.motion.kinematics import open_body_skeleton
 from model.motion.tracks import point_label
@@ -27,7 +27,7 @@ _MAX_REST_TILT_DEG = 60.0
 """Angle from our rest direction above which a limb's twist is uncertain (degrees)."""
 
 
-def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
+def read_bvh(path: Path, overrides: dict[str, str]) -> MotionDraft:
     """Read a motion with the joints that the file has; the face stays at rest.
 
     Raises:
@@ -36,7 +36,7 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
     text = parse_bvh(path)
     skeleton = _Skeleton(text.joints, path.name)
     identified, is_ours = skeleton.identify_joints()
-    draft = Draft(path.name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_scaled=True)
+    draft = MotionDraft(path.name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_metric_y_up=True)
     for what in text.notes:
         draft.assume("frames", str(len(text.rows)), what)
     world = skeleton.world_rotations(text.rows)
@@ -50,7 +50,7 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
             "be twisted"
         )
         draft.assume("layout", "first frame", reason, "unsure")
-    turn = Rotation.identity() if is_ours else skeleton.axes_to_ours(identified, draft)
+    turn = Rotation.identity() if is_ours else skeleton.rotation_to_smplx_axes(identified, draft)
     places = skeleton.rest @ turn.as_matrix().T
     turns = {} if is_ours else _rest_turns(places, identified)
     turns |= _trunk_turns(places, identified) if is_posed else {}
@@ -66,12 +66,12 @@ def read_bvh(path: Path, overrides: dict[str, str]) -> Draft:
         _add_assumptions(draft, skeleton, identified, turns)
     draft.missing_parts.add("face")
     draft.assume("face", "none", "BVH files have no face; the face stays at rest", is_usual=is_ours)
-    draft.set_frame_rate(round(1 / text.frame_s, 3), "from the file", "stated")
+    draft.set_frame_rate(round(1 / text.frame_duration_s, 3), "from the file", "stated")
     return draft
 
 
 def _add_assumptions(
-    draft: Draft, skeleton: _Skeleton, joint_map: JointMap, turns: dict[str, Rotation]
+    draft: MotionDraft, skeleton: _Skeleton, joint_map: JointMap, turns: dict[str, Rotation]
 ) -> None:
     without = sum(not joint_map.get(name) for name in JOINT_NAMES)
     count = len(skeleton.rest)
@@ -143,7 +143,7 @@ class _Skeleton(JointTree):
             self.rest[index] = step if up < 0 else self.rest[up] + world[up][0].apply(step)
         return [each * each[0].inv() for each in world]
 
-    def axes_to_ours(self, joint_map: JointMap, draft: Draft) -> Rotation:
+    def rotation_to_smplx_axes(self, joint_map: JointMap, draft: MotionDraft) -> Rotation:
         """Return the rotation, in quarter turns, from the file's axes to ours: y up, facing z."""
         up, across, hang = self.body_axes(joint_map)
         if hang < 0.5:
@@ -163,7 +163,7 @@ class _Skeleton(JointTree):
                 raise MotionError(
                     f"{self.source}: the settings up and facing must be different axes."
                 )
-            draft.decided.add("up")
+            draft.user_set_kinds.add("up")
         z = np.cross(x, y)
         stands, faces = (
             ("-" if axis.sum() < 0 else "") + "xyz"[int(np.abs(axis).argmax())] for axis in (y, z)
@@ -192,7 +192,7 @@ class _Skeleton(JointTree):
             turn = Rotation.identity(len(rows))
             if at:
                 order = "".join(joint.channels[i][0] for i in at)
-                angles = rows[:, [joint.first + i for i in at]]
+                angles = rows[:, [joint.first_channel + i for i in at]]
                 turn = Rotation.from_euler(order, angles, degrees=True)
             world.append(turn if joint.parent < 0 else world[joint.parent] * turn)
         return world
@@ -216,7 +216,7 @@ class _Skeleton(JointTree):
     def _step(self, joint: Joint, rows: Float[np.ndarray, "T C"]) -> np.ndarray | None:
         """Return a joint's offset from its parent in the parent's axes; None without positions."""
         axes = {
-            "XYZ".index(each[0]): joint.first + i
+            "XYZ".index(each[0]): joint.first_channel + i
             for i, each in enumerate(joint.channels)
             if each.endswith("position")
         }
@@ -293,7 +293,7 @@ def _trunk_turns(places: Float[np.ndarray, "J 3"], joint_map: JointMap) -> dict[
     return turns
 
 
-def _scale(places: Float[np.ndarray, "J 3"], joint_map: JointMap, draft: Draft) -> float:
+def _scale(places: Float[np.ndarray, "J 3"], joint_map: JointMap, draft: MotionDraft) -> float:
     """Return the factor that makes the legs as long as ours."""
     rest = open_body_skeleton().rest_joints.double().numpy()
     limb, parts = "legs", ("left_hip", "left_knee", "left_ankle")

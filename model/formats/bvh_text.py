@@ -32,7 +32,7 @@ class Joint:
     parent: int
     offset: tuple[float, ...] = (0.0, 0.0, 0.0)
     channels: list[str] = field(default_factory=list)
-    first: int = 0
+    first_channel: int = 0
     """Index of its first channel in a row."""
 
 
@@ -41,7 +41,7 @@ class BvhFile:
     """Parsed content of a BVH file."""
 
     joints: list[Joint]
-    frame_s: float
+    frame_duration_s: float
     rows: Float[np.ndarray, "T channels"]
     notes: list[str]
     """Repairs that were made, each half a sentence."""
@@ -77,9 +77,11 @@ class _Reader:
         if not own:
             raise self._error("no joint has channels")
         lines = self._lines()
-        frames, frame_s = self._head(next(lines, ""), next(lines, ""))
-        rows = self._rows(lines, frames, channels, own if joints[0].first == 0 else channels)
-        return BvhFile(joints, frame_s, rows, self._notes)
+        frames, frame_duration_s = self._head(next(lines, ""), next(lines, ""))
+        rows = self._rows(
+            lines, frames, channels, own if joints[0].first_channel == 0 else channels
+        )
+        return BvhFile(joints, frame_duration_s, rows, self._notes)
 
     def _error(self, reason: str) -> MotionError:
         line = 1 + self._text.count("\n", 0, self._at)
@@ -139,7 +141,7 @@ class _Reader:
                     if not set(names) <= set(_CHANNELS) or len(set(names)) < len(names):
                         raise self._error(f"these are not channels: {' '.join(names)[:80]}")
                     joints[current].channels = [_CHANNELS[each] for each in names]
-                    joints[current].first = width
+                    joints[current].first_channel = width
                     width += len(names)
                 case _:
                     raise self._error(f"{word[:40]!r} is none of ROOT, JOINT, OFFSET, CHANNELS")
@@ -166,13 +168,13 @@ class _Reader:
         time = re.match(r"(?i)frame\s*time\s*:?\s*(\S+)", timed)
         if time is None:
             raise self._error(f"'Frame Time: S' is expected; found {timed[:40]!r}")
-        frame_s = self._number(time[1])
-        if not 0 < frame_s < 1e3:
-            raise self._error(f"a frame cannot last {frame_s:g} s")
+        frame_duration_s = self._number(time[1])
+        if not 0 < frame_duration_s < 1e3:
+            raise self._error(f"a frame cannot last {frame_duration_s:g} s")
         if int(frames[1]) == 0:
             raise self._error("it has no frames")
         check_num_frames(int(frames[1]), self._name)
-        return int(frames[1]), frame_s
+        return int(frames[1]), frame_duration_s
 
     def _rows(self, lines: Iterator[str], frames: int, channels: int, own: int) -> np.ndarray:
         """Parse complete rows, at most as many as stated.

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from conventions.joints import HANDS, JOINT_INDEX, LEFT_HAND, RIGHT_HAND
 from conventions.rates import FPS
-from model.formats.motion_draft import Draft, at_30_fps
+from model.formats.motion_draft import MotionDraft, resample_to_30_fps
 from model.formats.reading import AXES, METRES, ImportedMotion, Kind, axis_vector
 from model.motion.kinematics import open_body_skeleton
 from model.motion.motion import Motion, shift_by_lag
@@ -60,7 +60,7 @@ _JUMP = 2.5
 
 
 def finish_import(
-    draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None = None
+    draft: MotionDraft, mean_hands: Float[np.ndarray, "30 3"] | None = None
 ) -> ImportedMotion:
     """Convert a draft to our conventions, with all that was assumed.
 
@@ -80,7 +80,7 @@ def finish_import(
             f"{LOWEST_FPS:g} to {HIGHEST_FPS:g} (if the file states a wrong one, use --assume "
             "rate=N)."
         )
-    motion = at_30_fps(draft.motion(), draft.fps)
+    motion = resample_to_30_fps(draft.motion(), draft.fps)
     if abs(draft.fps - FPS) >= 0.01:
         what = (
             f"; resampled to {FPS} fps" if draft.fps > FPS - 1.0 else _FILLED_IN % (draft.fps / 2)
@@ -102,7 +102,7 @@ def finish_import(
     )
 
 
-def _shift_by_lag(draft: Draft, motion: Motion) -> Motion:
+def _shift_by_lag(draft: MotionDraft, motion: Motion) -> Motion:
     """Shift the motion by the lag that the user states."""
     override = draft.overrides.get("lag")
     if override is None:
@@ -115,7 +115,7 @@ def _shift_by_lag(draft: Draft, motion: Motion) -> Motion:
     return moved
 
 
-def _split_joined_samples(draft: Draft) -> None:
+def _split_joined_samples(draft: MotionDraft) -> None:
     """Detect samples of one clip that were joined, by jumps of the body at equal distances."""
     poses = draft.poses[:, :22].reshape(len(draft.poses), -1)
     jumps = np.linalg.norm(np.diff(poses, axis=0), axis=1)
@@ -146,17 +146,17 @@ def mean_finger_bend(poses: Float[np.ndarray, "T 55 3"]) -> float:
     return float(np.mean(bends)) if bends else 0.0
 
 
-def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
+def _hands(draft: MotionDraft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
     """Decide whether hands are relative to the flat hand or the mean hand pose."""
     override = draft.overrides.get("hands")
     hands = draft.poses[:, list(HANDS)]
-    if "hands" in draft.missing_parts or (draft.is_scaled and override is None):
+    if "hands" in draft.missing_parts or (draft.is_metric_y_up and override is None):
         return
     bend, moves = mean_finger_bend(draft.poses), bool(np.abs(hands).max(initial=0.0) > 1e-5)
     thumbs = float(draft.poses[:, [LEFT_HAND[12], RIGHT_HAND[12]], 0].mean())
     if override is not None:
         value, reason, confidence = override, "set by you", "user"
-    elif draft.is_offset:
+    elif draft.is_mean_hand_relative:
         is_flat = bend > CURL_FLAT and moves
         value = "flat" if is_flat else "mean"
         confidence = "unsure" if bend > CURL_OFFSET and moves else "likely"
@@ -167,7 +167,7 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
             else "files of this layout are relative to the mean hand pose, and the bend of the "
             "fingers agrees"
         )
-    elif draft.is_offset is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
+    elif draft.is_mean_hand_relative is False and moves and bend < CURL_OFFSET and thumbs < 0.05:
         value, confidence = "mean", "unsure"
         reason = (
             f"fingers bend by only {bend:z.2f} rad, too little for hands relative to a flat hand"
@@ -199,16 +199,16 @@ def _hands(draft: Draft, mean_hands: Float[np.ndarray, "30 3"] | None) -> None:
     )
 
 
-def _units(draft: Draft) -> None:
+def _units(draft: MotionDraft) -> None:
     """Decide the units by the height of the pelvis and the scale at which feet do not slide."""
-    if draft.trans is None or draft.is_scaled:
+    if draft.trans is None or draft.is_metric_y_up:
         return
     override = draft.overrides.get("units")
     if override is not None:
         draft.trans = draft.trans * METRES[override]
         draft.assume("units", override, "set by you", "user", tuple(METRES))
         return
-    still = Draft(draft.name, {}, draft.poses[:_MAX_INSPECTED_FRAMES]).motion()
+    still = MotionDraft(draft.name, {}, draft.poses[:_MAX_INSPECTED_FRAMES]).motion()
     feet = _tracks(still).joints[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]]]
     trans = draft.trans[:_MAX_INSPECTED_FRAMES]
 
@@ -272,8 +272,8 @@ def uprightness(motion: Motion) -> dict[str, float]:
     return {axis: float(up @ unit) for axis, unit in _UNIT.items()}
 
 
-def _up_and_facing(draft: Draft) -> None:
-    if "up" in draft.decided:
+def _up_and_facing(draft: MotionDraft) -> None:
+    if "up" in draft.user_set_kinds:
         return
     scores = uprightness(draft.motion())
     ranked = sorted(scores, key=lambda axis: -scores[axis])
@@ -282,7 +282,7 @@ def _up_and_facing(draft: Draft) -> None:
     margin = scores[best] - scores[second]
     if "up" in draft.overrides:
         reason, confidence = "set by you", "user"
-    elif draft.is_scaled and best == "y":
+    elif draft.is_metric_y_up and best == "y":
         reason, confidence = "the rest pose stands along this axis", "sure"
     else:
         reason = "spine, head, shanks and soles point along this axis"
@@ -296,8 +296,10 @@ def _up_and_facing(draft: Draft) -> None:
     _facing(draft)
 
 
-def _facing(draft: Draft) -> None:
-    tracks = _tracks(Draft(draft.name, {}, draft.poses[:: 1 + len(draft.poses) // 600]).motion())
+def _facing(draft: MotionDraft) -> None:
+    tracks = _tracks(
+        MotionDraft(draft.name, {}, draft.poses[:: 1 + len(draft.poses) // 600]).motion()
+    )
     hips = tracks.joints[:, JOINT_INDEX["left_hip"]] - tracks.joints[:, JOINT_INDEX["right_hip"]]
     ahead = np.cross(hips, (0.0, 1.0, 0.0))[:, [0, 2]]
     ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
@@ -323,7 +325,7 @@ def _facing(draft: Draft) -> None:
         draft.assume("facing", value, reason, "sure", (*_FORWARD_DEG, "as-is"), is_usual=True)
 
 
-def _turn(draft: Draft, turn: Rotation) -> None:
+def _turn(draft: MotionDraft, turn: Rotation) -> None:
     """Rotate the whole body, and its position (`trans` plus the pelvis's rest position)."""
     draft.poses = draft.poses.copy()
     draft.poses[:, 0] = (turn * Rotation.from_rotvec(draft.poses[:, 0])).as_rotvec()

@@ -1,4 +1,4 @@
-"""Draft of a motion, conversion of rotations and joint sets to axis-angle, and resampling."""
+"""MotionDraft of a motion, conversion of rotations and joint sets to axis-angle, and resampling."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from model.motion.rotations import axis_angle_from_matrix, matrix_from_rot6d
 from model.motion.transforms import change_motion_speed
 from model.storage.npz import MotionError
 
-FORMATS_BY_WIDTH: dict[int, tuple[Rotations, ...]] = {
+ROTATION_FORMATS: dict[int, tuple[Rotations, ...]] = {
     3: ("axis-angle",),
     6: ("6d", "6d-columns", "6d-interleaved"),
     4: ("quaternion-wxyz", "quaternion-xyzw"),
@@ -27,7 +27,7 @@ FORMATS_BY_WIDTH: dict[int, tuple[Rotations, ...]] = {
 }
 """Rotation formats by the number of values per joint."""
 BODY = tuple(range(22))
-JOINT_SETS: dict[int, tuple[int, ...]] = {
+JOINTS_BY_COUNT: dict[int, tuple[int, ...]] = {
     55: tuple(range(55)),
     52: (*BODY, *HANDS),
     53: (*BODY, JOINT_INDEX["jaw"], *HANDS),
@@ -44,7 +44,7 @@ _INTERLEAVED_6D = [0, 2, 4, 1, 3, 5]
 
 
 @dataclass
-class Draft:
+class MotionDraft:
     """A motion that is being read: the file's content, and the assumptions so far."""
 
     name: str
@@ -58,14 +58,14 @@ class Draft:
     betas: np.ndarray = field(default_factory=lambda: np.zeros(NUM_BETAS, np.float32))
     assumptions: list[Assumption] = field(default_factory=list)
     missing_parts: set[Part] = field(default_factory=set)
-    is_offset: bool | None = None
+    is_mean_hand_relative: bool | None = None
     """True if hands of this layout are usually offsets from the mean hand pose; None if they are
     known not to be."""
     motion_number: int = 1
     """Number of the motion in a batch, from 1."""
-    decided: set[Kind] = field(default_factory=set)
+    user_set_kinds: set[Kind] = field(default_factory=set)
     """Properties that the reader has set as the user states, not to be applied again."""
-    is_scaled: bool = False
+    is_metric_y_up: bool = False
     """True if `trans` is in metres and y is up, unless the motion indicates otherwise."""
 
     def assume(
@@ -92,7 +92,7 @@ class Draft:
         resolved = self.resolve("rate", f"{fps:g}", reason, confidence, alternatives, is_ours)
         self.fps = float(resolved) if "rate" in self.overrides else fps
 
-    def turns(
+    def to_axis_angle(
         self, rows: Float[np.ndarray, "T J width"], joints: tuple[int, ...]
     ) -> Float[np.ndarray, "T J 3"]:
         """Convert rotations to axis-angle, and record the format assumed."""
@@ -143,18 +143,18 @@ class RotationLayout:
     batch: int
     frames: int
     joints: int
-    width: int
+    values_per_joint: int
     is_transposed: bool = False
 
-    def rows(self, array: Shaped[np.ndarray, " ..."]) -> Float[np.ndarray, "B T J width"]:
+    def reshape(self, array: Shaped[np.ndarray, " ..."]) -> Float[np.ndarray, "B T J width"]:
         """Reshape an array to this layout."""
         array = array.T if self.is_transposed else array
-        return array.reshape(self.batch, self.frames, self.joints, self.width)
+        return array.reshape(self.batch, self.frames, self.joints, self.values_per_joint)
 
 
 def rotation_layout(shape: tuple[int, ...]) -> RotationLayout | None:
     """Return the layout of rotations in an array by its shape; None if it fits none."""
-    pairs = {(joints, width) for joints in JOINT_SETS for width in FORMATS_BY_WIDTH}
+    pairs = {(joints, width) for joints in JOINTS_BY_COUNT for width in ROTATION_FORMATS}
     flat = {joints * width: (joints, width) for joints, width in pairs}
     match shape:
         case (frames, columns) if columns in flat:
@@ -168,11 +168,11 @@ def rotation_layout(shape: tuple[int, ...]) -> RotationLayout | None:
         case (batch, frames, columns) if columns in flat:
             batch, frames = (1, batch) if frames == 1 else (batch, frames)
             return RotationLayout(batch, frames, *flat[columns])
-        case (frames, joints, 3, 3) if joints in JOINT_SETS:
+        case (frames, joints, 3, 3) if joints in JOINTS_BY_COUNT:
             return RotationLayout(1, frames, joints, 9)
         case (batch, frames, joints, width) if (joints, width) in pairs:
             return RotationLayout(batch, frames, joints, width)
-        case (batch, frames, joints, 3, 3) if joints in JOINT_SETS:
+        case (batch, frames, joints, 3, 3) if joints in JOINTS_BY_COUNT:
             return RotationLayout(batch, frames, joints, 9)
     return None
 
@@ -225,7 +225,7 @@ def _rotation_format(
         MotionError: if they cannot have the format that the user states.
     """
     width = rows.shape[-1]
-    forms = FORMATS_BY_WIDTH[width]
+    forms = ROTATION_FORMATS[width]
     if override is not None:
         if override not in forms:
             raise MotionError(
@@ -254,7 +254,7 @@ def _rotation_format_6d(
         unit = [np.abs(np.linalg.norm(each, axis=-1) - 1).mean() for each in (a, b)]
         return float(sum(unit) + np.abs((a * b).sum(axis=-1)).mean())
 
-    forms = FORMATS_BY_WIDTH[6]
+    forms = ROTATION_FORMATS[6]
     if orthonormality_error(rows[..., _INTERLEAVED_6D]) < 0.5 * orthonormality_error(rows):
         reason = "only as two interleaved columns are they unit vectors"
         return Assumption("rotations", "6d-interleaved", reason, "sure", forms)
@@ -300,7 +300,7 @@ def _decoded(rows: Float[np.ndarray, "T J width"], form: str, name: str) -> np.n
     return axis_angle_from_matrix(rotmat).numpy()
 
 
-def at_30_fps(motion: Motion, fps: float) -> Motion:
+def resample_to_30_fps(motion: Motion, fps: float) -> Motion:
     """Resample a motion to 30 frames per second.
 
     Higher rates are resampled by slerp; lower ones along a cubic spline, which adds neither kinks

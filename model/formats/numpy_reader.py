@@ -17,10 +17,10 @@ from conventions.names import join_names, printable
 from conventions.rates import FPS
 from model.formats.motion_draft import (
     BODY,
-    FORMATS_BY_WIDTH,
-    JOINT_SETS,
+    JOINTS_BY_COUNT,
+    ROTATION_FORMATS,
     SET_NAMES,
-    Draft,
+    MotionDraft,
     RotationLayout,
     are_positions,
     rotation_layout,
@@ -29,7 +29,7 @@ from model.formats.motion_draft import (
 from model.formats.parameters import (
     EXPRESSIONS,
     MISSING,
-    PARTS,
+    PARAMETER_JOINTS,
     POSES,
     RATES,
     ROOTS,
@@ -68,37 +68,37 @@ _DIFFSHEG = tuple(
 
 @dataclass(frozen=True)
 class ColumnLayout:
-    """A layout of columns: joints (``width`` numbers each) and named blocks."""
+    """A layout of columns: joints (``values_per_joint`` numbers each) and named blocks."""
 
     name: str
     blocks: tuple[tuple[tuple[int, ...] | str, int], ...]
-    is_offset: bool | None = False
-    """See `Draft.is_offset`."""
-    lacks: tuple[Part, ...] = ()
-    no_place: str = ""
+    is_mean_hand_relative: bool | None = False
+    """See `MotionDraft.is_mean_hand_relative`."""
+    missing_parts: tuple[Part, ...] = ()
+    no_translation_reason: str = ""
     """Reason why its translation is not read."""
-    width: int = 3
+    values_per_joint: int = 3
 
 
-_ALL = JOINT_SETS[55]
-COLUMNS: dict[int, ColumnLayout] = {
+_ALL = JOINTS_BY_COUNT[55]
+COLUMN_LAYOUTS: dict[int, ColumnLayout] = {
     265: ColumnLayout(
         "columns of TalkSHOW: jaw, eyes, global orientation, body, hands, expression",
         (((22,), 3), ((23, 24), 6), (BODY, 66), (HANDS, 90), ("expression", 100)),
-        is_offset=True,
+        is_mean_hand_relative=True,
     ),
     232: ColumnLayout(
         "columns of DiffSHEG on TalkSHOW's data: upper body, hands, jaw, expression; pelvis, legs "
         "and eyes stay at rest",
         ((_DIFFSHEG, 3 * len(_DIFFSHEG)), ("expression", 100)),
-        is_offset=True,
-        lacks=("legs", "place"),
+        is_mean_hand_relative=True,
+        missing_parts=("legs", "place"),
     ),
     322: ColumnLayout(
         "columns of Motion-X: root, body, hands, jaw, expression, face shape, translation, betas",
         ((BODY, 66), (HANDS, 90), ((22,), 3), ("expression", 50), ("", 100), ("trans", 3),
          ("betas", 10)),
-        is_offset=True,
+        is_mean_hand_relative=True,
     ),
     268: ColumnLayout(
         "columns for 55 joints, translation, expression",
@@ -108,18 +108,20 @@ COLUMNS: dict[int, ColumnLayout] = {
     75: ColumnLayout(
         "columns for SMPL's 24 joints and translation",
         ((BODY, 66), ("", 6), ("trans", 3)),
-        lacks=("hands",),
+        missing_parts=("hands",),
     ),
     333: ColumnLayout(
-        "columns for 55 joints as 6D and translation", ((_ALL, 330), ("trans", 3)), width=6
+        "columns for 55 joints as 6D and translation",
+        ((_ALL, 330), ("trans", 3)),
+        values_per_joint=6,
     ),
     337: ColumnLayout(
         "internal columns of EMAGE: 55 joints as 6D, translation, contacts",
         ((_ALL, 330), ("", 7)),
-        lacks=("place",),
-        no_place="the array does not say whether its translation is a position or a velocity,"
-        " so it is not read",
-        width=6,
+        missing_parts=("place",),
+        no_translation_reason="the array does not say whether its translation is a position or a"
+        " velocity, so it is not read",
+        values_per_joint=6,
     ),
 }  # fmt: skip
 """Layouts by the number of columns."""
@@ -184,7 +186,7 @@ _IN_A_FOLDER = (
 )
 
 
-def read_npz(path: Path, overrides: dict[str, str]) -> Draft:
+def read_npz(path: Path, overrides: dict[str, str]) -> MotionDraft:
     """Read a BEAT2 npz, or a variant that can be converted.
 
     Raises:
@@ -194,7 +196,9 @@ def read_npz(path: Path, overrides: dict[str, str]) -> Draft:
         return _Archive(archive, path.name, overrides).read()
 
 
-def _read_parameter_files(files: Mapping[str, Path], name: str, overrides: dict[str, str]) -> Draft:
+def _read_parameter_files(
+    files: Mapping[str, Path], name: str, overrides: dict[str, str]
+) -> MotionDraft:
     if sum(file.stat().st_size for file in files.values()) > MAX_FILE_BYTES:
         raise MotionError(
             f"The files of {name} have more than {MAX_FILE_BYTES // 2**20} MiB in total; give a "
@@ -208,7 +212,7 @@ def _read_parameter_files(files: Mapping[str, Path], name: str, overrides: dict[
         return _Archive(archive, name, overrides).read()
 
 
-def read_npy(path: Path, overrides: dict[str, str]) -> Draft:
+def read_npy(path: Path, overrides: dict[str, str]) -> MotionDraft:
     """Read a motion from one array, or from a file for each parameter.
 
     Raises:
@@ -240,32 +244,36 @@ def read_npy(path: Path, overrides: dict[str, str]) -> Draft:
 
 def _of_array(
     array: Shaped[np.ndarray, " ..."], name: str, overrides: dict[str, str], key: str = ""
-) -> Draft:
+) -> MotionDraft:
     """Read a motion from one array that holds everything."""
     named = f"`{key}` of {name}" if key else name
     width = array.shape[-1]
     shape = rotation_layout(array.shape)
-    if shape is not None and shape.is_transposed and width in (*COLUMNS, *UNSUPPORTED_LAYOUTS):
+    if (
+        shape is not None
+        and shape.is_transposed
+        and width in (*COLUMN_LAYOUTS, *UNSUPPORTED_LAYOUTS)
+    ):
         shape = None
     if shape is None and array.ndim < 4 and width in UNSUPPORTED_LAYOUTS:
         raise MotionError(f"{named} {UNSUPPORTED_LAYOUTS[width]}.")
-    if shape is None and array.ndim in (2, 3) and width in COLUMNS:
-        return _of_columns(array, COLUMNS[width], name, overrides)
+    if shape is None and array.ndim in (2, 3) and width in COLUMN_LAYOUTS:
+        return _of_columns(array, COLUMN_LAYOUTS[width], name, overrides)
     if shape is None:
-        if reason := not_read(array.shape):
+        if reason := unsupported_skeleton_reason(array.shape):
             raise MotionError(f"{named} {reason}.")
         folder = f" {_IN_A_FOLDER}" if width in _PARAMETER_WIDTHS and not key else ""
         raise MotionError(f"{named} has the shape {array.shape}; {_SUPPORTED_SHAPES}.{folder}")
     return _of_rotations(array, shape, name, overrides)
 
 
-def not_read(shape: tuple[int, ...]) -> str:
+def unsupported_skeleton_reason(shape: tuple[int, ...]) -> str:
     """Return the reason why an array's skeleton is not read, and what to do, or ""."""
     match shape:
         case (*_, joints, 3, 3) if joints in JOINTS_NOT_READ:
             pass
         case (_, joints, width) if (
-            joints in JOINTS_NOT_READ and width in FORMATS_BY_WIDTH and joints != 30
+            joints in JOINTS_NOT_READ and width in ROTATION_FORMATS and joints != 30
         ):
             pass  # 30 joints of 3 numbers are two hands
         case _:
@@ -278,8 +286,13 @@ def _of_columns(
     layout: ColumnLayout,
     name: str,
     overrides: dict[str, str],
-) -> Draft:
-    draft = Draft(name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_offset=layout.is_offset)
+) -> MotionDraft:
+    draft = MotionDraft(
+        name,
+        overrides,
+        np.zeros((1, NUM_JOINTS, 3)),
+        is_mean_hand_relative=layout.is_mean_hand_relative,
+    )
     draft.assume("layout", str(array.shape[-1]), layout.name)
     rows = _select_motion(draft, array.reshape(-1, *array.shape[-2:]))
     check_num_frames(len(rows), name)
@@ -290,7 +303,9 @@ def _of_columns(
         block = rows[:, start : start + count]
         start += count
         if isinstance(what, tuple):
-            poses[:, list(what)] = draft.turns(block.reshape(len(rows), -1, layout.width), what)
+            poses[:, list(what)] = draft.to_axis_angle(
+                block.reshape(len(rows), -1, layout.values_per_joint), what
+            )
         elif what == "expression":
             draft.expressions = np.pad(block, ((0, 0), (0, NUM_EXPRESSIONS - count)))
         elif what == "trans":
@@ -298,35 +313,35 @@ def _of_columns(
         elif what == "betas":
             draft.betas[:count] = block[0]
     draft.poses = poses
-    draft.missing_parts |= set(layout.lacks)
-    if layout.no_place:
-        draft.assume("place", "none", layout.no_place, "unsure")
+    draft.missing_parts |= set(layout.missing_parts)
+    if layout.no_translation_reason:
+        draft.assume("place", "none", layout.no_translation_reason, "unsure")
     return draft
 
 
 def _of_rotations(
     array: Shaped[np.ndarray, " ..."], shape: RotationLayout, name: str, overrides: dict[str, str]
-) -> Draft:
+) -> MotionDraft:
     check_num_frames(shape.frames, name)
-    draft = Draft(name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_offset=False)
-    rows = _select_motion(draft, shape.rows(array))
+    draft = MotionDraft(name, overrides, np.zeros((1, NUM_JOINTS, 3)), is_mean_hand_relative=False)
+    rows = _select_motion(draft, shape.reshape(array))
     if shape.is_transposed:
         reason = f"frames lie along the second axis of {array.shape}"
         draft.assume("layout", "transposed", reason, "unsure")
     _check_finite(draft, "rotations", rows)
-    joints = JOINT_SETS[shape.joints]
-    if shape.width == 3 and are_positions(rows, joints):
+    joints = JOINTS_BY_COUNT[shape.joints]
+    if shape.values_per_joint == 3 and are_positions(rows, joints):
         raise MotionError(
             f"{name} contains joint positions, not rotations (its bones have constant lengths). "
             "Fit SMPL-X to them (for instance with joints2smpl or SMPLify-X), or save the "
             "rotations."
         )
-    draft.poses = scatter_joints(draft.turns(rows[:, : len(joints)], joints), joints)
+    draft.poses = scatter_joints(draft.to_axis_angle(rows[:, : len(joints)], joints), joints)
     _assume_joints(draft, joints, f"as many joints as {SET_NAMES[shape.joints]}")
     return draft
 
 
-def _assume_joints(draft: Draft, joints: tuple[int, ...], reason: str) -> None:
+def _assume_joints(draft: MotionDraft, joints: tuple[int, ...], reason: str) -> None:
     if not set(HANDS) & set(joints):
         draft.missing_parts.add("hands")
     lacking = [
@@ -338,7 +353,7 @@ def _assume_joints(draft: Draft, joints: tuple[int, ...], reason: str) -> None:
     draft.assume("joints", str(len(set(joints))), reason + rest, "stated", (), not lacking)
 
 
-def _select_motion(draft: Draft, batch: Shaped[np.ndarray, " N *motion"]) -> np.ndarray:
+def _select_motion(draft: MotionDraft, batch: Shaped[np.ndarray, " N *motion"]) -> np.ndarray:
     """Return the motion of a batch that the user chose, or the first."""
     count = len(batch)
     if count == 1:
@@ -358,7 +373,7 @@ def _select_motion(draft: Draft, batch: Shaped[np.ndarray, " N *motion"]) -> np.
 
 
 def _check_finite(
-    draft: Draft, noun: str, rows: Shaped[np.ndarray, "T ..."], most: float = MAX_ABS_VALUE
+    draft: MotionDraft, noun: str, rows: Shaped[np.ndarray, "T ..."], most: float = MAX_ABS_VALUE
 ) -> None:
     """Refuse frames that are not finite, or interpolate them in place if the user wants it.
 
@@ -413,8 +428,8 @@ class _Archive:
     lengths: dict[str, int] = field(default_factory=dict)
     """Number of rows of each parameter that is read."""
 
-    def read(self) -> Draft:
-        self.headers = read_headers(self.archive, self.name, names_objects=True)
+    def read(self) -> MotionDraft:
+        self.headers = read_headers(self.archive, self.name, allow_objects=True)
         chosen = self._choose()
         draft = self._poses(chosen)
         if self.choice is not None:
@@ -434,12 +449,12 @@ class _Archive:
         self._of_one_length(draft)
         self._invalid(draft)
         if _BEAT2 <= set(self.plain) and self.headers[self.plain["poses"]][0][-1:] == (165,):
-            draft.is_offset = None
+            draft.is_mean_hand_relative = None
         draft.basis = read_basis(self.archive, self.headers, self.name)
         _note_missing(draft)
         return draft
 
-    def _of_one_length(self, draft: Draft) -> None:
+    def _of_one_length(self, draft: MotionDraft) -> None:
         """Extend parameters of one row to all frames, and cut others to the shortest."""
         frames = _num_frames(self.lengths)
         single = [f"`{key}`" for key, length in self.lengths.items() if length == 1]
@@ -527,7 +542,7 @@ class _Archive:
                 f" with: {CONVERT_PICKLE_COMMAND}."
             )
         for shape, _ in self.headers.values():
-            if reason := not_read(shape) or (
+            if reason := unsupported_skeleton_reason(shape) or (
                 len(shape) == 2 and UNSUPPORTED_LAYOUTS.get(shape[-1], "")
             ):
                 return f"{self.name} {reason}."
@@ -543,7 +558,7 @@ class _Archive:
     def _find(self, names: tuple[str, ...]) -> str | None:
         return next((name for name in names if name in self.plain), None)
 
-    def _poses(self, key: str) -> Draft:
+    def _poses(self, key: str) -> MotionDraft:
         shape, _ = self.headers[key]
         plain = split_key(key)[1]
         if 0 in shape:
@@ -568,12 +583,14 @@ class _Archive:
             )
         return draft
 
-    def _of_parts(self) -> Draft:
+    def _of_parts(self) -> MotionDraft:
         """Read a motion from separate SMPL-X parameters; missing ones stay at rest."""
-        draft = Draft(self.name, self.overrides, np.zeros((1, NUM_JOINTS, 3)), is_offset=True)
+        draft = MotionDraft(
+            self.name, self.overrides, np.zeros((1, NUM_JOINTS, 3)), is_mean_hand_relative=True
+        )
         parts: dict[tuple[int, ...], np.ndarray] = {}
         keys = []
-        for part, joints in PARTS.items():
+        for part, joints in PARAMETER_JOINTS.items():
             if part not in self.plain or not self._is_number(part):
                 continue
             rows = self._part_rows(part, self._filled(part), len(joints))
@@ -594,7 +611,7 @@ class _Archive:
         for group in groups:
             these = tuple(joint for of in group for joint in of)
             rows = np.concatenate([_of_length(parts[of], frames) for of in group], axis=1)
-            poses[:, list(these)] = draft.turns(rows, these)
+            poses[:, list(these)] = draft.to_axis_angle(rows, these)
         draft.poses = poses
         draft.assume("layout", "parts", f"combined from {', '.join(keys)}", "stated")
         _assume_joints(draft, joints, "SMPL-X's parameters")
@@ -603,12 +620,12 @@ class _Archive:
     def _part_rows(self, part: str, array: Shaped[np.ndarray, "N ..."], joints: int) -> np.ndarray:
         """Reshape a part to (T, joints, numbers)."""
         each, over = divmod(int(np.prod(array.shape[1:])), joints)
-        if len(array) == 1 and array.ndim > 2 and (over or each not in FORMATS_BY_WIDTH):
+        if len(array) == 1 and array.ndim > 2 and (over or each not in ROTATION_FORMATS):
             return self._part_rows(part, array[0], joints)
         smpl = array.reshape(len(array), -1)
         if part in ("body_pose", "pose_body") and smpl.shape[1] == 69:
             return smpl[:, :63].reshape(len(array), 21, 3)
-        if over or each not in FORMATS_BY_WIDTH:
+        if over or each not in ROTATION_FORMATS:
             reason = (
                 " Hands as PCA components need the licensed model: save them with use_pca=False, or"
                 " convert the num_pca_comps numbers to 45 with the model's hand components."
@@ -636,7 +653,7 @@ class _Archive:
             raise MotionError(f"{self.name}: `{plain}` is empty; it has the shape {array.shape}.")
         return np.atleast_2d(array)
 
-    def _array(self, draft: Draft, plain: str, columns: int) -> np.ndarray:
+    def _array(self, draft: MotionDraft, plain: str, columns: int) -> np.ndarray:
         """Return an array with one row per frame, of the motion that was chosen of a batch."""
         array = self._filled(plain)
         shape = array.shape
@@ -652,7 +669,7 @@ class _Archive:
         check_num_frames(len(array), self.name)
         return array
 
-    def _expressions(self, draft: Draft, plain: str) -> None:
+    def _expressions(self, draft: MotionDraft, plain: str) -> None:
         shape, dtype = self.headers[self.plain[plain]]
         columns = shape[-1] if shape else 0
         if dtype.kind not in "fiu" or len(shape) < 2 or not 0 < columns <= NUM_EXPRESSIONS:
@@ -668,7 +685,7 @@ class _Archive:
         if columns < NUM_EXPRESSIONS or plain != "expressions":
             draft.assume("face", "flame", f"`{plain}` {shape} was read as FLAME coefficients")
 
-    def _betas(self, draft: Draft) -> None:
+    def _betas(self, draft: MotionDraft) -> None:
         if "betas" not in self.plain:
             return
         shape, dtype = self.headers[self.plain["betas"]]
@@ -692,7 +709,7 @@ class _Archive:
         value = read_array(self.archive, key).reshape(-1)[0]
         return value.decode("latin1") if isinstance(value, bytes) else str(value)
 
-    def _invalid(self, draft: Draft) -> None:
+    def _invalid(self, draft: MotionDraft) -> None:
         """Report frames that a mask marks as invalid; those of `MISSING` are interpolated."""
         key = self._find((*VALID, MISSING))
         if key is None or self.headers[self.plain[key]][1].kind not in "buif":
@@ -725,7 +742,7 @@ def _of_length(rows: Shaped[np.ndarray, "T ..."], frames: int) -> np.ndarray:
     return np.repeat(rows, frames, axis=0) if len(rows) == 1 else rows[:frames]
 
 
-def _bridge(draft: Draft, marks: Bool[np.ndarray, " T"]) -> None:
+def _bridge(draft: MotionDraft, marks: Bool[np.ndarray, " T"]) -> None:
     """Interpolate marked frames from their neighbours; the nearest is repeated at the ends."""
     good, bad = np.flatnonzero(~marks), np.flatnonzero(marks)
     at = bad.clip(good[0], good[-1])
@@ -742,12 +759,12 @@ def _bridge(draft: Draft, marks: Bool[np.ndarray, " T"]) -> None:
 
 def _is_motion(shape: tuple[int, ...]) -> bool:
     is_layout = rotation_layout(shape) or (
-        len(shape) in (2, 3) and shape[-1] in (*COLUMNS, *UNSUPPORTED_LAYOUTS)
+        len(shape) in (2, 3) and shape[-1] in (*COLUMN_LAYOUTS, *UNSUPPORTED_LAYOUTS)
     )
     return bool(is_layout)
 
 
-def _rate(draft: Draft, stated: dict[str, str]) -> None:
+def _rate(draft: MotionDraft, stated: dict[str, str]) -> None:
     """Set the frame rate from the file, or the default."""
     numbers: dict[str, float] = {}
     for key, value in stated.items():
@@ -772,7 +789,7 @@ def _rate(draft: Draft, stated: dict[str, str]) -> None:
         draft.set_frame_rate(fps, f"from `{key}`", "stated")
 
 
-def _note_missing(draft: Draft) -> None:
+def _note_missing(draft: MotionDraft) -> None:
     """Record which parts are missing."""
     if draft.expressions is None:
         draft.missing_parts.add("face")

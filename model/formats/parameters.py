@@ -19,7 +19,7 @@ VALID = ("is_valid", "valid", "valid_mask")
 """Names of masks that are zero in frames with failed tracking."""
 MISSING = "missing"
 """Name of Embody-3D's mask, which is, in spite of its name, zero in corrupted frames."""
-PARTS: dict[str, tuple[int, ...]] = {
+PARAMETER_JOINTS: dict[str, tuple[int, ...]] = {
     "global_orient": (0,),
     "body_pose": _BODY,
     "jaw_pose": (JOINT_INDEX["jaw"],),
@@ -39,14 +39,25 @@ PARTS: dict[str, tuple[int, ...]] = {
 """Joints of SMPL-X's own parameters, then of their names in SMPLer-X and AMASS."""
 ROOTS = ("global_orient", "root_orient", "root_pose")
 PARAMETERS = tuple(
-    dict.fromkeys((*ROOTS, *PARTS, "betas", *TRANSLATIONS, *EXPRESSIONS, *VALID, MISSING))
+    dict.fromkeys(
+        (*ROOTS, *PARAMETER_JOINTS, "betas", *TRANSLATIONS, *EXPRESSIONS, *VALID, MISSING)
+    )
 )
 """Parameters that may be separate files, the root's first."""
 
 
 def split_key(key: str) -> tuple[str, str]:
     """Split an array's key into its prefix and its plain name, such as ``gt``, ``poses``."""
-    keys = (*POSES, *TRANSLATIONS, *EXPRESSIONS, *RATES, *VALID, MISSING, *PARTS, "betas")
+    keys = (
+        *POSES,
+        *TRANSLATIONS,
+        *EXPRESSIONS,
+        *RATES,
+        *VALID,
+        MISSING,
+        *PARAMETER_JOINTS,
+        "betas",
+    )
     for mark in ("/", ":", "."):
         before, separator, after = key.rpartition(mark)
         if separator and after in keys:

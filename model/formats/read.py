@@ -47,16 +47,16 @@ def read_any_motion(
 
     Example:
         >>> imported = read_any_motion("examples/procedural_speaker/a_procedural_speaker.npz")
-        >>> imported.motion.num_frames, imported.rate
+        >>> imported.motion.num_frames, imported.source_fps
         (420, 30.0)
         >>> print(imported.assumptions[0].sentence("speaker"))
         speaker: rotations axis-angle, 3 numbers per joint.
     """
     path = Path(path)
     of_file = (overrides or ImportOverrides()).for_file(path.name, path.stem, *names)
-    hands = mean_hands(body)
+    hands = read_mean_hand_pose(body)
     try:
-        return read_unguarded(path, of_file, hands)
+        return read_with_raw_errors(path, of_file, hands)
     except MotionError as error:
         if path.name in str(error):
             raise
@@ -69,7 +69,7 @@ def read_any_motion(
         ) from error
 
 
-def read_unguarded(
+def read_with_raw_errors(
     path: Path, overrides: dict[str, str], hands: Float[np.ndarray, "30 3"] | None = None
 ) -> ImportedMotion:
     """Read a motion file; unexpected content raises errors that are not for users."""
@@ -105,7 +105,7 @@ def _kind(path: Path) -> str:
     return kind
 
 
-def mean_hands(body: Path | None) -> Float[np.ndarray, "30 3"] | None:
+def read_mean_hand_pose(body: Path | None) -> Float[np.ndarray, "30 3"] | None:
     """Read the mean hand pose (30, 3) of a licensed SMPL-X file; None if it has none.
 
     Raises:
@@ -114,7 +114,7 @@ def mean_hands(body: Path | None) -> Float[np.ndarray, "30 3"] | None:
     if body is None or body.suffix.lower() != ".npz":
         return None
     with open_archive(body) as archive:
-        headers = read_headers(archive, body.name, names_objects=True)
+        headers = read_headers(archive, body.name, allow_objects=True)
         keys = ("hands_meanl", "hands_meanr")
         if any(key not in headers or headers[key][1].kind != "f" for key in keys):
             return None

@@ -124,7 +124,7 @@ class Assumption:
 _FORMER_KEYS = {"what": "kind", "why": "reason", "sure": "confidence", "others": "alternatives"}
 
 
-def current_assumption(assumption: Mapping[str, Any]) -> dict[str, Any]:
+def with_current_keys(assumption: Mapping[str, Any]) -> dict[str, Any]:
     """Return the JSON of an assumption with the present keys, also that of earlier versions."""
     renamed = rename_keys(assumption, _FORMER_KEYS)
     return renamed | ({"confidence": "user"} if renamed.get("confidence") == "told" else {})
@@ -142,7 +142,7 @@ class ImportedMotion:
     """Parts that the file lacks, for which there are no findings."""
 
     @property
-    def rate(self) -> float:
+    def source_fps(self) -> float:
         """Frame rate at which the file was read (Hz)."""
         assumption = self.of("rate")
         return 30.0 if assumption is None else float(assumption.value)
@@ -157,7 +157,7 @@ class ImportedMotion:
         return tuple(each.sentence(self.name) for each in self.assumptions if not each.is_default)
 
 
-def differing_assumptions(readings: Mapping[str, ImportedMotion]) -> list[str]:
+def assumption_difference_notes(readings: Mapping[str, ImportedMotion]) -> list[str]:
     """Return notes on differences between motions that make comparisons unfair."""
     sentences = []
     kinds: dict[Kind, str] = {"rate": "frame rate", "hands": "mean hand pose"}
@@ -251,7 +251,7 @@ class ImportOverrides:
         }
         return ImportOverrides(tuple(each for each in self.entries if each[0] in there))
 
-    def unknown(self, files: Sequence[Path], *names: str) -> str:
+    def unknown_file_error(self, files: Sequence[Path], *names: str) -> str:
         """Return an error text about the first statement on a missing file, or ""."""
         applicable = self.restricted_to(files, *names).entries
         for name, kind, value in self.entries:
@@ -263,24 +263,24 @@ class ImportOverrides:
                 )
         return ""
 
-    def check(self, files: Sequence[Path], *names: str) -> None:
+    def check_files_exist(self, files: Sequence[Path], *names: str) -> None:
         """Check that all files with a statement exist.
 
         Raises:
-            MotionError: as `unknown`.
+            MotionError: as `unknown_file_error`.
         """
-        if wrong := self.unknown(files, *names):
+        if wrong := self.unknown_file_error(files, *names):
             raise MotionError(wrong)
 
 
-def parse_import_overrides(written: str) -> ImportOverrides:
+def parse_import_overrides(text: str) -> ImportOverrides:
     """Parse the value of `--assume`: ``up=z,units=cm,NAME:rate=25``; a name may have commas.
 
     Raises:
         MotionError: for unknown kinds and values; it lists the known ones.
     """
     says = []
-    for part in filter(None, (part.strip(" ,") for part in _OVERRIDE_PART.findall(written))):
+    for part in filter(None, (part.strip(" ,") for part in _OVERRIDE_PART.findall(text))):
         match = _FLAG.match(part)
         if match is None or match["kind"] not in OVERRIDE_VALUES:
             raise MotionError(

@@ -169,7 +169,7 @@ class Normaliser:
         return scaled * self.std + self.mean
 
 
-def to_vectors(
+def poses_to_vectors(
     space: RotationSpace,
     poses: Float[Tensor, "B T 165"],
     transl: Float[Tensor, "B T 3"],
@@ -185,19 +185,19 @@ def to_vectors(
 
 
 @dataclass(frozen=True)
-class Decoded:
+class DecodedMotion:
     """World-space rotations and positions of motion vectors, with gradients."""
 
     R_world_joint: Float[Tensor, "B T 55 3 3"] | None
     """World rotations (B, T, 55, 3, 3); None if no loss term needs them."""
-    rooted: Float[Tensor, "B T 55 3"]
+    pelvis_aligned: Float[Tensor, "B T 55 3"]
     """Joint positions (B, T, 55, 3) in metres, with the pelvis at its place in the rest pose."""
     root: Float[Tensor, "B T 3"]
     """Trajectory (B, T, 3) of the pelvis in metres; from velocities it starts at x = z = 0."""
     global_vectors: Float[Tensor, "B T 333"] | None
     """Motion vectors (B, T, 333) in the global space; None if no loss term needs them."""
 
-    def to(self, device: torch.device) -> "Decoded":
+    def to(self, device: torch.device) -> "DecodedMotion":
         """Return a copy on a device."""
         parts = {name: part.to(device) for name, part in vars(self).items() if part is not None}
         return replace(self, **parts)
@@ -205,7 +205,7 @@ class Decoded:
     @property
     def positions(self) -> Float[Tensor, "B T 55 3"]:
         """Joint positions (B, T, 55, 3) in the world, metres."""
-        return self.rooted + self.root[..., None, :]
+        return self.pelvis_aligned + self.root[..., None, :]
 
 
 def rotations(
@@ -222,13 +222,13 @@ def decode(
     space: RotationSpace,
     skeleton: RestSkeleton,
     root: RootMotion = "velocity",
-) -> Decoded:
+) -> DecodedMotion:
     """Decode motion vectors to rotations, and to positions by forward kinematics."""
     rotmat = rotations(vectors, space)
     R_world_joint = rotmat if space == "global" else global_from_local(rotmat)
-    return Decoded(
+    return DecodedMotion(
         R_world_joint=R_world_joint,
-        rooted=joint_positions_from_global(R_world_joint, skeleton),
+        pelvis_aligned=joint_positions_from_global(R_world_joint, skeleton),
         root=root_positions(vectors[..., -ROOT_DIM:], root),
         global_vectors=torch.cat(
             [rot6d_from_matrix(R_world_joint).flatten(-2), vectors[..., -ROOT_DIM:]], dim=-1

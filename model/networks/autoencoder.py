@@ -16,7 +16,7 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from model.motion.packing import Normaliser, to_vectors
+from model.motion.packing import Normaliser, poses_to_vectors
 from model.networks.config import AutoencoderConfig
 from model.networks.trained import TrainedWeights
 
@@ -140,7 +140,7 @@ def input_vectors(
     """
     parts = []
     if config.motion_channels > 0:
-        parts.append(to_vectors(config.rotation_space, poses, transl))
+        parts.append(poses_to_vectors(config.rotation_space, poses, transl))
     if config.face_channels > 0:
         parts.append(face)
     return torch.cat(parts, dim=-1)
@@ -163,5 +163,5 @@ def load_encoder(folder: Path, name: str, device: torch.device = CPU) -> FrozenE
     """Load ``motion-vae`` or the encoder of a Fréchet distance."""
     trained = TrainedWeights.read(folder, name)
     shape = trained.card.config(AutoencoderConfig, "autoencoder")
-    network = trained.as_of(MotionAutoencoder(shape)).to(device)
+    network = trained.load_into(MotionAutoencoder(shape)).to(device)
     return FrozenEncoder(network, trained.normaliser.to(device), trained.sha256)

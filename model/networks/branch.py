@@ -126,7 +126,7 @@ class MotionBlock(nn.Module):
 SPEAKER_WIDTH = 64
 
 
-class SpeechTokens(nn.Module):
+class SpeechTokenEncoder(nn.Module):
     """Encoder of speech to one token per frame; dilated convolutions add the context."""
 
     def __init__(self, speech_dim: int, width: int, context: int) -> None:
@@ -147,12 +147,12 @@ class SpeechTokens(nn.Module):
         return x[:, self.context : x.shape[1] - self.context]
 
 
-class AddedTokens(nn.Module):
+class ConditionTokenEncoder(nn.Module):
     """Encoder of further conditions to tokens added to the speech's; zero before training."""
 
     def __init__(self, dim: int, width: int, context: int) -> None:
         super().__init__()
-        self.frames = SpeechTokens(dim, width, context)
+        self.frames = SpeechTokenEncoder(dim, width, context)
         self.out = nn.Linear(width, width)
         nn.init.zeros_(self.out.weight)
         nn.init.zeros_(self.out.bias)
@@ -163,7 +163,7 @@ class AddedTokens(nn.Module):
         return self.out(self.frames(inputs)) * has_condition[:, None, None]
 
 
-class TimeAndSpeaker(nn.Module):
+class TimeSpeakerEmbedding(nn.Module):
     """Embedding of flow time and speaker: the vector that modulates every block."""
 
     def __init__(self, num_speakers: int, width: int) -> None:
@@ -247,8 +247,8 @@ class ConditionedNetwork(nn.Module):
     def __init__(self, config: BranchConfig) -> None:
         super().__init__()
         width = config.width
-        self.condition = TimeAndSpeaker(config.num_speakers, width)
-        self.speech = SpeechTokens(config.speech_dim, width, config.speech_context)
+        self.condition = TimeSpeakerEmbedding(config.num_speakers, width)
+        self.speech = SpeechTokenEncoder(config.speech_dim, width, config.speech_context)
         self.no_speech = nn.Parameter(torch.zeros(config.speech_dim))
 
     def speech_tokens(

@@ -83,10 +83,10 @@ class SpeechCodes:
         return codes.view(*features.shape[:-1], -1)
 
 
-def load_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:
+def load_speech_codes(folder: Path, device: torch.device = CPU) -> SpeechCodes:
     """Load the speech encoder."""
     trained = TrainedWeights.read(folder, SPEECH_ENCODER)
-    network = trained.as_of(CodesNetwork(trained.card.config(SpeechCodesConfig, "codes")))
+    network = trained.load_into(CodesNetwork(trained.card.config(SpeechCodesConfig, "codes")))
     return SpeechCodes(network.to(device), trained.normaliser.to(device), trained.sha256)
 
 
@@ -104,7 +104,7 @@ def detect_accents(speech: Speech, folder: Path) -> tuple[Accent, ...]:
     """
     if not (folder / f"{SPEECH_ENCODER}.json").is_file():
         return ()
-    return _accents(load_codes(folder), speech)
+    return _accents(load_speech_codes(folder), speech)
 
 
 @torch.inference_mode()

@@ -39,15 +39,18 @@ class TrainedWeights:
     @property
     def normaliser(self) -> Normaliser:
         """Statistics of the training input."""
-        with self.card.reading():
+        with self.card.reporting_errors():
             return Normaliser.of_tensors(self.tensors)
 
     def prior(self, seed_frames: int) -> GaussianPrior:
         """Return the linear-Gaussian prior of the network."""
-        with self.card.reading():
+        with self.card.reporting_errors():
             return GaussianPrior(self.tensors["prior.covariance"], seed_frames)
 
-    def as_of(self, network: Network) -> Network:
+    def load_into(self, network: Network) -> Network:
         """Load the weights into an untrained network, and freeze it."""
         load_module(network, self.tensors, "network.", self.name)
         return network.eval().requires_grad_(False)
+
+    as_of = load_into
+    """Earlier name of `load_into`, for system families of users."""

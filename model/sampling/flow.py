@@ -48,7 +48,7 @@ def interpolate(
     return (1 - t) * x_0 + t * x_1
 
 
-def time_weight(t: Float[Tensor, " B"], floor: float | None) -> Float[Tensor, " B"]:
+def flow_loss_weight(t: Float[Tensor, " B"], floor: float | None) -> Float[Tensor, " B"]:
     """Compute ``1 / ((1 - t)^2 + floor)``, scaled to mean 1 over t in [0, 1]; 1 if floor is None.
 
     Without the floor this is the weight that turns an x_1 error into a velocity error.
@@ -136,13 +136,13 @@ class ClassifierFreeGuidance:
         """True if predictions without speech are needed."""
         return self._scale != 1 or self._head_scale != 1
 
-    def copies(self, size: int) -> int:
+    def network_batch_size(self, size: int) -> int:
         """Return the batch size with duplicates: samples with speech first, then without."""
         return 2 * size if self.needs_unconditional else size
 
     def is_conditional(self, size: int) -> Bool[Tensor, " B"]:
         """Return a mask (B,) that is true for the half of the duplicated batch with speech."""
-        return torch.arange(self.copies(size)) < size
+        return torch.arange(self.network_batch_size(size)) < size
 
     def duplicate(self, batch: Shaped[Tensor, "B ..."]) -> Shaped[Tensor, "_ ..."]:
         """Duplicate the batch if predictions without speech are needed."""

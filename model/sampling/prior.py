@@ -94,7 +94,7 @@ class GaussianPrior(nn.Module):
         compute: Callable[[int], Float[Tensor, "C T B"]],
     ) -> Float[Tensor, "C T B"]:
         """Select, per sample, the result without (0) or with (1) a seed."""
-        case = has_seed if isinstance(has_seed, int) else self.common_seed_case(has_seed)
+        case = has_seed if isinstance(has_seed, int) else self.shared_seed_flag(has_seed)
         if case is not None:
             return compute(case)
         return torch.where(torch.as_tensor(has_seed), compute(1), compute(0))
@@ -157,7 +157,7 @@ class GaussianPrior(nn.Module):
 
         return self._by_seed(has_seed, scaled).permute(2, 1, 0)
 
-    def common_seed_case(self, has_seed: Bool[Tensor, " B"]) -> int | None:
+    def shared_seed_flag(self, has_seed: Bool[Tensor, " B"]) -> int | None:
         """Return 0 or 1 if no or every sample has a seed, else None; always None in training."""
         if self.training or not bool((has_seed == has_seed[0]).all()):
             return None

@@ -27,7 +27,7 @@ class Sampler:
     """A sampler that a user may choose for a system.
 
     Example:
-        >>> heun, euler = make_samplers("heun", "euler", steps=8, strength=1.5)
+        >>> heun, euler = make_samplers("heun", "euler", steps=8, guidance=1.5)
         >>> heun.title, heun.steps, heun.guidance
         ('Heun (second order)', 8, 1.5)
     """
@@ -42,9 +42,9 @@ class Sampler:
     training."""
 
 
-def make_samplers(*names: str, steps: int, strength: float | None = None) -> tuple[Sampler, ...]:
+def make_samplers(*names: str, steps: int, guidance: float | None = None) -> tuple[Sampler, ...]:
     """Make the samplers of one system, with the same default steps and guidance scale."""
-    return tuple(Sampler(name, steps, SAMPLER_TITLES[name], strength) for name in names)
+    return tuple(Sampler(name, steps, SAMPLER_TITLES[name], guidance) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)

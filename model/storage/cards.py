@@ -16,12 +16,12 @@ DEFAULT_SPEAKER_PAIR = "hana", "june"
 """The calmest speaker of the bundled weights, and a lively one."""
 
 
-def two_speakers(written: str) -> tuple[str, str]:
+def parse_speaker_pair(text: str) -> tuple[str, str]:
     """Parse the names of the calm and the lively speaker; raises ValueError if they are not two."""
-    calm, comma, lively = written.partition(",")
+    calm, comma, lively = text.partition(",")
     if not (calm and comma and lively) or calm == lively:
         raise ValueError(
-            f"Give two speaker names, the calmer one first, as CALM,LIVELY; got {written!r}."
+            f"Give two speaker names, the calmer one first, as CALM,LIVELY; got {text!r}."
         )
     return calm, lively
 
@@ -45,7 +45,7 @@ class WeightsCard(dict[str, Any]):
         """Name of the weights' files, without the suffix."""
 
     @contextmanager
-    def reading(self) -> Iterator[None]:
+    def reporting_errors(self) -> Iterator[None]:
         """Convert errors within the context, from missing or invalid entries, to messages.
 
         Raises:
@@ -60,13 +60,13 @@ class WeightsCard(dict[str, Any]):
     @property
     def sha256(self) -> str:
         """SHA-256 of the weights."""
-        with self.reading():
+        with self.reporting_errors():
             return str(self["sha256"])
 
     @property
     def speakers(self) -> dict[str, int]:
         """Index in the network's speaker table of each speaker that the weights were trained on."""
-        with self.reading():
+        with self.reporting_errors():
             return {str(name): _number(place, int) for name, place in self["speakers"].items()}
 
     @property
@@ -76,7 +76,7 @@ class WeightsCard(dict[str, Any]):
 
     def setting(self, name: str) -> Any:
         """Return one setting of the training."""
-        with self.reading():
+        with self.reporting_errors():
             return self["config"][name]
 
     def config(self, kind: type[T], part: str) -> T:
@@ -86,7 +86,7 @@ class WeightsCard(dict[str, Any]):
             CheckpointError: if there is none, or it has fields that this version does not have.
         """
         try:
-            with self.reading():
+            with self.reporting_errors():
                 return from_dict(kind, self["config"][part])
         except CheckpointError:
             raise
@@ -98,7 +98,7 @@ class WeightsCard(dict[str, Any]):
     @property
     def training_hours(self) -> float:
         """Duration of the training data (h); 0 if unknown."""
-        with self.reading():
+        with self.reporting_errors():
             return _number(self.get("training_hours") or 0.0, float)
 
     @property

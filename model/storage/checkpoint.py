@@ -81,17 +81,17 @@ def load_module(
 
 
 def tensor_mismatches(
-    wanted: Mapping[str, Shaped[Tensor, " ..."]], tensors: Mapping[str, Shaped[Tensor, " ..."]]
+    expected: Mapping[str, Shaped[Tensor, " ..."]], tensors: Mapping[str, Shaped[Tensor, " ..."]]
 ) -> list[str]:
     """Describe each mismatch between a module's tensors and others, in the module's order."""
     wrong = []
-    for key, tensor in wanted.items():
+    for key, tensor in expected.items():
         if key not in tensors:
             wrong.append(f"{key} is missing")
         elif tensors[key].shape != tensor.shape:
             shapes = (list(tensors[key].shape), list(tensor.shape))
             wrong.append(f"{key} is of shape {shapes[0]} in place of {shapes[1]}")
-    return wrong + [f"{key} is not known" for key in tensors if key not in wanted]
+    return wrong + [f"{key} is not known" for key in tensors if key not in expected]
 
 
 def _json_bytes(card: dict) -> bytes:
@@ -162,7 +162,7 @@ def _loaded(path: Path) -> Any:
 
 
 def check_tensors(
-    wanted: Mapping[str, Shaped[Tensor, " ..."]],
+    expected: Mapping[str, Shaped[Tensor, " ..."]],
     tensors: Mapping[str, Shaped[Tensor, " ..."]],
     name: str,
     network: str,
@@ -178,7 +178,7 @@ def check_tensors(
     Raises:
         CheckpointError: with the first key that differs.
     """
-    wrong = tensor_mismatches(wanted, tensors)
+    wrong = tensor_mismatches(expected, tensors)
     if wrong:
         more = f" ({len(wrong) - 1} more differ)" if len(wrong) > 1 else ""
         raise CheckpointError(f"{name} is not {network}: {wrong[0]}{more}; give {advice}.")

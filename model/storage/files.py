@@ -85,18 +85,18 @@ def write_atomically(path: str | Path, content: str | bytes) -> None:
         part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
 
 
-def read_capped(path: Path, most: int, error: type[ValueError]) -> bytes:
+def read_capped(path: Path, max_bytes: int, error: type[ValueError]) -> bytes:
     """Read a file's content; raises ``error`` with one sentence if it is missing or too large."""
     if path.exists() and not path.is_file():  # a pipe would never end, nor a device
         raise error(f"{path.name} could not be read: it is not a regular file.")
     try:
         with path.open("rb") as file:
-            data = file.read(most + 1)
+            data = file.read(max_bytes + 1)
     except OSError as cause:
         reason = (cause.strerror or str(cause)).lower()
         raise error(f"{path.name} could not be read: {reason}.") from cause
-    if len(data) > most:
-        limit = f"{most // 2**20} MiB" if most >= 2**20 else f"{most // 1000} kB"
+    if len(data) > max_bytes:
+        limit = f"{max_bytes // 2**20} MiB" if max_bytes >= 2**20 else f"{max_bytes // 1000} kB"
         raise error(f"{path.name} is larger than the limit of {limit}.")
     return data
 
@@ -159,7 +159,7 @@ class _LimitedReader(io.BufferedReader):
 
 
 @contextmanager
-def opened_zip(path: Path, max_directory_bytes: int) -> Iterator[zipfile.ZipFile]:
+def open_limited_zip(path: Path, max_directory_bytes: int) -> Iterator[zipfile.ZipFile]:
     """Open a zip; its directory, which `zipfile` reads whole and at once, is of limited length.
 
     Raises:

@@ -59,13 +59,13 @@ def parse_json(content: bytes | str, kind: type[T], context: Any = None) -> T:
         FieldError: if it is not of this type.
     """
     try:
-        return adapter(kind).validate_json(content, context=context)
+        return type_adapter(kind).validate_json(content, context=context)
     except ValidationError as error:
         raise FieldError(validation_message(error)) from error
 
 
 @functools.cache
-def adapter(kind: Any) -> TypeAdapter:
+def type_adapter(kind: Any) -> TypeAdapter:
     return TypeAdapter(kind)
 
 

@@ -78,12 +78,12 @@ def open_archive(path: Path, content: io.BytesIO | None = None) -> Iterator[zipf
 
 
 def read_headers(
-    archive: zipfile.ZipFile, name: str, names_objects: bool = False
+    archive: zipfile.ZipFile, name: str, allow_objects: bool = False
 ) -> dict[str, Header]:
     """Read the shape and dtype of every array; nothing is unpacked but the first bytes of each.
 
     Args:
-        names_objects: list arrays of Python objects, which are never loaded, instead of raising.
+        allow_objects: list arrays of Python objects, which are never loaded, instead of raising.
 
     Raises:
         MotionError: for too many or too large arrays, and for members that are not arrays.
@@ -109,7 +109,7 @@ def read_headers(
         if header is None:
             raise MotionError(f"{name} is damaged: `{shown}` is not an array.")
         shape, dtype = header
-        if dtype.hasobject and not names_objects:
+        if dtype.hasobject and not allow_objects:
             raise MotionError(
                 f"{name} holds pickled Python objects in `{shown}`, which are never loaded; "
                 "save it again with plain number arrays."

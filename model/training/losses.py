@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
-from model.motion.packing import Decoded
+from model.motion.packing import DecodedMotion
 from model.training.config import GeometricWeights
 
 FEET = [JOINT_INDEX[f"{side}_{part}"] for side in ("left", "right") for part in ("ankle", "foot")]
@@ -83,7 +83,7 @@ def finite_or_raise(numbers: dict[str, float], step: int, clips: list[str]) -> N
 
 
 def geometric_terms(
-    weights: GeometricWeights, predicted: Decoded, target: Decoded
+    weights: GeometricWeights, predicted: DecodedMotion, target: DecodedMotion
 ) -> dict[str, Float[Tensor, " B"]]:
     """Compute the weighted terms on positions, one value per sample, without those of weight 0."""
     world = predicted.positions, target.positions
@@ -98,11 +98,11 @@ def geometric_terms(
 
 
 def positions_to_compare(
-    weights: GeometricWeights, predicted: Decoded, target: Decoded
+    weights: GeometricWeights, predicted: DecodedMotion, target: DecodedMotion
 ) -> tuple[Float[Tensor, "B T 55 3"], Float[Tensor, "B T 55 3"]]:
     """Return the joint positions to compare: in world coordinates, or pelvis-aligned."""
     if weights.rooted:
-        return predicted.rooted, target.rooted
+        return predicted.pelvis_aligned, target.pelvis_aligned
     return predicted.positions, target.positions
 
 

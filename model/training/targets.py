@@ -18,11 +18,11 @@ from model.motion.kinematics import RestSkeleton
 from model.motion.packing import (
     AXIS_ANGLE_GROUPS,
     MOTION_DIM,
-    Decoded,
+    DecodedMotion,
     Normaliser,
     decode,
+    poses_to_vectors,
     root_positions,
-    to_vectors,
 )
 from model.motion.packing import rotations as rotations_of
 from model.motion.spaces import (
@@ -59,14 +59,14 @@ class Targets:
     pelvis_aligned_positions: np.ndarray
     """Joint positions (N, 165) in metres, with the pelvis at its place in the rest pose."""
 
-    def of(self, batch: Batch, *, rotations: bool) -> tuple[Float[Tensor, "B T C"], Decoded]:
+    def of(self, batch: Batch, *, rotations: bool) -> tuple[Float[Tensor, "B T C"], DecodedMotion]:
         """Return vectors and decoded motion of a batch's windows; rotations only on request."""
         vectors = self.windows(batch)
         if rotations and self.space != "global":
             return vectors, decode(vectors, self.space, self.skeleton, self.root)
-        decoded = Decoded(
+        decoded = DecodedMotion(
             R_world_joint=rotations_of(vectors, self.space) if rotations else None,
-            rooted=torch.from_numpy(self.pelvis_aligned_positions[batch.frames]).unflatten(
+            pelvis_aligned=torch.from_numpy(self.pelvis_aligned_positions[batch.frames]).unflatten(
                 -1, (NUM_JOINTS, 3)
             ),
             root=root_positions(vectors[..., -ROOT_DIM:], self.root),
@@ -105,14 +105,14 @@ def _by_clip(
     for clip in data.clips:
         rows = slice(clip.start, clip.stop)
         transl = data.transl[rows] - (data.home(clip) if root == "place" else 0.0)
-        vectors = to_vectors(
+        vectors = poses_to_vectors(
             space,
             torch.from_numpy(np.array(data.poses[rows]))[None],
             torch.from_numpy(np.asarray(transl, np.float32))[None],
             root,
         )[0]
         blocks = (decode(b[None], space, skeleton, root) for b in vectors.split(BLOCK_FRAMES))
-        rooted = [block.rooted[0].flatten(-2).numpy() for block in blocks]
+        rooted = [block.pelvis_aligned[0].flatten(-2).numpy() for block in blocks]
         yield vectors.numpy(), np.concatenate(rooted)
 
 

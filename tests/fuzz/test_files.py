@@ -20,7 +20,7 @@ from app.study.design.key import read_key, write_key
 from app.study.design.plan import read_plan
 from app.study.statistics.answers import collect_answers
 from app.study.statistics.screening import screen
-from model.formats.read import read_unguarded
+from model.formats.read import read_with_raw_errors
 from model.motion.motion import load_motion, save_motion
 from model.plan.annotation_files import format_textgrid
 from model.plan.files import ENDINGS, markers_csv, read_plan_file, write_plan_file
@@ -109,7 +109,7 @@ def check_reads(content: st.SearchStrategy[bytes], path: Path, *reads: Read) -> 
 
 def read_motion(path: Path) -> object:
     """Read without what makes a sentence of a reader's own errors, so that these are found."""
-    return read_unguarded(path, {})
+    return read_with_raw_errors(path, {})
 
 
 def as_json(document: Any) -> bytes:

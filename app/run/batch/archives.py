@@ -28,7 +28,7 @@ from app.run.batch.pairing import is_hidden
 from app.run.output.result_folder import require_free_space
 from app.run.upload_check import ARCHIVE_SUFFIXES
 from conventions.names import file_stem, printable
-from model.storage.files import LongDirectoryError, opened_zip, write_error
+from model.storage.files import LongDirectoryError, open_limited_zip, write_error
 from model.storage.npz import MAX_FILE_BYTES
 
 TARS = ARCHIVE_SUFFIXES[1:]
@@ -210,7 +210,7 @@ class _Archive:
         """List the entries of a zip; backslashes of Windows are converted."""
         most = self._limits.files
         try:
-            with opened_zip(self._path, _BYTES_AN_ENTRY * most) as opened:
+            with open_limited_zip(self._path, _BYTES_AN_ENTRY * most) as opened:
                 yield [
                     _Entry(
                         self._checked(

@@ -173,7 +173,7 @@ def _diagnose_sets(
         for each in paths_of_set.values()
         for path in each.values()
     ]
-    notes += filter(None, [request.imports.import_overrides.unknown(paths, *files)])
+    notes += filter(None, [request.imports.import_overrides.unknown_file_error(paths, *files)])
     silent = [clip for clip in clips if clip not in sounds]
     if request.speech.path is not None and silent:
         notes.append(f"{len(silent)} of {len(clips)} clips have no audio file of the same name.")

@@ -51,7 +51,7 @@ def compare_rotation_noise(
         raise RunError(
             f"No rotation moves the {request.joint}; track a joint further from the pelvis."
         )
-    request.import_overrides.check([motion])
+    request.import_overrides.check_files_exist([motion])
     reading = read_any_motion(motion, request.import_overrides, request.body)
     growth = measure_error_growth(
         reading.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed

@@ -31,8 +31,8 @@ from conventions.names import (
     printable,
     short_names,
 )
-from model.formats.reading import current_assumption
-from model.storage.files import opened_zip, write_atomically
+from model.formats.reading import with_current_keys
+from model.storage.files import open_limited_zip, write_atomically
 from model.storage.json_validation import FieldError, read_json, rename_keys
 
 RUN, SPEECH, TIMELINE = "run.json", "speech.wav", "timeline.json"
@@ -132,7 +132,7 @@ class AssumptionRecord(TypedDict):
 
 
 def _current(assumption: Any) -> Any:
-    return current_assumption(assumption) if isinstance(assumption, dict) else assumption
+    return with_current_keys(assumption) if isinstance(assumption, dict) else assumption
 
 
 _FORMER_KINDS = {"performed": "input_plan", "told": "editor", "windows": "state"}
@@ -484,7 +484,7 @@ def files_of(folder: Path) -> list[Path]:
 def is_run_zip(path: Path) -> bool:
     """Check whether a zip holds a run, or several, by its directory; nothing is unpacked."""
     try:
-        with opened_zip(path, _MAX_LIST_BYTES) as archive:
+        with open_limited_zip(path, _MAX_LIST_BYTES) as archive:
             names = archive.namelist()
     except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError):
         return False

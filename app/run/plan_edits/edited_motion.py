@@ -61,7 +61,7 @@ from model.plan.plan import GesturePlan, PlanError
 from model.plan.style import style_of
 from model.speech.audio import Speech, SpeechLimits, load_speech
 from model.speech.transcript import Word
-from model.storage.json_validation import adapter, read_json
+from model.storage.json_validation import read_json, type_adapter
 
 MAX_TAKES = 60
 """Maximum number of takes of a run."""
@@ -248,7 +248,7 @@ def _as_the_run(request: PlanEditRequest, record: RunRecord) -> tuple[SamplingOp
     if record.kind != "generated" or speech is None:
         raise RunError(text.EDITS_GONE)
     try:
-        sampling = adapter(SamplingOptions).validate_python(record.request.get("sampling", {}))
+        sampling = type_adapter(SamplingOptions).validate_python(record.request.get("sampling", {}))
     except ValidationError as error:
         raise RunError(text.EDITS_GONE) from error
     seed = sampling.seed if record.noise_seed is None else record.noise_seed

@@ -37,7 +37,7 @@ from app.run.requests.parts import (
 from conventions.names import file_stem
 from conventions.views import CLOSE_UPS
 from model.formats.reading import ImportOverrides
-from model.storage.cards import two_speakers
+from model.storage.cards import parse_speaker_pair
 from model.systems.registry import list_systems, representatives
 from renderer.figures.style import MAX_SYSTEMS
 
@@ -272,7 +272,7 @@ class FigureRequest:
 
 MAX_SPEECHES, MAX_SEEDS = 8, 8
 TwoSpeakers = Annotated[
-    tuple[str, str] | None, text_type(two_speakers, "CALM,LIVELY", "none", ",".join)
+    tuple[str, str] | None, text_type(parse_speaker_pair, "CALM,LIVELY", "none", ",".join)
 ]
 
 

@@ -52,7 +52,7 @@ def render_motion(
         MotionError, BodyError, GLError, VideoError: each with one sentence.
     """
     request.check()
-    request.import_overrides.check([request.motion])
+    request.import_overrides.check_files_exist([request.motion])
     reading = read_any_motion(request.motion, request.import_overrides, request.video.body)
     read = reading.motion
     if request.flame_to_arkit is not None:
@@ -82,7 +82,7 @@ def write_plan(request: RenderRequest, *_: object) -> None:
 
 def _length_notes(speech: Path, reading: ImportedMotion) -> list[str]:
     length_s, name = load_speech(speech).duration_s, "the motion"
-    return length_notes(length_s, {name: reading.motion.duration_s}, {name: reading.rate})
+    return length_notes(length_s, {name: reading.motion.duration_s}, {name: reading.source_fps})
 
 
 def _export(request: RenderRequest, body: Body, motion: BodyMotion) -> tuple[Path, ...]:

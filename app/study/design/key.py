@@ -20,7 +20,7 @@ from pydantic.dataclasses import dataclass
 
 from app.errors import RunError
 from model.storage.files import written_atomically
-from model.storage.json_validation import STRICT, FieldError, Text, adapter, read_json
+from model.storage.json_validation import STRICT, FieldError, Text, read_json, type_adapter
 
 Protocol = Literal["pairwise", "matched", "ranking", "rating"]
 TrialKind = Literal["pair", "match", "rank", "rate", "attention"]
@@ -234,7 +234,10 @@ def read_key(path: Path) -> Key:
 
 def write_key(key: Key, path: Path) -> None:
     """Write the key atomically; only its owner may read it."""
-    written = {"format": key.format, **adapter(Key).dump_python(key, mode="json", by_alias=True)}
+    written = {
+        "format": key.format,
+        **type_adapter(Key).dump_python(key, mode="json", by_alias=True),
+    }
     for trial in written["trials"].values():
         if trial["expected"] is None:
             del trial["expected"]

@@ -61,6 +61,6 @@ def load(name: str, folder: Path) -> RegressionSystem:
         windowing=Windowing(frames=60, overlap=8, context=CONTEXT),
         frame="parent",
         root_motion="place",
-        network=trained.as_of(network),
+        network=trained.load_into(network),
         is_drawn=name == DRAWN,
     )

@@ -104,8 +104,8 @@ FAMILY = Family(
     package="model.systems.asynfusion",
     display_order=3,
     samplers={
-        DDIM: make_samplers("ddim", steps=25, strength=2.5),
-        **dict.fromkeys((LCM_SYNC, LCM_ASYNC), make_samplers("lcm", steps=8, strength=2.5)),
+        DDIM: make_samplers("ddim", steps=25, guidance=2.5),
+        **dict.fromkeys((LCM_SYNC, LCM_ASYNC), make_samplers("lcm", steps=8, guidance=2.5)),
     },
     shared_weights={LCM_ASYNC: LCM_SYNC},
     representatives=dict.fromkeys(("sampling_steps", "speech_effect"), (LCM_ASYNC,)),

@@ -210,6 +210,6 @@ def load(name: str, folder: Path) -> AsynFusionSystem:
         frame="parent",
         root_motion="place",
         config=config,
-        network=trained.as_of(DualBranchNetwork(config, statistics, consistent=consistent)),
+        network=trained.load_into(DualBranchNetwork(config, statistics, consistent=consistent)),
         statistics=statistics,
     )

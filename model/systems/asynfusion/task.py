@@ -62,7 +62,9 @@ class BranchesTask(SingleNetworkTask):
             face, body = fit_statistics(shape, data, self.targets)
         self.teacher = None
         if taught is not None:
-            self.teacher = taught.as_of(DualBranchNetwork(shape, (face, body), consistent=False))
+            self.teacher = taught.load_into(
+                DualBranchNetwork(shape, (face, body), consistent=False)
+            )
         network = DualBranchNetwork(shape, (face, body), consistent=self.teacher is not None)
         if self.teacher is not None:
             network.load_state_dict(self.teacher.state_dict())

@@ -27,7 +27,7 @@ class FaceTrainConfig(TrainConfig):
     flow_time_power: float = 2.0
     """Exponent of flow times: ``u ** power`` with u uniform."""
     time_weight_floor: float | None = 0.5
-    """Floor of `model.sampling.flow.time_weight`."""
+    """Floor of `model.sampling.flow.flow_loss_weight`."""
     plan_dropout: float = 0.5
     """Share of windows without a plan, as for most systems; at 1 recordings need no annotation."""
 

@@ -21,7 +21,7 @@ from torch import Tensor
 from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec, crossfade
 from model.generation.family import Family
 from model.motion.packing import Normaliser
-from model.networks.branch import AddedTokens, PriorNetwork
+from model.networks.branch import ConditionTokenEncoder, PriorNetwork
 from model.networks.config import BranchConfig
 from model.networks.trained import TrainedWeights
 from model.plan.plan_features import NUM_FACE_TRACKS
@@ -38,7 +38,7 @@ class FaceNetwork(PriorNetwork):
 
     def __init__(self, config: ExpressionConfig, prior: GaussianPrior) -> None:
         super().__init__(config, prior, channels=config.expression_dim, expression_dim=0)
-        self.plan = AddedTokens(NUM_FACE_TRACKS, config.width, config.speech_context)
+        self.plan = ConditionTokenEncoder(NUM_FACE_TRACKS, config.width, config.speech_context)
 
     def forward(
         self,
@@ -156,7 +156,7 @@ def load_face(folder: Path) -> FaceModel:
 def _load(folder: Path, sha256: str) -> FaceModel:
     trained = TrainedWeights.read(folder, EXPRESSION)
     config = trained.card.config(ExpressionConfig, "expression")
-    network = trained.as_of(FaceNetwork(config, trained.prior(config.seed_frames)))
+    network = trained.load_into(FaceNetwork(config, trained.prior(config.seed_frames)))
     return FaceModel(network, trained.normaliser, sha256)
 
 

@@ -6,7 +6,7 @@ from torch import nn
 from model.data.annotations import load_plan_annotations
 from model.data.prepared import Batch, PreparedData
 from model.plan.plan_features import FACE_TRACKS
-from model.sampling.flow import interpolate, time_weight
+from model.sampling.flow import flow_loss_weight, interpolate
 from model.systems.face.config import FaceTrainConfig
 from model.systems.face.face import FaceNetwork
 from model.training import losses
@@ -55,7 +55,7 @@ class FaceTask(SingleNetworkTask):
             "simple": losses.simple_loss(scaled, wanted),
             "difference": losses.first_difference_loss(scaled, wanted),
         }
-        by_sample = time_weight(t, config.time_weight_floor)
+        by_sample = flow_loss_weight(t, config.time_weight_floor)
         return StepLoss({name: (by_sample * term).mean() for name, term in terms.items()})
 
 

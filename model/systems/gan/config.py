@@ -58,7 +58,7 @@ class GanLoss:
     """Weight of the likelihood of sampled x_0 in the explicit loss: it fits the deviation, and
     keeps the mean exact where the prior leaves little open."""
     time_weight_floor: float | None = 0.1
-    """Floor of `model.sampling.flow.time_weight`, at the flow time of a diffusion time."""
+    """Floor of `model.sampling.flow.flow_loss_weight`, at the flow time of a diffusion time."""
     gradient_penalty: float = 0.05
     """Weight of R1: half the squared gradient of the score at real samples."""
 
@@ -103,7 +103,7 @@ FAMILY = Family(
     package="model.systems.gan",
     display_order=4,
     samplers={
-        name: make_samplers("posterior", "ddim", steps=steps, strength=3.0)
+        name: make_samplers("posterior", "ddim", steps=steps, guidance=3.0)
         for name, steps in STEPS_BY_SYSTEM.items()
     },
     representatives=dict.fromkeys(("sampling_steps", "speech_effect", "streaming"), (_FASTEST,)),

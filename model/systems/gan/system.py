@@ -39,7 +39,7 @@ class GanSystem(FaceFirstSystem):
             torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         )
         guide = spec.guide(self.normaliser, "axis-angle")
-        copies, has_speech = guide.copies(size), guide.is_conditional(size)
+        copies, has_speech = guide.network_batch_size(size), guide.is_conditional(size)
         has_seed = torch.full((size,), seed is not None)
         tokens = self.network.speech_tokens(guide.duplicate(speech[None]), guide.is_conditional(1))
         conditions = {
@@ -80,5 +80,5 @@ def load(name: str, folder: Path) -> GanSystem:
         **face_first_fields(FAMILY, name, trained, config, folder),
         frame="parent",
         root_motion="place",
-        network=trained.as_of(network),
+        network=trained.load_into(network),
     )

@@ -11,8 +11,8 @@ from torch import Tensor, nn
 
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
-from model.motion.packing import Decoded, decode
-from model.sampling.flow import time_weight
+from model.motion.packing import DecodedMotion, decode
+from model.sampling.flow import flow_loss_weight
 from model.systems.gan.config import GanConfig
 from model.systems.gan.network import (
     Discriminator,
@@ -62,7 +62,7 @@ class DenoisingBatch:
 
     motion_vectors: Float[Tensor, "B T C"]
     """Motion vectors, not normalised."""
-    target: Decoded
+    target: DecodedMotion
     x_0: Float[Tensor, "B T C"]
     x_before: Float[Tensor, "B T C"]
     x_now: Float[Tensor, "B T C"]
@@ -211,7 +211,7 @@ class GanTask(SingleNetworkTask):
         terms = {"simple": weights.simple * huber}
         decoded = decode(restored, self.targets.space, self.targets.skeleton, self.targets.root)
         terms |= geometric_terms(weights, decoded, drawn.target)
-        by_sample = time_weight(
+        by_sample = flow_loss_weight(
             flow_time_and_scale(drawn.now)[0], self.config.loss.time_weight_floor
         )
         means = {name: (by_sample * term).mean() for name, term in terms.items()}

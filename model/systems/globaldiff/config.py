@@ -241,7 +241,7 @@ FAMILY = Family(
         "globaldiff/skeleton": "As globaldiff/joint, plus the skeleton constraint (L_s).",
         "globaldiff/full": "As globaldiff/skeleton, plus the motion constraint (L_m).",
     },
-    samplers=dict.fromkeys(SYSTEMS, make_samplers(*FLOW_SAMPLERS, steps=10, strength=2.5)),
+    samplers=dict.fromkeys(SYSTEMS, make_samplers(*FLOW_SAMPLERS, steps=10, guidance=2.5)),
     presets=presets,
     package="model.systems.globaldiff",
     display_order=2,

@@ -130,7 +130,7 @@ class GlobalDiffSystem(FaceFirstSystem):
         seed_poses = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
         last_prediction = x_0
         guide = self.guide(spec)
-        copies, has_speech = guide.copies(size), guide.is_conditional(size)
+        copies, has_speech = guide.network_batch_size(size), guide.is_conditional(size)
         conditions = {
             **self.conditioning_inputs(speech, has_speech),
             "expression": expression.expand(copies, -1, -1),
@@ -216,5 +216,5 @@ def load(name: str, folder: Path) -> GlobalDiffSystem:
         **face_first_fields(FAMILY, name, trained, config, folder),
         frame="world" if config.rotation_space == "global" else "parent",
         root_motion=config.root,
-        network=trained.as_of(make_network(config, prior)),
+        network=trained.load_into(make_network(config, prior)),
     )

@@ -15,9 +15,9 @@ from torch import Tensor, nn
 from conventions.joints import PARENTS
 from model.data.prepared import Batch, PreparedData
 from model.motion.kinematics import open_body_skeleton
-from model.motion.packing import Decoded, Normaliser, decode
+from model.motion.packing import DecodedMotion, Normaliser, decode
 from model.networks.autoencoder import FrozenEncoder, load_encoder
-from model.sampling.flow import interpolate, time_weight
+from model.sampling.flow import flow_loss_weight, interpolate
 from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.config import GlobalDiffConfig, GlobalDiffLoss
 from model.systems.globaldiff.system import MotionNetwork, make_network
@@ -99,7 +99,7 @@ class MotionTask(SingleNetworkTask):
         self,
         predicted: Float[Tensor, "B T C"],
         vectors: Float[Tensor, "B T C"],
-        target: Decoded,
+        target: DecodedMotion,
         t: Float[Tensor, " B"],
         has_seed: Bool[Tensor, " B"],
     ) -> dict[str, Float[Tensor, ""]]:
@@ -115,7 +115,7 @@ class MotionTask(SingleNetworkTask):
         decoded = decode(restored, self.targets.space, self.targets.skeleton, self.targets.root)
         terms |= geometric_terms(weights, decoded, target)
         terms |= constraint_terms(weights, decoded, target, self.encoder)
-        by_sample = time_weight(t, weights.time_weight_floor)
+        by_sample = flow_loss_weight(t, weights.time_weight_floor)
         return {name: (by_sample * term).mean() for name, term in terms.items()}
 
 
@@ -129,7 +129,10 @@ def mean_vector(normaliser: Normaliser, targets: Targets) -> Float[Tensor, "333"
 
 
 def constraint_terms(
-    weights: GlobalDiffLoss, predicted: Decoded, target: Decoded, encoder: FrozenEncoder | None
+    weights: GlobalDiffLoss,
+    predicted: DecodedMotion,
+    target: DecodedMotion,
+    encoder: FrozenEncoder | None,
 ) -> dict[str, Float[Tensor, " B"]]:
     """Compute the paper's three constraints, weighted, one value per sample, if not of weight 0.
 

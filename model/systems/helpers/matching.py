@@ -203,5 +203,5 @@ class SpeechMotionMatcher:
 def load_matcher(folder: Path, name: str) -> SpeechMotionMatcher:
     """Load the classifier."""
     trained = TrainedWeights.read(folder, name)
-    network = trained.as_of(MatchingNetwork(trained.card.config(MatchingConfig, "matching")))
+    network = trained.load_into(MatchingNetwork(trained.card.config(MatchingConfig, "matching")))
     return SpeechMotionMatcher(network, trained.normaliser, trained.sha256)

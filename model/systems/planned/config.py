@@ -99,7 +99,7 @@ FAMILY = Family(
             "motion that follows the plan."
         ),
     },
-    samplers={PLANNED: make_samplers("euler", "heun", steps=6, strength=2.5)},
+    samplers={PLANNED: make_samplers("euler", "heun", steps=6, guidance=2.5)},
     presets=presets,
     package="model.systems.planned",
     display_order=1,

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from model.generation.base import WindowSpec
 from model.motion.packing import Normaliser
-from model.networks.speech_codes import SpeechCodes, load_codes
+from model.networks.speech_codes import SpeechCodes, load_speech_codes
 from model.networks.trained import TrainedWeights
 from model.plan.kinds import KindTable, kind_indices, sample_index
 from model.plan.plan import GesturePlan
@@ -297,9 +297,9 @@ def load_planner(folder: Path) -> Planner:
     """Load the planner."""
     trained = TrainedWeights.read(folder, PLANNER)
     config = trained.card.config(PlannerConfig, "planner")
-    with trained.card.reading():
+    with trained.card.reporting_errors():
         kinds = KindTable.from_tensors(trained.tensors)
         goals = trained.tensors["begins.goals"]
-    network = trained.as_of(PlannerNetwork(config))
-    codes = load_codes(folder) if config.codes else None
+    network = trained.load_into(PlannerNetwork(config))
+    codes = load_speech_codes(folder) if config.codes else None
     return Planner(network, trained.normaliser, codes, goals, kinds, trained.sha256)

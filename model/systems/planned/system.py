@@ -131,7 +131,7 @@ def load(name: str, folder: Path) -> PlannedSystem:
     """Load the system with its planner and expression network."""
     trained, planner = TrainedWeights.read(folder, name), load_planner(folder)
     config = trained.card.config(PlannedNetworkConfig, "network")
-    with trained.card.reading():
+    with trained.card.reporting_errors():
         kind_names = trained.tensors["kinds.names"]
     if not torch.equal(kind_names, planner.kinds.to_tensors()["kinds.names"].float()):
         raise CheckpointError(f"{name} and {PLANNER} were trained with different gesture types.")
@@ -141,7 +141,7 @@ def load(name: str, folder: Path) -> PlannedSystem:
         **fields,
         frame="parent",
         root_motion=config.root,
-        network=trained.as_of(PlannedNetwork(config, trained.prior(config.seed_frames))),
+        network=trained.load_into(PlannedNetwork(config, trained.prior(config.seed_frames))),
         drift_correction_s=DRIFT_CORRECTION_S,
         planner=planner,
     )

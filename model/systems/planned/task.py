@@ -6,7 +6,7 @@ from torch import Tensor, nn
 
 from model.data.annotations import Plans, load_plan_annotations
 from model.data.prepared import Batch, PreparedData
-from model.networks.speech_codes import load_codes
+from model.networks.speech_codes import load_speech_codes
 from model.sampling.prior import GaussianPrior
 from model.systems.globaldiff.task import MotionTask
 from model.systems.planned.config import PlannedConfig, PlannerConfig, PlannerTrainConfig
@@ -36,7 +36,7 @@ class PlannerTask(SingleNetworkTask):
         self.plans = load_plan_annotations(data, shape.num_speakers)
         network = PlannerNetwork(shape)
         device = setup.shard.device
-        self.codes = load_codes(setup.helpers, device) if shape.codes else None
+        self.codes = load_speech_codes(setup.helpers, device) if shape.codes else None
         super().__init__(
             setup, config, weights, network, weights.normaliser if weights else fit_features(data),
             shape.window_frames, shape.context,

@@ -222,7 +222,7 @@ def test_of_a_file_with_a_wrong_frame_time_the_right_rate_is_offered():
     if not path.is_file():
         pytest.skip("no files that outsiders met here (shared/data/inputs5)")
     reading = read_any_motion(path)
-    (note,) = length_notes(14.06, {"a": reading.motion.duration_s}, {"a": reading.rate})
+    (note,) = length_notes(14.06, {"a": reading.motion.duration_s}, {"a": reading.source_fps})
     assert "At 30 fps it would" in note and "--assume rate=30" in note
     assert read_any_motion(
         path, parse_import_overrides("rate=30")

@@ -13,7 +13,7 @@ from model.formats.convention_detection import RELAXED_HANDS
 from model.formats.motion_draft import rotation_layout
 from model.formats.numpy_reader import CONVERT_PICKLE_COMMAND
 from model.formats.parameters import motion_files
-from model.formats.read import mean_hands, read_any_motion
+from model.formats.read import read_any_motion, read_mean_hand_pose
 from model.formats.reading import ImportedMotion, parse_import_overrides
 from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import load_motion, save_motion
@@ -117,7 +117,7 @@ def test_a_stated_mean_hand_comes_from_the_body_else_ours_stands_in(tmp_path: Pa
     np.testing.assert_allclose(added[:, 15:], 0.2, atol=1e-6)
     assert "finger_angles" not in reading.missing_parts
     np.savez(body, hands_meanl=np.zeros(3), hands_meanr=np.zeros(3))
-    assert mean_hands(body) is None
+    assert read_mean_hand_pose(body) is None
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from model.formats.reading import (
     Assumption,
     ImportedMotion,
-    differing_assumptions,
+    assumption_difference_notes,
     length_notes,
     parse_import_overrides,
 )
@@ -37,10 +37,10 @@ def test_what_differs_between_compared_motions_is_told():
     slow = Assumption("rate", "15", "as stated")
     one = ImportedMotion(MOTION, (slow,), missing_parts=frozenset({"detail", "face"}))
     other = ImportedMotion(MOTION, (USUAL,), missing_parts=frozenset({"face"}))
-    first, second = differing_assumptions({"a": one, "b": other})
+    first, second = assumption_difference_notes({"a": one, "b": other})
     assert "differ in frame rate (a 15, b 30)" in first
     assert second.startswith("a was upsampled from a lower frame rate")
-    assert differing_assumptions({"a": one, "b": one}) == []
+    assert assumption_difference_notes({"a": one, "b": one}) == []
 
 
 def test_a_rate_at_which_the_speech_would_fit_is_told():
@@ -63,11 +63,12 @@ def test_what_is_said_of_one_file_comes_before_what_is_said_of_all():
     assert told.for_file("reference")["rate"] == "25"
     assert parse_import_overrides("").entries == ()
     assert (
-        told.unknown([Path("x/b, c.npz")]) == ""
+        told.unknown_file_error([Path("x/b, c.npz")]) == ""
         and told.restricted_to([]).for_file("a.npz")["up"] == "z"
     )
-    assert "up=x is for a file 'b, c.npz', which does not exist; the files are a" in told.unknown(
-        [Path("a.npz")], "a"
+    assert (
+        "up=x is for a file 'b, c.npz', which does not exist; the files are a"
+        in told.unknown_file_error([Path("a.npz")], "a")
     )
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from conventions.joints import FACE, JOINT_INDEX
 from model.motion.packing import Normaliser, joint_channels
 from model.motion.rotations import matrix_from_rot6d, rot6d_from_matrix
-from model.sampling.flow import ClassifierFreeGuidance, interpolate, sample, time_weight
+from model.sampling.flow import ClassifierFreeGuidance, flow_loss_weight, interpolate, sample
 from model.sampling.samplers import FLOW_SAMPLERS
 
 
@@ -77,10 +77,10 @@ def test_reinterpolation_keeps_the_noise_and_asks_at_step_middles():
 
 def test_time_weight_has_mean_one_and_rises():
     t = (torch.arange(1000, dtype=torch.float64) + 0.5) / 1000
-    weight = time_weight(t, 0.1)
+    weight = flow_loss_weight(t, 0.1)
     assert math.isclose(float(weight.mean()), 1, abs_tol=1e-4)
     assert (weight.diff() > 0).all()
-    torch.testing.assert_close(time_weight(t, None), torch.ones_like(t))
+    torch.testing.assert_close(flow_loss_weight(t, None), torch.ones_like(t))
 
 
 def normaliser(channels: int, mixed: bool) -> Normaliser:
@@ -155,7 +155,7 @@ def test_in_the_world_the_jaw_goes_with_the_head_and_stays_in_it():
 def test_conditional_copies_come_first_and_at_scale_1_there_is_one():
     numbers, batch = normaliser(168, mixed=True), torch.randn(2, 4, 168)
     once, twice = (ClassifierFreeGuidance(scale, numbers, "axis-angle") for scale in (1.0, 2.0))
-    assert once.copies(2) == 2 and once.is_conditional(2).tolist() == [True, True]
+    assert once.network_batch_size(2) == 2 and once.is_conditional(2).tolist() == [True, True]
     assert once.duplicate(batch) is batch and once.combine(batch) is batch
     assert twice.is_conditional(2).tolist() == [True, True, False, False]
     assert torch.equal(twice.duplicate(batch), torch.cat([batch, batch]))

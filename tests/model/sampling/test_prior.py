@@ -170,7 +170,7 @@ def test_where_all_samples_agree_one_kind_of_eigenvectors_gives_the_same(has_see
         one = call()
         torch.testing.assert_close(one, both, rtol=1e-5, atol=1e-6)
     mixed = torch.tensor([True, False, True, False])
-    assert prior.common_seed_case(mixed) is None and prior.common_seed_case(flags) == int(has_seed)
+    assert prior.shared_seed_flag(mixed) is None and prior.shared_seed_flag(flags) == int(has_seed)
     same = mixed == has_seed  # those of a batch that mixes both
     both, one = (prior.posterior_mean(x_t, t, seed, each)[same] for each in (mixed, flags))
     torch.testing.assert_close(both, one, rtol=1e-4, atol=1e-5)

@@ -10,7 +10,7 @@ import torch
 
 from model.data.prepared import prepare
 from model.motion.kinematics import open_body_skeleton
-from model.motion.packing import ROTATION_DIM, decode, to_vectors
+from model.motion.packing import ROTATION_DIM, decode, poses_to_vectors
 from model.networks.branch import Attention
 from model.speech.features import MelEncoder
 from model.storage.checkpoint import load_weights
@@ -152,7 +152,7 @@ def test_mapped_targets_equal_converted_windows(data, space):
     skeleton = open_body_skeleton()
     targets = prepare_targets(data, space, "velocity", skeleton)
     batch = data.window_batch(data.clips_of_split("train"), 60, 5, np.random.default_rng(0))
-    wanted_vectors = to_vectors(space, batch.poses, batch.transl)
+    wanted_vectors = poses_to_vectors(space, batch.poses, batch.transl)
     wanted = decode(wanted_vectors, space, skeleton)
     for rotations in (True, False):
         vectors, found = targets.of(batch, rotations=rotations)

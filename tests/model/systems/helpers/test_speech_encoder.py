@@ -11,7 +11,7 @@ import torch
 from model.data.annotations import load_plan_annotations, load_speech_labels
 from model.data.prepared import prepare
 from model.data.recordings import DataError
-from model.networks.speech_codes import SpeechPredictions, load_codes
+from model.networks.speech_codes import SpeechPredictions, load_speech_codes
 from model.speech.encoder import PHONES, SPEECH_ENCODER, SPEECH_LABELS
 from model.speech.features import MelEncoder
 from model.systems.helpers.task import prediction_losses
@@ -52,7 +52,7 @@ def test_frames_are_told_what_is_annotated_at_the_speed_of_each_copy(root):
 
 
 def test_an_encoder_that_was_trained_gives_codes_beside_features(root, tmp_path):
-    codes = load_codes(root / "encoder" / "weights")
+    codes = load_speech_codes(root / "encoder" / "weights")
     features = torch.randn(2, 40, 68)
     found = codes.encode(features)
     assert found.shape == (2, 40, 8) and found.abs().max() <= 1
