@@ -385,7 +385,7 @@ def write_plan_from_motion(
         MotionError, PlanError, WriteError: each with one sentence.
     """
     check_plan_suffix(out)
-    (overrides or ImportOverrides()).check([motion])
+    (overrides or ImportOverrides()).check_files_exist([motion])
     read = read_any_motion(motion, overrides)
     write_plan_file(plan_from_motion(read.motion, open_body_skeleton()), out)
     return list(read.notes)

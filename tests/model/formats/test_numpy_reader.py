@@ -138,7 +138,7 @@ def test_a_stated_mean_hand_comes_from_the_body_else_ours_stands_in(tmp_path: Pa
 )
 def test_shapes_of_rotations(shape: tuple[int, ...], told: tuple[int, ...] | None):
     found = rotation_layout(shape)
-    assert (found and found.rows(np.zeros(shape)).shape) == told
+    assert (found and found.reshape(np.zeros(shape)).shape) == told
 
 
 @pytest.mark.parametrize("frames", [1, 60])
