@@ -51,7 +51,7 @@ MAX_STEM_BYTES = 200
 unfinished file."""
 
 
-def file_stem(name: str) -> str:
+def safe_file_stem(name: str) -> str:
     """Return a file name without its suffix for any name.
 
     For example ``globaldiff-local`` for ``globaldiff/local``. The result leads to no other folder,

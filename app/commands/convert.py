@@ -20,7 +20,7 @@ from app.run.models import get_body
 from app.run.output.console import print_message, print_path
 from app.run.requests.convert import refuse_ignored
 from app.run.requests.parts import OverridesFlag
-from conventions.names import file_stem, printable
+from conventions.names import printable, safe_file_stem
 from model.formats.parameters import motion_files
 from model.formats.reading import ImportOverrides
 
@@ -129,7 +129,7 @@ def _outs(request: ConvertRequest, names: Sequence[Path]) -> list[Path]:
     """Return the output path of each name; repeated names get a number."""
     outs: list[Path] = []
     for name in names:
-        stem = request.out.joinpath(*map(file_stem, (*name.parent.parts, name.stem)))
+        stem = request.out.joinpath(*map(safe_file_stem, (*name.parent.parts, name.stem)))
         out = stem.with_name(f"{stem.name}{request.to}")
         number = 2
         while out in outs:

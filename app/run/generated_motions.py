@@ -22,8 +22,8 @@ from app.run.videos.videos import limit_compared
 from conventions.names import (
     REFERENCE_NAME,
     SampleName,
-    file_stem,
     printable,
+    safe_file_stem,
     version_after_post_filter,
 )
 from conventions.rates import SAMPLE_RATE
@@ -100,7 +100,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
 
     def filter_and_write(name: str, raw: Motion) -> tuple[Motion, Motion]:
         shown = apply_post_filter(raw, post_filter)
-        run.write_motion(name, shown, f"{file_stem(name)}.npz")
+        run.write_motion(name, shown, f"{safe_file_stem(name)}.npz")
         return raw, shown
 
     recording = request.live_recording

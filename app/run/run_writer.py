@@ -42,7 +42,13 @@ from app.run.timeline import (
     padded_waveform,
     transcript_tiers,
 )
-from conventions.names import FILTER_VERSIONS, REFERENCE_NAME, file_stem, join_names, short_names
+from conventions.names import (
+    FILTER_VERSIONS,
+    REFERENCE_NAME,
+    join_names,
+    safe_file_stem,
+    short_names,
+)
 from model.diagnostics import Diagnostics
 from model.faults.analysis import Finding, rank_findings
 from model.faults.table import body_part
@@ -313,7 +319,7 @@ class RunWriter(RunCallbacks):
 
     def write_plan(self, name: str, plan: GesturePlan) -> GesturePlan:
         """Write the gesture plan of a row; return it as rounded in the file."""
-        path = self.folder.path(f"{file_stem(name)}.plan.json")
+        path = self.folder.path(f"{safe_file_stem(name)}.plan.json")
         write_plan_file(plan, path)
         written = read_plan_file(path).plan
         self._row(name).files["plan"] = path.name

@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from conventions.names import file_stem
+from conventions.names import safe_file_stem
 from model.sampling.samplers import Sampler
 from model.storage.cards import WeightsCard, load_card
 
@@ -248,4 +248,4 @@ class Family:
 
 
 def _weights_file(folder: Path, weights: str) -> Path:
-    return folder / f"{file_stem(weights)}.safetensors"
+    return folder / f"{safe_file_stem(weights)}.safetensors"

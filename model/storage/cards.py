@@ -7,7 +7,7 @@ from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-from conventions.names import file_stem
+from conventions.names import safe_file_stem
 from model.storage.files import read_capped
 
 MAX_CARD_BYTES = 10**7
@@ -126,7 +126,7 @@ def load_card(folder: Path, system: str) -> WeightsCard:
     Raises:
         CheckpointError: if it is missing or no JSON object.
     """
-    path = folder / f"{file_stem(system)}.json"
+    path = folder / f"{safe_file_stem(system)}.json"
     if not path.exists():
         raise CheckpointError(f"{path} is missing; train {system} or pass --weights.")
     content = read_capped(path, MAX_CARD_BYTES, CheckpointError)

@@ -17,7 +17,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from conventions.names import file_stem
+from conventions.names import safe_file_stem
 from model.storage.cards import CheckpointError, WeightsCard, load_card
 from model.storage.files import read_capped, write_atomically
 
@@ -38,7 +38,7 @@ def save_weights(
     content = save(packed)
     card = {"system": system, "sha256": hashlib.sha256(content).hexdigest(), **card}
     for suffix, data in ((".safetensors", content), (".json", _json_bytes(card))):
-        path = folder / (file_stem(system) + suffix)
+        path = folder / (safe_file_stem(system) + suffix)
         write_atomically(path, data)
 
 
@@ -49,7 +49,7 @@ def load_weights(folder: Path, system: str) -> tuple[dict[str, Tensor], WeightsC
         CheckpointError: if a file is missing or damaged, or the sha256 differs from the card's.
     """
     card = load_card(folder, system)
-    path = folder / f"{file_stem(system)}.safetensors"
+    path = folder / f"{safe_file_stem(system)}.safetensors"
     content = read_capped(path, MAX_BYTES, CheckpointError)
     digest = hashlib.sha256(content).hexdigest()
     if digest != card.sha256:

@@ -33,7 +33,7 @@ from app.run.requests.requests import AnyRun
 from app.run.run_writer import RunWriter, open_run_writer
 from app.run.timeline import WordSearch, make_timeline
 from conventions.joints import JOINT_INDEX
-from conventions.names import REFERENCE_NAME, file_stem
+from conventions.names import REFERENCE_NAME, safe_file_stem
 from model.diagnostics import RawAndFiltered
 from model.motion.motion import Motion, first_frames, load_motion
 from model.plan.plan import GesturePlan
@@ -209,7 +209,7 @@ def make_generate(
                 name: made_motion(num_frames, 0.02 / (i + 1)) for i, name in enumerate(systems)
             }
             for name, motion in motions.items():
-                run.write_motion(name, motion, f"{file_stem(name)}.npz")
+                run.write_motion(name, motion, f"{safe_file_stem(name)}.npz")
             run.report_progress("motion", 1.0)
             if late_error is not None:
                 raise late_error
@@ -278,7 +278,7 @@ def make_draw(
                 while before_video is not None and not before_video(i).wait(0.05):
                     if callbacks.should_cancel():
                         raise Cancelled
-                video = folder.path(f"{file_stem(name)}.mp4")
+                video = folder.path(f"{safe_file_stem(name)}.mp4")
                 write_video(video, seconds)
                 callbacks.on_event(Progress("video", (i + 1) / len(names)))
                 add_file(run, video, name, "video")

@@ -24,7 +24,7 @@ from app.run.output.run_folder import (
 )
 from app.run.requests.requests import MAX_NOISE_RAD, MIN_NOISE_RAD, RotationNoiseRequest
 from conventions.colors import colors_of
-from conventions.names import REFERENCE_NAME, file_stem
+from conventions.names import REFERENCE_NAME, safe_file_stem
 
 if TYPE_CHECKING:
     from app.run.plan_edits.edits import EditSuggestion
@@ -141,7 +141,7 @@ class RunView:
             **self._addresses(files),
             **({"take": row.edit.number, "of": row.edit.original_row} if row.edit else {}),
             **({"available": row.available.model_dump()} if row.available else {}),
-            "stem": file_stem(row.name),
+            "stem": safe_file_stem(row.name),
             "is_reference": row.name == REFERENCE_NAME,
             "noise": noise_group(row.edit.original_row if row.edit else row.name),
             "is_drawn": self.is_drawn,

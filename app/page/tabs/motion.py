@@ -33,7 +33,7 @@ from app.run.batch.speech_batch import ENDINGS
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_CLIPS, MAX_SAMPLES
 from app.run.requests.requests import GenerateRequest
 from app.run.upload_check import TOO_MANY_CLIPS
-from conventions.names import file_stem, pluralise, printable
+from conventions.names import pluralise, printable, safe_file_stem
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 from model.systems.registry import sampler_title
 
@@ -112,7 +112,7 @@ def _check_clips(speeches: Sequence[Path], values: Mapping[str, Any]) -> None:
         raise RunError(TOO_MANY_CLIPS.format(limit=MAX_CLIPS, count=len(speeches)))
     if any(values[name] is not None for name in ("reference", "transcript", "plan")):
         raise RunError(text.OF_ONE_CLIP)
-    names = [file_stem(path.stem) for path in speeches]
+    names = [safe_file_stem(path.stem) for path in speeches]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RunError(f"Two clips are called {twice!r}; rename one of the files.")

@@ -27,7 +27,7 @@ from app.errors import DiskFullError, RunError, disk_full_sentence, is_disk_full
 from app.run.batch.pairing import is_hidden
 from app.run.output.result_folder import require_free_space
 from app.run.upload_check import ARCHIVE_SUFFIXES
-from conventions.names import file_stem, printable
+from conventions.names import printable, safe_file_stem
 from model.storage.files import LongDirectoryError, open_limited_zip, write_error
 from model.storage.npz import MAX_FILE_BYTES
 
@@ -74,7 +74,7 @@ def unpack_archives(
     folders: dict[Path, Path] = {}
     for path, endings in sets:
         if is_packed(path) and path not in folders:
-            folder = top / str(len(folders)) / file_stem(stem_of(path))
+            folder = top / str(len(folders)) / safe_file_stem(stem_of(path))
             folder.mkdir(parents=True)
             unpack_archive(path, folder, endings, together)
             folders[path] = folder

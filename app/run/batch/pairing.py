@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath, PurePosixPath
 
 from app.errors import RunError
-from conventions.names import file_stem
+from conventions.names import safe_file_stem
 from model.formats.parameters import motion_files
 
 GENERATED, RECORDED = "res_", "gt_"
@@ -122,14 +122,14 @@ def is_hidden(path: PurePath) -> bool:
 def _read(path: Path, inside: Path) -> _PairedFile:
     stem = inside.stem.removeprefix(GENERATED).removeprefix(RECORDED)
     stem = stem.removesuffix(OUTPUT) or stem
-    folders = [file_stem(part) for part in inside.parent.parts]
+    folders = [safe_file_stem(part) for part in inside.parent.parts]
     if named := _SAMPLE.match(stem):
-        return _PairedFile(path, (*folders, file_stem(named["clip"])), named["sample"])
+        return _PairedFile(path, (*folders, safe_file_stem(named["clip"])), named["sample"])
     samples = [place for place, part in enumerate(folders) if _FOLDER.match(part)]
     if samples:
         sample = folders.pop(samples[-1])
-        return _PairedFile(path, (*folders, file_stem(stem)), _number(_FOLDER, sample))
-    return _PairedFile(path, (*folders, file_stem(stem)))
+        return _PairedFile(path, (*folders, safe_file_stem(stem)), _number(_FOLDER, sample))
+    return _PairedFile(path, (*folders, safe_file_stem(stem)))
 
 
 def _is_numbered(file: _PairedFile) -> bool:

@@ -24,7 +24,7 @@ from app.run.output.run_folder import RUN, RunRecord, read_run
 from app.run.requests.convert import flat_json, replace_fields, with_paths
 from app.run.requests.requests import AnyRun, GenerateRequest
 from app.run.upload_check import SOUNDS
-from conventions.names import REFERENCE_NAME, file_stem
+from conventions.names import REFERENCE_NAME, safe_file_stem
 from processes.job import Job
 from processes.pool import JobPool
 
@@ -176,7 +176,7 @@ def find_speeches(source: Path) -> dict[str, Path]:
         listed = _listed(source)
     speeches: dict[str, Path] = {}
     for path in listed:
-        name = file_stem(path.stem)
+        name = safe_file_stem(path.stem)
         if name in speeches:
             raise RunError(
                 f"{speeches[name]} and {path} have the same clip name {name!r}; rename one."
@@ -218,7 +218,7 @@ def _plans(folder: Path | None, clips: Iterable[str]) -> dict[str, Path]:
         )
     endings = tuple(ending.lower() for ending in PLAN_ENDINGS)
     plans = {
-        file_stem(path.stem): path.absolute()
+        safe_file_stem(path.stem): path.absolute()
         for path in sorted(folder.iterdir())
         if has_suffix(endings, Path(path.name))
     }

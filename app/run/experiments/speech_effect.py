@@ -24,7 +24,7 @@ from app.run.requests.requests import (
     systems_of,
 )
 from app.run.run_writer import RunWriter, open_run_writer
-from conventions.names import file_stem, pluralise, short_names
+from conventions.names import pluralise, safe_file_stem, short_names
 from model.evaluation.classifiers import arm_speaker_effect, wrist_speeds
 from model.formats.read import read_any_motion
 from model.generation.base import System
@@ -91,7 +91,7 @@ def measure_speech_effect(
             run.progress_callback("numbers")(1.0)
         else:
             speeches = {
-                file_stem(path.stem): load_beginning(path, MAX_SPEECH_S, request.max_speech_s)
+                safe_file_stem(path.stem): load_beginning(path, MAX_SPEECH_S, request.max_speech_s)
                 for path in request.speeches
             }
             names = systems_of(request)
@@ -99,7 +99,7 @@ def measure_speech_effect(
             of_system = _generate_grids(request, speeches, run)
             for system, made in of_system.items():
                 for (speech, seed), motion in made.grid.items():
-                    path = run.folder.path(f"{file_stem(system)}__{speech}__{seed}.npz")
+                    path = run.folder.path(f"{safe_file_stem(system)}__{speech}__{seed}.npz")
                     save_motion(motion, path)
                     run.add_files(path)
         effects = {

@@ -27,8 +27,8 @@ from conventions.names import (
     REFERENCE_NAME,
     FilterVersion,
     SampleName,
-    file_stem,
     printable,
+    safe_file_stem,
     short_names,
 )
 from model.formats.reading import with_current_keys
@@ -351,10 +351,11 @@ def check_file_stems(names: Iterable[str]) -> None:
     """
     owners: dict[str, str] = {}
     for name in dict.fromkeys(names):
-        other = owners.setdefault(file_stem(name), name)
+        other = owners.setdefault(safe_file_stem(name), name)
         if other != name:
             raise RunError(
-                f"{other!r} and {name!r} would both be written as {file_stem(name)}; rename one."
+                f"{other!r} and {name!r} would both be written as {safe_file_stem(name)}; rename "
+                "one of them."
             )
 
 
@@ -505,9 +506,9 @@ def safe_suffix(path: Path) -> str:
 
 def video_file(name: str, view: str, views: Sequence[str]) -> str:
     """Return the file name of a row's video in one of the rendered views."""
-    return f"{file_stem(name)}{'' if view == views[0] else f'.{view}'}.mp4"
+    return f"{safe_file_stem(name)}{'' if view == views[0] else f'.{view}'}.mp4"
 
 
 def viewer_file_name(name: str, ending: str) -> str:
     """Return the name of a row's file that only a player uses."""
-    return f"{VIEWER_FOLDERS[0]}/{file_stem(name)}{ending}"
+    return f"{VIEWER_FOLDERS[0]}/{safe_file_stem(name)}{ending}"

@@ -33,7 +33,7 @@ from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, s
 from app.run.requests.parts import SamplingOptions
 from app.run.run_writer import RunWriter
 from app.run.timeline import motion_curves, read_transcript_of_run
-from conventions.names import PostFilter, SampleName, file_stem, version_after_post_filter
+from conventions.names import PostFilter, SampleName, safe_file_stem, version_after_post_filter
 from conventions.rates import FPS
 from model.generation.base import System
 from model.generation.regenerate import (
@@ -141,7 +141,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
         row.files["state"] = viewer_file_name(name, STATE_SUFFIX)
         save_state(made, request.run / row.files["state"])
         shown = apply_post_filter(made.motion, sampling.post_filter)
-        run.write_motion(name, shown, f"{file_stem(name)}.npz")
+        run.write_motion(name, shown, f"{safe_file_stem(name)}.npz")
         _tell(request.run, row, written, words)
         run.add_files(request.run / row.files["editor"])
         jerk = _add_curves(request, record, run, row, shown, sampling.post_filter)

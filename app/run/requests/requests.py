@@ -34,7 +34,7 @@ from app.run.requests.parts import (
     VideoOptions,
     check_size,
 )
-from conventions.names import file_stem
+from conventions.names import safe_file_stem
 from conventions.views import CLOSE_UPS
 from model.formats.reading import ImportOverrides
 from model.storage.cards import parse_speaker_pair
@@ -328,7 +328,7 @@ class SpeechEffectRequest:
             raise RunError(
                 f"Two to {MAX_SPEECHES} speeches can be compared; got {len(self.speeches)}."
             )
-        if len({file_stem(path.stem) for path in self.speeches}) < len(self.speeches):
+        if len({safe_file_stem(path.stem) for path in self.speeches}) < len(self.speeches):
             raise RunError("Two of the speeches have the same name; rename one of the files.")
         if not 2 <= self.seeds <= MAX_SEEDS:
             raise RunError(f"The number of noise seeds must be 2 to {MAX_SEEDS}; got {self.seeds}.")

@@ -26,7 +26,7 @@ from app.run.output.run_folder import RowFileKind, add_file, file_of, read_run, 
 from app.run.requests.parts import MAX_COMPARED, VideoOptions
 from app.run.requests.requests import RunVideosRequest
 from conventions.joints import FINGERTIP_VERTICES
-from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, file_stem
+from conventions.names import COMPARISON, REFERENCE_NAME, SampleName, safe_file_stem
 from conventions.views import View
 from model.metrics.smoothness import derivative_magnitudes
 from model.motion.motion import Motion, load_motion
@@ -374,7 +374,7 @@ def comparison_video(
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,
-            [folder.final_path(f"{file_stem(name)}.mp4") for name in names],
+            [folder.final_path(f"{safe_file_stem(name)}.mp4") for name in names],
             names,
             out,
             wav,

@@ -13,7 +13,7 @@ from app.run.output.run_folder import SPEECH, RunRecord
 from app.run.pipeline import generate
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.run_writer import open_run_writer
-from conventions.names import file_stem
+from conventions.names import safe_file_stem
 from conventions.rates import SAMPLE_RATE
 from model.motion.motion import load_motion
 from model.speech.audio import load_speech, write_wav
@@ -37,7 +37,7 @@ def make_first_look(out: Path) -> None:
             speech=beginning, out=Path(temporary, "run"), systems=(PRIORFLOW,), has_figures=False
         )
         result = generate(ask)
-        motion = load_motion(result.out / f"{file_stem(PRIORFLOW)}.npz")
+        motion = load_motion(result.out / f"{safe_file_stem(PRIORFLOW)}.npz")
         provenance = json.loads((result.out / "provenance.json").read_text())
     motions = {FIRST_MOTION.stem: motion}
     record = RunRecord(kind="imported", point=DEFAULT_TRACKED_POINT)
