@@ -49,7 +49,7 @@ def trained(tmp_path_factory, data_folder, known) -> Path:
 
 
 def test_its_name_is_taken_once():
-    with pytest.raises(ValueError, match="'regression' is taken"):
+    with pytest.raises(ValueError, match="'regression' is already used"):
         register(FAMILY)
     assert families()[-1] is FAMILY
 

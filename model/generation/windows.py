@@ -71,7 +71,8 @@ class GenerateOptions(Sampling):
             raise ValueError(f"seed is {self.seed}; it must not be negative.")
         if len(self.conditions) not in (0, 1, self.samples):
             raise ValueError(
-                f"There are {len(self.conditions)} conditions for {self.samples} samples."
+                f"There are {len(self.conditions)} conditions for {self.samples} samples; "
+                "give one for all, or one for each."
             )
 
 
@@ -278,7 +279,7 @@ def first_window_spec(system: System, options: GenerateOptions) -> WindowSpec:
         UnknownNameError, ValueError: see `generate_motion`.
     """
     if options.conditions and system.condition_type is None:
-        raise ValueError(f"{system.name} takes no condition besides speech; leave it out.")
+        raise ValueError(f"{system.name} takes no condition besides speech; omit it.")
     return WindowSpec(
         speaker=system.speaker_index(options.speaker),
         seed=options.seed,

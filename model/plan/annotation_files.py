@@ -218,7 +218,7 @@ _DOCUMENT = """\
   <TIME_ORDER/>
   <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="phase" TIME_ALIGNABLE="true" GRAPHIC_REFERENCES="false"
     CONTROLLED_VOCABULARY_REF="phases"/>
-  <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="more of a phase" TIME_ALIGNABLE="false"
+  <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="phase attribute" TIME_ALIGNABLE="false"
     GRAPHIC_REFERENCES="false" CONSTRAINTS="Symbolic_Association"/>
   <LINGUISTIC_TYPE LINGUISTIC_TYPE_ID="time" TIME_ALIGNABLE="true" GRAPHIC_REFERENCES="false"/>
   <LANGUAGE LANG_DEF="http://cdb.iso.org/lg/CDB-00138502-001" LANG_ID="eng"
@@ -286,7 +286,7 @@ def format_elan(tiers: Sequence[NamedTier], duration_s: float, sound: str = "") 
         tier_element = ET.Element("TIER", LINGUISTIC_TYPE_REF=kind, TIER_ID=tier.name)
         if tier.parent:
             tier_element.attrib |= {
-                "LINGUISTIC_TYPE_REF": "more of a phase",
+                "LINGUISTIC_TYPE_REF": "phase attribute",
                 "PARENT_REF": tier.parent,
             }
         root.insert(place, tier_element)
@@ -332,9 +332,9 @@ def _add_element(
 
 def _label(label: str) -> str:
     if any("\ud800" <= sign <= "\udfff" for sign in label):
-        raise PlanError(f"The name {label[:40]!r} is not text.")
+        raise PlanError(f"The label {label[:40]!r} is not valid Unicode text.")
     if not all(sign in "\t\n" or (" " <= sign and sign not in "\ufffe\uffff") for sign in label):
-        raise PlanError(f"The name {label[:40]!r} has a character that ELAN files do not allow.")
+        raise PlanError(f"The label {label[:40]!r} has a character that ELAN does not allow.")
     return label
 
 

@@ -331,7 +331,8 @@ def with_event(plan: GesturePlan, event: Span | Point) -> PlanResult:
     name, start_s, end_s = _LISTS[type(event)], event.start_s, event.end_s
     if not 0 <= start_s <= end_s <= plan.duration_s:
         raise PlanError(
-            f"The speech goes from 0 to {plan.duration_s:.2f} s; got {start_s:g} to {end_s:g} s."
+            f"Times must be within the speech, 0 to {plan.duration_s:.2f} s; got {start_s:g} to "
+            f"{end_s:g} s."
         )
     events = getattr(plan, name)
     if isinstance(event, Span):

@@ -107,7 +107,7 @@ def check_plan_suffix(path: Path) -> None:
     """
     if path.suffix.lower() not in {ending.lower() for ending in ENDINGS}:
         raise PlanError(
-            f"{path.name} ends in {path.suffix or 'nothing'!r}; a plan is written as "
+            f"{path.name} ends in {path.suffix or 'nothing'!r}; a plan file must end in "
             f"{', '.join(ENDINGS)}."
         )
 

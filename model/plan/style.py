@@ -272,7 +272,7 @@ def misalign_gestures(plan: GesturePlan, words: Sequence[Interval] = ()) -> Plan
         else:
             stayed += 1
     notes = (
-        (f"{stayed} of {len(groups)} gestures could not be moved off their words.",)
+        (f"{stayed} of {len(groups)} gestures could not be moved to another word or time.",)
         if stayed
         else ()
     )

@@ -184,7 +184,7 @@ def tiers_to_plan(tiers: Sequence[NamedTier], duration_s: float) -> PlanResult:
         for content in (PHASE_TIER, _PHRASES)
     )
     if not of_phases and not phrases:
-        tier_names = ", ".join(tier.name[:40] for tier in tiers[:_MAX_LISTED]) or "no tier"
+        tier_names = ", ".join(tier.name[:40] for tier in tiers[:_MAX_LISTED]) or "none"
         raise PlanError(
             "No tier has the gestures of a hand; name one gesture_right or gesture_left (tiers: "
             f"{tier_names})."

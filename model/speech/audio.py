@@ -37,7 +37,7 @@ _CONTAINERS = (
 )
 MIN_GAP_S = 0.1
 """Shortest gap between a file's time stamps (s) that is filled with silence."""
-_LATE = "The sound starts {seconds:.1f} s after the start of the file; silence was put before it."
+_LATE = "The sound starts {seconds:.1f} s after the start of the file; silence was added before it."
 _RESAMPLE = f"aresample={SAMPLE_RATE}:osf=flt"
 _FILL_GAPS = f"{_RESAMPLE},aresample=async=1:min_comp={MIN_GAP_S}:first_pts=0"
 """ffmpeg filter that places samples by their time stamps. It follows the resampling, so that a gap

@@ -177,11 +177,11 @@ def read_words(path: str | Path) -> WordsFile:
             rows = parse_table(text, ending == ".lab")
             if rows is None and ending == ".tsv":
                 raise TranscriptError(
-                    f"{name} is not a table of start, end and word, with tabs between them."
+                    f"{name} is not a table of start, end and word, separated by tabs."
                 )
         case _:
             raise TranscriptError(
-                f"{name} is not a TextGrid and does not end as a file of words does "
+                f"{name} is not a TextGrid, and its suffix is none of those of word files "
                 f"({', '.join(ENDINGS)})."
             )
     transcript = WordsFile(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
@@ -270,8 +270,7 @@ def _word_tier(tiers: Sequence[NamedTier], name: str) -> NamedTier:
     if len(of_anyone := plain or [tier for tier in named if any(r.text for r in tier.rows)]) > 1:
         there = ", ".join(repr(tier.name[:40]) for tier in of_anyone[:8])
         raise TranscriptError(
-            f"{name} has several tiers of words ({there}); delete all but those of the speaker "
-            "whose speech it is."
+            f"{name} has several tiers of words ({there}); keep only that of the recorded speaker."
         )
     if of_anyone or named:
         return (of_anyone or named)[0]

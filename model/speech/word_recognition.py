@@ -44,7 +44,7 @@ MISMATCH_NOTE = (
 PART_NOTE = (
     "{unsure} of the {count} words of the text were not found in the speech and are left out."
 )
-FAILED_NOTE = "The results have no words, because they could not be found in the speech: {why}."
+FAILED_NOTE = "Words could not be found in the speech, so the results have none: {why}."
 
 
 @dataclass(frozen=True)

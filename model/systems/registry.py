@@ -104,7 +104,7 @@ def register(family: Family) -> None:
     taken = {name for existing in _FAMILIES for name in (existing.name, *existing.network_names)}
     doubles = [name for name in (family.name, *family.network_names) if name in taken]
     if doubles:
-        raise FamilyError(f"the name {doubles[0]!r} is taken.")
+        raise FamilyError(f"the name {doubles[0]!r} is already used by another family.")
     _FAMILIES.append(family)
 
 

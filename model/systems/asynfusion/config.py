@@ -98,7 +98,7 @@ FAMILY = Family(
         "each attends to the other's features. 25 diffusion steps each.",
         LCM_SYNC: "The same networks, distilled (latent consistency) to 8 steps instead of 25.",
         LCM_ASYNC: "The distilled networks. The face takes 4 steps while the body takes 8; in "
-        "between, the body uses the face's last state.",
+        "between, the body uses the face's latest features.",
     },
     presets=presets,
     package="model.systems.asynfusion",

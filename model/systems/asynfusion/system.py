@@ -66,7 +66,9 @@ def trailing_steps(count: int) -> Int[Tensor, " count"]:
         ValueError: unless ``count`` is between 1 and the number of diffusion steps.
     """
     if not 1 <= count <= NUM_STEPS:
-        raise ValueError(f"There are {NUM_STEPS} diffusion steps; {count} cannot be taken.")
+        raise ValueError(
+            f"The number of sampling steps must be from 1 to {NUM_STEPS}; got {count}."
+        )
     return (NUM_STEPS - torch.arange(count) * NUM_STEPS / count).round().long() - 1
 
 

@@ -96,7 +96,7 @@ FAMILY = Family(
     title="Few large denoising steps, trained with a discriminator",
     systems=tuple(STEPS_BY_SYSTEM),
     about={
-        name: f"Samples in {steps} large denoising steps; trained against a discriminator."
+        name: f"Takes {steps} large denoising steps; trained against a discriminator."
         for name, steps in STEPS_BY_SYSTEM.items()
     },
     presets=presets,

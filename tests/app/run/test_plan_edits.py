@@ -137,7 +137,7 @@ def test_a_plan_from_a_file_takes_its_place(plan):
     short = GesturePlan(3.0, left=(phase(0.0, 3.0, "rest"),))
     with pytest.raises(PlanError, match=r"lasts 3.00 s and the speech 14.00 s"):
         done(plan, {"do": "plan", "name": "x.json", "text": short.as_json()})
-    with pytest.raises(PlanError, match=r"ends in '.exe'; a plan is written as .json"):
+    with pytest.raises(PlanError, match=r"ends in '.exe'; a plan file must end in .json"):
         done(plan, {"do": "plan", "name": "x.exe", "text": ""})
     with pytest.raises(PlanError, match="not a plan of format"):
         done(plan, {"do": "plan", "name": "../../x.json", "text": "[1]"})

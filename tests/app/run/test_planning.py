@@ -211,7 +211,7 @@ def test_the_command_draws_or_finds_a_plan_and_says_what_it_cannot(
             asked.speech.path,
             tmp_path / "plan.txt",
             (),
-            "plan.txt ends in '.txt'; a plan is written as",
+            "plan.txt ends in '.txt'; a plan file must end in",
         ),
         (asked.speech.path, plan, ("--guidance", "99"), "Guidance must be 0 to 10; got 99."),
         (asked.speech.path, plan, ("--seed", "-1"), "must not be negative; got -1"),

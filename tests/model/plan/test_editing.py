@@ -179,7 +179,7 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         (lambda p: scale_gesture(p, MIDDLE, 9.0), "0.1 to 4; got 9"),
         (lambda p: raise_gesture(p, MIDDLE, 2.0), "at most 1 m"),
         (lambda p: speed_up_gesture(p, MIDDLE, 0.0), "0.2 to 5; got 0"),
-        (lambda p: with_event(p, Nod(11.0, 3.0)), "The speech goes from 0 to 10.00 s"),
+        (lambda p: with_event(p, Nod(11.0, 3.0)), "within the speech, 0 to 10.00 s"),
         (
             lambda p: move_phase_end(p, "right", 4.0, 4.2),
             "No phase of the right hand ends at 4.00 s",

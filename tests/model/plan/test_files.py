@@ -193,11 +193,11 @@ def test_what_a_form_cannot_hold_is_refused_and_leaves_no_file(tmp_path: Path) -
         with pytest.raises(PlanError, match=r"events in smile overlap at 2.00 s.*JSON"):
             write_plan_file(plan, tmp_path / f"plan{ending}")
         assert not (tmp_path / f"plan{ending}").exists()
-    with pytest.raises(PlanError, match=r"a plan is written as .json, .TextGrid, .eaf"):
+    with pytest.raises(PlanError, match=r"a plan file must end in .json, .TextGrid, .eaf"):
         write_plan_file(plan, tmp_path / "plan.txt")
     for sign, says in (
         ("\0", "a character"),
-        ("\ud800", "is not text"),
+        ("\ud800", "is not valid Unicode"),
     ):  # which XML cannot hold
         bad = plan.with_hand("left", (replace(plan.left[0], kind=f"a{sign}"),))
         with pytest.raises(PlanError, match=says):
@@ -306,7 +306,7 @@ def test_a_name_that_means_several_things_means_the_first() -> None:
     ("tiers", "says"),
     [
         ([tier("words", (0.0, 1.0, "so"))], "No tier has the gestures of a hand.*tiers: words"),
-        ([], "tiers: no tier"),
+        ([], "tiers: none"),
         ([tier("phase R", (0, 2, "stroke"), (1, 3, "hold"))], "a hand does one thing at a time"),
         (
             [tier("phase R", (0, 2, "rest")), tier("goal R", (0, 2, "near"))],

@@ -124,7 +124,7 @@ def test_a_gesture_without_room_stays_and_is_counted():
     times = [one.stroke_end_s for one in gestures(plan, "right")]
     made = misalign_gestures(plan, [said("x", at, at + 0.01) for at in times])
     assert made.plan == plan and made.notes == (
-        "26 of 26 gestures could not be moved off their words.",
+        "26 of 26 gestures could not be moved to another word or time.",
     )
     assert len(times) == 26 and all(b > a for a, b in pairwise(times))
     assert Gesture("right", times[0]) in gestures(plan, "right")

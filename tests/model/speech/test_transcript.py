@@ -214,7 +214,7 @@ def test_the_tier_of_words_is_that_of_the_one_speaker(tmp_path: Path) -> None:
     path.write_text(grid(("anna - words", SPOKEN), ("ben - words", [])))
     assert len(read_transcript(path).words) == 2  # ben says nothing
     path.write_text(grid(("anna - words", SPOKEN), ("ben - words", SPOKEN)))
-    assert "several tiers of words ('anna - words', 'ben - words'); delete all but" in refusal(path)
+    assert "several tiers of words ('anna - words', 'ben - words'); keep only" in refusal(path)
 
 
 def test_tiers_that_are_no_words_or_have_one_name_are_refused_by_name(tmp_path: Path) -> None:
@@ -258,7 +258,7 @@ def test_what_is_no_file_of_words(tmp_path: Path) -> None:
         ("a.ctm", "a 1 0.3 word", "Line 1 of a.ctm must hold recording, channel"),
         ("a.ctm", "a 1 0 1 x\na 2 0 1 y", "words of 2 recordings or channels (a 1, a 2)"),
         ("a.srt", "nothing", "holds no words"),
-        ("a.doc", "hello world", "does not end as a file of words does (.TextGrid, .txt"),
+        ("a.doc", "hello world", "its suffix is none of those of word files (.TextGrid, .txt"),
     ):
         (tmp_path / name).write_text(content)
         with pytest.raises(TranscriptError) as caught:
