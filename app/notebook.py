@@ -96,7 +96,7 @@ def __getattr__(name: str) -> Any:
 
 def systems() -> dict[str, str]:
     """Return the bundled systems by name, each with a sentence about it."""
-    return {name: family_of(name).about[name] for name in list_systems(BUNDLED_WEIGHTS)}
+    return {name: family_of(name).descriptions[name] for name in list_systems(BUNDLED_WEIGHTS)}
 
 
 def read_speech(speech: SpeechLike) -> Speech:

@@ -99,7 +99,7 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained, data_folder
 def test_the_page_offers_it_and_a_run_holds_it(trained, speech, tmp_path):
     weights = trained
     catalogue = read_catalogue(weights)
-    assert FAMILY.about[MEAN] in ablations_html(catalogue.systems)
+    assert FAMILY.descriptions[MEAN] in ablations_html(catalogue.systems)
     assert catalogue.systems == (MEAN, DRAWN) and catalogue.speakers == ("ann", "bob")
     request = generate_request(
         speech=speech, out=tmp_path / "out", weights=weights, has_poses=False

@@ -124,13 +124,13 @@ class Family:
     ``package.system.load(name, folder)`` reads a generator."""
     systems: tuple[str, ...] = ()
     """Names of its generators, in the order of display."""
-    about: Mapping[str, str] = field(default_factory=dict)
+    descriptions: Mapping[str, str] = field(default_factory=dict)
     """One sentence for the user on each generator."""
     samplers: Mapping[str, tuple[Sampler, ...]] = field(default_factory=dict)
     """Samplers of each generator; the first is the default."""
     display_order: int = 100
     """Place of its systems among the families: the lowest first."""
-    helpers: tuple[str, ...] = ()
+    helper_networks: tuple[str, ...] = ()
     """Networks that are trained like systems and used by them."""
     offline_only: tuple[str, ...] = ()
     """Generators that need the whole speech before they start, and so cannot stream."""
@@ -152,7 +152,7 @@ class Family:
     @property
     def network_names(self) -> tuple[str, ...]:
         """Names of its generators and helpers."""
-        return (*self.systems, *self.helpers)
+        return (*self.systems, *self.helper_networks)
 
     @property
     def trained_networks(self) -> tuple[str, ...]:

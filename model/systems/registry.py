@@ -54,7 +54,7 @@ def check_family(family: object) -> None:
                 "or none."
             )
     for name in family.systems:
-        if name not in family.about:
+        if name not in family.descriptions:
             raise FamilyError(f"it has no description of {name}.")
         if not family.samplers_of(name):
             raise FamilyError(f"{name} has no sampler.")

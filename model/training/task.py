@@ -28,9 +28,9 @@ from model.training.parallel import UNSHARDED, Shard, ShardedRandom, can_compile
 class TaskSetup:
     """Environment of a training task: weights it needs, device, compilation."""
 
-    helpers: Path
+    helper_weights: Path
     """Folder with the weights of networks that a task needs and does not train."""
-    start: Path | None = None
+    initial_weights: Path | None = None
     """Folder with initial weights of the trained network; None for random ones."""
     shard: Shard = UNSHARDED
     may_compile: bool = False
@@ -67,9 +67,9 @@ class TaskSetup:
                     f"{num_speakers - 1}."
                 )
         torch.manual_seed(config.random_seed)
-        if self.start is None:
+        if self.initial_weights is None:
             return None
-        weights = TrainedWeights.read(self.start, config.system)
+        weights = TrainedWeights.read(self.initial_weights, config.system)
         if "normaliser.mean" not in weights.tensors:
             raise CheckpointError(
                 f"The weights of {weights.name} have no normalisation statistics."
@@ -199,7 +199,7 @@ class SingleNetworkTask(ABC):
         return torch.optim.AdamW(network.parameters(), rate, betas, weight_decay=decay, fused=True)
 
     @cached_property
-    def parallel(self) -> nn.Module:
+    def data_parallel_network(self) -> nn.Module:
         """Network with gradients averaged over all processes.
 
         It is made at the first step, when all processes have joined; they make their tasks in turn.
@@ -208,7 +208,7 @@ class SingleNetworkTask(ABC):
 
     def step(self, number: int, batch: Batch, generator: torch.Generator) -> dict[str, float]:
         self.network.train()
-        loss = self.step_loss(self.parallel, batch, generator, self.shard)
+        loss = self.step_loss(self.data_parallel_network, batch, generator, self.shard)
         self.optimizer.zero_grad(set_to_none=True)
         loss.total.backward()
         norm = nn.utils.clip_grad_norm_(self.network.parameters(), self.config.clip_norm)

@@ -49,7 +49,8 @@ class Catalogue:
 def system_descriptions(systems: Sequence[str]) -> dict[str, str]:
     """Return a sentence about each system by its label."""
     return {
-        label: family_of(name).about.get(name, "") for name, label in short_names(systems).items()
+        label: family_of(name).descriptions.get(name, "")
+        for name, label in short_names(systems).items()
     }
 
 

@@ -87,7 +87,7 @@ def _others(others: Sequence[str]) -> str:
     for title in dict.fromkeys(family_of(name).title for name in others):
         rows = "".join(
             f"<dt><code>{escape(name)}</code></dt>"
-            f"<dd>{escape(family_of(name).about.get(name, ''))}</dd>"
+            f"<dd>{escape(family_of(name).descriptions.get(name, ''))}</dd>"
             for name in others
             if family_of(name).title == title
         )

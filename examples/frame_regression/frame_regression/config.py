@@ -29,7 +29,7 @@ FAMILY = Family(
     name="regression",
     title="Regression, from a package",
     systems=(MEAN, DRAWN),
-    about={
+    descriptions={
         MEAN: "The pose that is expected with each sound: the mean of many gestures.",
         DRAWN: "The same with smooth noise, as large as the error that the mean leaves.",
     },

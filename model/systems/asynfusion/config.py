@@ -93,7 +93,7 @@ FAMILY = Family(
     name="asynfusion",
     title="AsynFusion: face and body networks that exchange features",
     systems=SYSTEMS,
-    about={
+    descriptions={
         DDIM: "Two networks side by side, one for the face and one for the body; after every block "
         "each attends to the other's features. 25 diffusion steps each.",
         LCM_SYNC: "The same networks, distilled (latent consistency) to 8 steps instead of 25.",

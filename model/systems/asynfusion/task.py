@@ -54,7 +54,9 @@ class BranchesTask(SingleNetworkTask):
         shape, device = config.network, setup.shard.device
         weights = setup.begin(config, data, shape.num_speakers)
         self.targets = prepare_targets(data, "axis-angle", "place", open_body_skeleton())
-        taught = TrainedWeights.read(setup.helpers, DDIM) if config.aim == "teacher" else None
+        taught = (
+            TrainedWeights.read(setup.helper_weights, DDIM) if config.aim == "teacher" else None
+        )
         teacher = taught or weights
         if teacher:
             face, body = read_statistics(teacher, shape.seed_frames)

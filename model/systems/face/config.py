@@ -50,5 +50,5 @@ FAMILY = Family(
     presets=presets,
     package="model.systems.face",
     display_order=6,
-    helpers=(EXPRESSION,),
+    helper_networks=(EXPRESSION,),
 )

@@ -79,7 +79,7 @@ class FaceModel:
         return self.network.config
 
     @torch.inference_mode()
-    def draw(
+    def sample(
         self,
         speech: Float[Tensor, "B T_ctx speech_dim"],
         speaker: int,
@@ -133,7 +133,7 @@ class FaceModel:
             seed = None if end is None else self.normaliser.normalise(end[None])
             noise = self.noise(noise_seed, index)
             planned = None if plan is None else plan[None]
-            cached = self.draw(speech[None], speaker, seed, noise, planned)[0]
+            cached = self.sample(speech[None], speaker, seed, noise, planned)[0]
             if end is not None:
                 cached = torch.cat([crossfade(end, cached[:shared]), cached[shared:]])
             self._cache[key] = cached

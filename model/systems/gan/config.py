@@ -95,7 +95,7 @@ FAMILY = Family(
     name="gan",
     title="Few large denoising steps, trained with a discriminator",
     systems=tuple(STEPS_BY_SYSTEM),
-    about={
+    descriptions={
         name: f"Takes {steps} large denoising steps; trained against a discriminator."
         for name, steps in STEPS_BY_SYSTEM.items()
     },

@@ -233,7 +233,7 @@ FAMILY = Family(
     name="globaldiff",
     title="GlobalDiff, and a system of our own",
     systems=SYSTEMS,
-    about={
+    descriptions={
         PRIORFLOW: "Blocks of the paper's network with a linear-Gaussian prior of the motion.",
         "globaldiff/local": "Predicts each joint's rotation relative to its parent.",
         "globaldiff/global": "Predicts each joint's rotation in world coordinates.",

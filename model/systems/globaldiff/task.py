@@ -50,7 +50,7 @@ class MotionTask(SingleNetworkTask):
         weights = setup.begin(config, data, shape.num_speakers)
         self.encoder = None
         if config.loss.motion > 0:
-            self.encoder = load_encoder(setup.helpers, ENCODER, setup.shard.device)
+            self.encoder = load_encoder(setup.helper_weights, ENCODER, setup.shard.device)
         self.targets = prepare_targets(data, shape.rotation_space, shape.root, open_body_skeleton())
         prior = None
         if shape.has_prior:

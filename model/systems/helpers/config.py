@@ -91,5 +91,5 @@ FAMILY = Family(
     presets=presets,
     package="model.systems.helpers",
     display_order=7,
-    helpers=(*AUTOENCODERS, MATCHING_NETWORK, SPEECH_ENCODER),
+    helper_networks=(*AUTOENCODERS, MATCHING_NETWORK, SPEECH_ENCODER),
 )

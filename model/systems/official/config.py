@@ -91,7 +91,7 @@ FAMILY = OfficialFamily(
     name="official",
     title="GlobalDiff by its authors",
     systems=(FILTERED, UNFILTERED),
-    about={
+    descriptions={
         FILTERED: "The authors' checkpoint as their script runs it, each window smoothed.",
         UNFILTERED: "The same checkpoint without smoothing: the raw output.",
     },

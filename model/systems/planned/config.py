@@ -93,7 +93,7 @@ FAMILY = Family(
     name="planned",
     title="Plan first, then motion: our own",
     systems=(PLANNED,),
-    about={
+    descriptions={
         PLANNED: (
             "First samples a plan of gestures, nods and gaze from the speech, then generates "
             "motion that follows the plan."
@@ -103,7 +103,7 @@ FAMILY = Family(
     presets=presets,
     package="model.systems.planned",
     display_order=1,
-    helpers=(PLANNER,),
+    helper_networks=(PLANNER,),
     representatives=dict.fromkeys(("motion", "speech_effect"), (PLANNED,)),
     planning_systems=(PLANNED,),
 )

@@ -36,7 +36,7 @@ class PlannerTask(SingleNetworkTask):
         self.plans = load_plan_annotations(data, shape.num_speakers)
         network = PlannerNetwork(shape)
         device = setup.shard.device
-        self.codes = load_speech_codes(setup.helpers, device) if shape.codes else None
+        self.codes = load_speech_codes(setup.helper_weights, device) if shape.codes else None
         super().__init__(
             setup, config, weights, network, weights.normaliser if weights else fit_features(data),
             shape.window_frames, shape.context,

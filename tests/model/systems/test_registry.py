@@ -62,13 +62,13 @@ def test_families_declare_only_systems_of_their_own():
         }
         declared |= set() if family.ablation is None else set(family.ablation.systems)
         declared |= {
-            *family.about,
+            *family.descriptions,
             *family.samplers,
             *family.offline_only,
             *family.planning_systems,
         }
         assert declared <= {*family.systems}
-        assert {*family.about} == {*family.systems}
+        assert {*family.descriptions} == {*family.systems}
     assert planning_systems() and all(representatives(topic) for topic in get_args(Topic))
 
 
@@ -126,7 +126,7 @@ def test_a_broken_package_is_told_in_a_sentence_and_keeps_none_from_the_others(
     ("changed", "why"),
     [
         ({"systems": ("regression/mean", "../x")}, "the name '../x' must be small letters"),
-        ({"about": {}}, "it has no description of regression/mean"),
+        ({"descriptions": {}}, "it has no description of regression/mean"),
         ({"samplers": {}}, "regression/mean has no sampler"),
     ],
 )

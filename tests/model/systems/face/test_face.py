@@ -20,9 +20,9 @@ def test_a_face_that_was_drawn_is_remembered_and_no_other_taken_for_it(face, mon
     first = face.window(speech, 1, None, 0, 0)
     after = face.window(speech, 1, first, 0, 1)
     drawn = []
-    real = type(face).draw
+    real = type(face).sample
     monkeypatch.setattr(
-        type(face), "draw", lambda self, *asked: drawn.append(1) or real(self, *asked)
+        type(face), "sample", lambda self, *asked: drawn.append(1) or real(self, *asked)
     )
     again = face.window(speech.clone(), 1, face.window(speech, 1, None, 0, 0), 0, 1)
     assert again is after and not drawn
@@ -75,7 +75,7 @@ def test_windows_are_faded_into_each_other(face):
     first = face.window(speech, 1, None, 5, 0)
     after = face.window(speech, 1, first, 5, 1)
     seed = face.normaliser.normalise(first[None, -8:])
-    alone = face.draw(speech[None], 1, seed, face.noise(5, 1))
+    alone = face.sample(speech[None], 1, seed, face.noise(5, 1))
     torch.testing.assert_close(after[8:], alone[0, 8:])
     assert (after[0] - first[-8]).abs().max() < 0.02 + 0.1 * (alone[0, 0] - first[-8]).abs().max()
 
@@ -83,12 +83,12 @@ def test_windows_are_faded_into_each_other(face):
 def test_a_face_is_drawn_anew_from_other_noise_stays_in_range_and_goes_on(face):
     speech = torch.randn(3, HEARD, 68)
     noise = torch.cat([face.noise(k, 0) for k in (0, 1, 0)])
-    first = face.draw(speech, 1, None, noise)
+    first = face.sample(speech, 1, None, noise)
     assert first.shape == (3, 60, 52) and first.min() >= 0 and first.max() <= 1
-    alone = face.draw(speech[:1], 1, None, noise[:1])
+    alone = face.sample(speech[:1], 1, None, noise[:1])
     torch.testing.assert_close(first[:1], alone, atol=1e-4, rtol=1e-4)
-    other = face.draw(speech[:1], 1, None, noise[1:2])
+    other = face.sample(speech[:1], 1, None, noise[1:2])
     assert (other - alone).abs().max() > 0.05
     seed = face.normaliser.normalise(first[:, -8:])
-    after = face.draw(speech, 1, seed, torch.cat([face.noise(k, 1) for k in (0, 1, 0)]))
+    after = face.sample(speech, 1, seed, torch.cat([face.noise(k, 1) for k in (0, 1, 0)]))
     assert (after[:, :8] - first[:, -8:]).abs().mean() < 0.2 * first.std()
