@@ -22,7 +22,13 @@ from pandas import DataFrame
 
 from app.config import BUNDLED_WEIGHTS, drop_missing_matplotlib_backend, http_proxies_disabled
 from app.errors import RunError
-from app.findings.measure_rows import METRICS, definition_of, format_value, nearest, numbers_of
+from app.findings.metric_table import (
+    METRICS,
+    format_value,
+    metric_definition,
+    metric_values,
+    nearest_names,
+)
 from app.run.batch.table import title_with_unit
 from app.run.bodies import TrackedPoint
 from app.run.callbacks import RunCallbacks
@@ -314,7 +320,7 @@ class Comparison:
     def _explained(self, key: str) -> str:
         """Format the title of a metric as HTML with its rule and protocol as a tooltip."""
         measure = next(measure for measure in METRICS if measure.key == key)
-        about = f"{definition_of(key, self.protocols[key])} Protocol {self.protocols[key]}."
+        about = f"{metric_definition(key, self.protocols[key])} Protocol {self.protocols[key]}."
         return f'<span title="{escape(about)}">{escape(title_with_unit(measure))}</span>'
 
 
@@ -337,16 +343,16 @@ def compare(
     if diagnostics is None:
         diagnostics = diagnose(named, speech=speech, progress=False)
     of_all = diagnostics.all_motions
-    numbers = {name: numbers_of(versions.of(kind)) for name, versions in of_all.items()}
+    numbers = {name: metric_values(versions.of(kind)) for name, versions in of_all.items()}
     rows: dict[str, dict[str, float | None]] = {}
     best: dict[str, Sequence[str]] = {}
     for measure in METRICS:
         values = {name: of.get(measure.key) for name, of in numbers.items()}
         if any(value is not None for value in values.values()):
             rows[measure.key] = values
-            target = values.get(REFERENCE_NAME) if measure.has_reference_value else None
+            target = values.get(REFERENCE_NAME) if measure.is_compared_with_reference else None
             others = {name: values[name] for name in diagnostics.systems}
-            best[measure.key] = nearest(others, target)
+            best[measure.key] = nearest_names(others, target)
     apart = {
         (a, b): rotation_difference_by_part(named[a], named[b]) for a, b in combinations(named, 2)
     }

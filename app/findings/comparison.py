@@ -51,7 +51,7 @@ def samples_by_system(names: Iterable[str]) -> dict[str, dict[int, str]]:
     return systems
 
 
-def by_measure(clips: Iterable[Mapping[str, Mapping[str, float]]]) -> Table:
+def values_by_metric(clips: Iterable[Mapping[str, Mapping[str, float]]]) -> Table:
     """Return the values by measure: of one clip each sample, of several the mean of each clip.
 
     Args:
@@ -72,16 +72,16 @@ def mean(samples: Samples) -> float:
     return sum(samples.values()) / len(samples)
 
 
-def ratio_of(above: Samples, below: Samples) -> Ratio | None:
+def ratio_of_means(numerator: Samples, denominator: Samples) -> Ratio | None:
     """Compute the ratio of two means, paired by sample number; None if a value is not positive."""
-    if min([*above.values(), *below.values()]) <= 0.0:
+    if min([*numerator.values(), *denominator.values()]) <= 0.0:
         return None
-    shared = sorted(above.keys() & below.keys())
+    shared = sorted(numerator.keys() & denominator.keys())
     if len(shared) < 2:
-        return Ratio(mean(above) / mean(below))
+        return Ratio(mean(numerator) / mean(denominator))
     from model.evaluation.tables import bootstrap_ratio
 
-    interval = bootstrap_ratio([above[n] for n in shared], [below[n] for n in shared])
+    interval = bootstrap_ratio([numerator[n] for n in shared], [denominator[n] for n in shared])
     return Ratio(interval.mean, len(shared), interval.low, interval.high)
 
 
@@ -104,7 +104,7 @@ KIND_TITLES = {
 """Titles of kinds of findings (`model.faults.table`) that their names do not tell."""
 
 
-def format_kinds(kinds: Iterable[str]) -> str:
+def format_finding_kinds(kinds: Iterable[str]) -> str:
     """Format kinds of findings as a list in words."""
     return ", ".join(KIND_TITLES.get(kind, kind.replace("_", " ")) for kind in kinds)
 

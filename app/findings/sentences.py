@@ -9,13 +9,19 @@ from typing import TYPE_CHECKING
 
 from app.findings.comparison import (
     Table,
-    by_measure,
     format_means,
     format_number,
     point_title,
     samples_by_system,
+    values_by_metric,
 )
-from app.findings.measure_rows import JERK, POWER_ABOVE_5_HZ, SEAMS, incomparable_parts, numbers_of
+from app.findings.metric_table import (
+    JERK,
+    POWER_ABOVE_5_HZ,
+    SEAMS,
+    incomparable_parts,
+    metric_values,
+)
 from conventions.names import (
     FILTER_VERSIONS,
     REFERENCE_NAME,
@@ -47,10 +53,10 @@ def figure_sentences(diagnostics: Diagnostics) -> dict[str, str]:
 
     def table(kind: FilterVersion) -> Table:
         numbers = {
-            name: numbers_of(each.of(kind), incomparable=apart.get(name, ()))
+            name: metric_values(each.of(kind), incomparable=apart.get(name, ()))
             for name, each in of_all.items()
         }
-        return by_measure([numbers])
+        return values_by_metric([numbers])
 
     tables: dict[FilterVersion, Table] = {kind: table(kind) for kind in FILTER_VERSIONS}
     unlike = {name for name, parts in apart.items() if parts & {"detail", "place"}}

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from app.errors import Cancelled, message_for_user
-from app.findings.measure_rows import incomparable_parts, numbers_of
+from app.findings.metric_table import incomparable_parts, metric_values
 from app.findings.sentences import figure_sentences
 from app.findings.verdict import make_verdict
 from app.run.bodies import RootTransform, TrackedPoint, root_transform_of
@@ -342,7 +342,7 @@ class RunWriter(RunCallbacks):
         apart = incomparable_parts(diagnostics.missing_parts)
         record.numbers = {
             name: {
-                kind: numbers_of(versions.of(kind), incomparable=apart.get(name, ()))
+                kind: metric_values(versions.of(kind), incomparable=apart.get(name, ()))
                 for kind in FILTER_VERSIONS
             }
             for name, versions in of_all[:MAX_ROWS]

@@ -10,7 +10,7 @@ import pytest
 
 from app import notebook
 from app.errors import RunError
-from app.findings.measure_rows import JERK
+from app.findings.metric_table import JERK
 from app.notebook import compare, diagnose, generate, motions_by_name, read_motion, read_speech
 from model.motion.motion import save_motion
 from model.speech.audio import SpeechError

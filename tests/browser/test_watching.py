@@ -11,7 +11,7 @@ from playwright.sync_api import Locator, Page, Route, expect
 
 from app import text
 from app.config import AppConfig
-from app.findings.measure_rows import JERK
+from app.findings.metric_table import JERK
 from app.page.tabs import own_motion
 from model.motion.motion import save_motion
 from model.plan.annotation_files import Interval, NamedTier, format_textgrid

@@ -12,19 +12,24 @@ from urllib.parse import quote
 
 from app import text
 from app.errors import without_cli_options, without_folders
-from app.findings.comparison import by_measure, format_kinds, format_number, point_title
-from app.findings.measure_rows import (
+from app.findings.comparison import (
+    format_finding_kinds,
+    format_number,
+    point_title,
+    values_by_metric,
+)
+from app.findings.metric_table import (
     FGD,
     JERK,
     METRICS,
     TITLES,
     Metric,
     Numbers,
-    definition_of,
     format_difference,
+    format_mean_with_interval,
     format_value,
-    nearest,
-    ranged,
+    metric_definition,
+    nearest_names,
 )
 from app.findings.verdict import make_verdict
 from app.page.parts import markup
@@ -177,7 +182,7 @@ def _rules(metrics: Iterable[tuple[str, str]]) -> str:
     """Format the definitions of metrics, folded, from their keys and the ids of protocols."""
     rows = "".join(
         f"<dt>{escape(TITLES.get(key, key))}</dt>"
-        f"<dd>{escape(definition_of(key, protocol))} <code>{escape(protocol)}</code></dd>"
+        f"<dd>{escape(metric_definition(key, protocol))} <code>{escape(protocol)}</code></dd>"
         for key, protocol in metrics
     )
     summary = "Definitions and protocols"
@@ -186,14 +191,14 @@ def _rules(metrics: Iterable[tuple[str, str]]) -> str:
 
 def _row(measure: Metric, columns: Sequence[Column]) -> str:
     recorded = [
-        each for each in columns if each.kind == "reference" and measure.has_reference_value
+        each for each in columns if each.kind == "reference" and measure.is_compared_with_reference
     ]
     motions = [each for each in columns if not each.kind]
     near: dict[FilterVersion, Sequence[str]] = {}
     for version in FILTER_VERSIONS:
         target = next((each.read(measure, version) for each in recorded), None)
         of_motions = {each.name: each.read(measure, version) for each in motions}
-        near[version] = nearest(of_motions, target)
+        near[version] = nearest_names(of_motions, target)
     cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
     later = "" if measure.is_primary else ' class="later"'
@@ -295,7 +300,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     first = next(iter(runs.values()))
     measured = [run.numbers for run in runs.values()]
     verdict = make_verdict(first.point, measured)
-    raw = by_measure({name: of["raw"] for name, of in clip.items()} for clip in measured)
+    raw = values_by_metric({name: of["raw"] for name, of in clip.items()} for clip in measured)
     jerk = raw.get(JERK, {})
     means = {name: interval(list(of.values())) for name, of in jerk.items()}
     above = ""
@@ -310,7 +315,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         )
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
-    cells = [ranged(*numbers, format_number) for numbers in means.values()]
+    cells = [format_mean_with_interval(*numbers, format_number) for numbers in means.values()]
     head = markup.table_head({name: names[name] for name in jerk})
     title = f"{point_title(first.point)} jerk by clip (m/s³, as generated)"
     foot = f"<tfoot>{markup.table_row(text.CLIPS_MEAN, cells)}</tfoot>"
@@ -355,7 +360,8 @@ def sets_html(summary: Mapping[str, Any], systems: Sequence[str], figure: str, l
 def clip_choices(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return label and name of every clip, the worst first."""
     worst: dict[str, str] = {
-        each["clip"]: f"{each['clip']}: {format_kinds(each['kinds'])}" for each in summary["worst"]
+        each["clip"]: f"{each['clip']}: {format_finding_kinds(each['kinds'])}"
+        for each in summary["worst"]
     }
     clips: list[str] = summary["clips"]
     return [(worst.get(clip, clip), clip) for clip in dict.fromkeys([*worst, *clips])]
@@ -367,7 +373,7 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
     unit = next(row.unit for row in METRICS if row.key == JERK)
     items = [
         f"<li><b>{escape(each['clip'])}</b><span>{escape(each['system'])}: "
-        f"{escape(format_kinds(each['kinds']))}; jerk {format_value(each['jerk'])} "
+        f"{escape(format_finding_kinds(each['kinds']))}; jerk {format_value(each['jerk'])} "
         f"{unit}</span></li>"
         for each in worst
     ]

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from app.errors import RunError
-from app.findings.measure_rows import FGD, FGD_EMAGE, FGD_GENEA, TITLES
+from app.findings.metric_table import FGD, FGD_EMAGE, FGD_GENEA, TITLES
 from app.run.batch.published_metrics import DRAWS, PLAIN, interval_rows, varied
 from app.run.requests.parts import MetricOptions
 from conventions.names import REFERENCE_NAME

@@ -18,17 +18,17 @@ import jinja2
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from app.errors import RunError
-from app.findings.comparison import format_kinds
-from app.findings.measure_rows import (
+from app.findings.comparison import format_finding_kinds
+from app.findings.metric_table import (
     FGD,
     FGD_EMAGE,
     FGD_GENEA,
     METRICS,
     POWER_ABOVE_5_HZ,
     TITLES,
-    definition_of,
+    drop_unpaired,
     format_value,
-    with_partners,
+    metric_definition,
 )
 from app.run.output.run_folder import BATCH, FORMER_BATCH
 from conventions.names import REFERENCE_NAME, printable
@@ -95,7 +95,7 @@ class Entry:
     def finding_counts(self) -> list[str]:
         """Kinds of findings with their numbers of clips, the most frequent first."""
         kinds = sorted(self.findings.items(), key=lambda item: -item[1])
-        return [f"{format_kinds([kind])} {count}" for kind, count in kinds]
+        return [f"{format_finding_kinds([kind])} {count}" for kind, count in kinds]
 
 
 class Leaderboard(BaseModel):
@@ -220,9 +220,9 @@ def read_leaderboard(path: Path) -> list[Entry]:
 _BY = " · "
 """Separator of a metric's key and its protocol, where a table has several of one metric."""
 _OF_SETS = {FGD, FGD_EMAGE, *FGD_GENEA.values()}
-_TO_RECORDED = _OF_SETS | {row.key for row in METRICS if row.is_error}
+_TO_RECORDED = _OF_SETS | {row.key for row in METRICS if row.is_reference_error}
 """Metrics that are distances to the recorded motion."""
-_WITHOUT_AIM = {row.key for row in METRICS if not row.has_reference_value}
+_WITHOUT_AIM = {row.key for row in METRICS if not row.is_compared_with_reference}
 _FIRST = {row.key for row in METRICS if row.is_primary or row.key == POWER_ABOVE_5_HZ}
 
 
@@ -257,7 +257,7 @@ def _by_protocol(entry: Entry, entries: Sequence[Entry]) -> Entry:
     for each in entries:
         for key, value in each.measures.items():
             used.setdefault(key, set()).add(value.protocol)
-    measures = with_partners(entry.measures).items()
+    measures = drop_unpaired(entry.measures).items()
     return replace(
         entry,
         measures={
@@ -295,7 +295,7 @@ def _table(entries: list[Entry]) -> dict[str, Any]:
             for key in keys
         },
         "protocols": protocols,
-        "definitions": {key: definition_of(names[key], protocols[key]) for key in keys},
+        "definitions": {key: metric_definition(names[key], protocols[key]) for key in keys},
         "rare": {key for key in keys if names[key] not in _OF_SETS | _FIRST},
         "apart": distance,
     }

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from app.errors import RunError
-from app.findings.measure_rows import METRICS, incomparable_parts, numbers_of
+from app.findings.metric_table import METRICS, incomparable_parts, metric_values
 from app.run.batch.archives import UNPACKED, UnpackLimits, unpack_archives
 from app.run.batch.frechet_distances import (
     check_weights,
@@ -412,7 +412,7 @@ class _ClipJob:
                     find_faults(analysed), reading.missing_parts
                 )
                 notes.append({
-                    "numbers": numbers_of(
+                    "numbers": metric_values(
                         analysed.raw, reading.missing_parts, apart[f"{name} {sample}"]
                     ),
                     "findings": [fault.kind for fault in faults],
@@ -561,8 +561,10 @@ def _lacking(files: Mapping[str, Sequence[Mapping[str, Any]]]) -> Iterator[str]:
             continue
         for name, of_set in files.items():
             count = sum(part in file["lacks"] for file in of_set)
-            rows = [row for row in METRICS if part in row.parts]
-            rows += [row for row in METRICS if part in row.compared_with and part in apart[name]]
+            rows = [row for row in METRICS if part in row.required_parts]
+            rows += [
+                row for row in METRICS if part in row.parts_that_must_match and part in apart[name]
+            ]
             titles = ", ".join(row.title for row in rows)
             out = f"; these metrics are left out: {titles}" if rows else ""
             some = "" if count == len(of_set) else f" in {count} of {len(of_set)} files"

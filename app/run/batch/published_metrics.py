@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from app.findings.measure_rows import format_value
+from app.findings.metric_table import format_value
 from conventions.names import REFERENCE_NAME
 from model.evaluation.tables import bootstrap_indices, percentile_interval
 from model.metrics.protocols.clip import Clip, ProtocolInputs, Sums

@@ -15,8 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from app.findings.comparison import format_kinds
-from app.findings.measure_rows import JERK, METRICS, TITLES, Metric, format_value, ranged
+from app.findings.comparison import format_finding_kinds
+from app.findings.metric_table import (
+    JERK,
+    METRICS,
+    TITLES,
+    Metric,
+    format_mean_with_interval,
+    format_value,
+)
 from app.findings.verdict import MIN_CLIPS_FOR_CLAIM
 from app.run.output.run_folder import TABLES
 from conventions.names import REFERENCE_NAME
@@ -185,7 +192,7 @@ def _worst_lines(worst: Sequence[Mapping[str, Any]]) -> list[str]:
     rows = (
         map(
             escape_markdown,
-            (of["system"], of["clip"], format_kinds(of["kinds"]), format_value(of["jerk"])),
+            (of["system"], of["clip"], format_finding_kinds(of["kinds"]), format_value(of["jerk"])),
         )
         for of in worst
     )
@@ -300,7 +307,9 @@ def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:
         return "n/a"
     is_sure = apart and (apart["difference_low"] > 0 or apart["difference_high"] < 0)
     star = is_sure and by_other[last]["clips"] >= MIN_CLIPS_FOR_CLAIM
-    return f"{ranged(mean['mean'], mean['low'], mean['high'])}{'*' if star else ''}"
+    return (
+        f"{format_mean_with_interval(mean['mean'], mean['low'], mean['high'])}{'*' if star else ''}"
+    )
 
 
 def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list[str]:
@@ -321,7 +330,7 @@ def _sheet(systems: list[str], results: Mapping[str, Any], means: Cells) -> list
     kinds = sorted({kind for by_kind in findings.values() for kind in by_kind})
     if kinds:
         counts = (
-            (format_kinds([kind]), *(str(findings[name].get(kind, 0)) for name in systems))
+            (format_finding_kinds([kind]), *(str(findings[name].get(kind, 0)) for name in systems))
             for kind in kinds
         )
         lines += ["", *_grid(("clips with", *systems), counts)]

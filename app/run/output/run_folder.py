@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from typing_extensions import TypedDict
 
 from app.errors import RunError
-from app.findings.measure_rows import by_key
+from app.findings.metric_table import with_metric_keys
 from app.run.output.result_folder import zip_files
 from app.run.requests.convert import nested_fields
 from app.run.requests.parts import MAX_CLIPS
@@ -324,7 +324,7 @@ def _numbers_by_key(numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return metrics by motion and filter with keys in place of titles; others as they are."""
     return {
         name: {
-            version: by_key(values) if isinstance(values, dict) else values
+            version: with_metric_keys(values) if isinstance(values, dict) else values
             for version, values in of.items()
         }
         if isinstance(of, dict)

@@ -14,21 +14,21 @@ from hypothesis import strategies as st
 from app.findings.comparison import (
     KIND_TITLES,
     Ratio,
-    by_measure,
-    format_kinds,
+    format_finding_kinds,
     format_number,
     point_title,
-    ratio_of,
+    ratio_of_means,
     samples_by_system,
+    values_by_metric,
 )
-from app.findings.measure_rows import (
+from app.findings.metric_table import (
     JERK,
     KEYS_OF_OLD_TITLES,
     METRICS,
     SPEED,
     TITLES,
     incomparable_parts,
-    numbers_of,
+    metric_values,
 )
 from app.findings.sentences import figure_sentences
 from app.findings.verdict import make_verdict
@@ -144,7 +144,7 @@ def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict
         assert ("b 14" in figure_sentences(measured)["trajectory"]) == (not is_left_out)
         apart = incomparable_parts(measured.missing_parts)
         clip: Any = {
-            name: {"raw": numbers_of(each.raw, incomparable=apart[name])}
+            name: {"raw": metric_values(each.raw, incomparable=apart[name])}
             for name, each in measured.systems.items()
         }
         verdict = make_verdict("right_middle", [clip], is_generated=False)
@@ -158,12 +158,12 @@ def test_numbers_that_a_note_says_not_to_compare_make_no_sentence_and_no_verdict
 
 
 def test_beat_align_is_there_with_its_chance_level_or_not_at_all() -> None:
-    whole = numbers_of(beating(0.71, 0.7).raw)
+    whole = metric_values(beating(0.71, 0.7).raw)
     assert {key for key in whole if "align" in key} == {"beat_align", "beat_align_chance"}
     beats = beating(0.71, 0.7).raw.beats
     assert beats is not None
     alone = replace(beats, beat_align_chance=math.nan)
-    assert not [key for key in numbers_of(replace(both().raw, beats=alone)) if "align" in key]
+    assert not [key for key in metric_values(replace(both().raw, beats=alone)) if "align" in key]
     rows = {row.key: row for row in METRICS}
     assert rows["beat_align"].is_primary == rows["beat_align_chance"].is_primary
 
@@ -183,13 +183,13 @@ def test_missing_numbers_take_no_words() -> None:
 def test_samples_are_compared_in_pairs_with_the_same_noise() -> None:
     # Twice as rough with every noise, while the noises differ by far more than twice.
     above, below = ({n: factor * 10.0**n for n in range(1, 6)} for factor in (2.0, 1.0))
-    ratio = ratio_of(above, below)
+    ratio = ratio_of_means(above, below)
     assert ratio is not None
     assert (ratio.num_samples, ratio.includes_one) == (5, False)
     assert ratio.low == pytest.approx(2.0) and ratio.high == pytest.approx(2.0)
 
-    assert ratio_of({1: 4.0}, {1: 2.0, 2: 2.0}) == Ratio(2.0)
-    assert ratio_of({1: 4.0}, {1: 0.0}) is None
+    assert ratio_of_means({1: 4.0}, {1: 2.0, 2: 2.0}) == Ratio(2.0)
+    assert ratio_of_means({1: 4.0}, {1: 0.0}) is None
 
 
 def test_the_followed_point_is_named() -> None:
@@ -342,7 +342,7 @@ def test_over_several_clips_the_interval_is_over_clips_each_with_the_mean_of_its
         clip_of(globaldiff_local=None, globaldiff_full=None),
         clip_of(globaldiff_local=190.0, globaldiff_full=100.0),
     ]
-    jerk = by_measure({name: of["raw"] for name, of in clip.items()} for clip in clips)[JERK]
+    jerk = values_by_metric({name: of["raw"] for name, of in clip.items()} for clip in clips)[JERK]
     assert jerk["globaldiff/local"] == {1: 200.0, 2: 210.0, 4: 190.0}
     verdict = make_verdict("right_middle", clips)
     assert verdict is not None and verdict.numbers == (
@@ -492,6 +492,6 @@ def test_no_words_of_a_verdict_contradict_its_numbers(
 def test_every_title_is_of_a_kind_of_finding() -> None:
     kinds = {fault.kind for fault in (*FAULTS, STILL)}
     assert set(KIND_TITLES) <= kinds
-    assert format_kinds(["foot_slide", "frozen_hand", "kind_of_another_lab"]) == (
+    assert format_finding_kinds(["foot_slide", "frozen_hand", "kind_of_another_lab"]) == (
         "foot sliding, frozen hand, kind of another lab"
     )

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from app.errors import Cancelled, RunError, message_for_user
-from app.findings.measure_rows import JERK
+from app.findings.metric_table import JERK
 from app.run.bodies import root_transform_of
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
 from app.run.frame_packets import HEADER, frames_message

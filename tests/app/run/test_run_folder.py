@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.errors import Cancelled, DiskFullError, RunError
-from app.findings.measure_rows import JERK, TITLES
+from app.findings.metric_table import JERK, TITLES
 from app.run.batch.saved_run import LIMITS, copy_run, opened, run_folder
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.frame_packets import HEADER

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.findings.measure_rows import numbers_of
+from app.findings.metric_table import metric_values
 from app.findings.verdict import make_verdict
 from app.run.examples import CLEAN
 from conventions.joints import JOINT_INDEX
@@ -90,7 +90,7 @@ def test_a_planted_fault_is_found_and_told(example, planted):
     for first, last in finding.frame_ranges:
         assert 0 <= first <= last < example.motion.num_frames
     measured = {"clean": example.analysed.raw, "planted": analysed.raw}
-    numbers: Any = {name: {"raw": numbers_of(raw)} for name, raw in measured.items()}
+    numbers: Any = {name: {"raw": metric_values(raw)} for name, raw in measured.items()}
     headline = make_verdict("right_middle", [numbers], is_generated=False)
     assert rank_findings({"clean": [], "planted": found})[0][0] == "planted"
     if re.search("rotation noise|tremble", found[0].sentence.lower()) and headline is not None:

@@ -14,14 +14,14 @@ from typing import Any
 import pytest
 
 from app import text
-from app.findings.measure_rows import (
+from app.findings.metric_table import (
     FGD,
     JERK,
     METRICS,
     POWER_ABOVE_5_HZ,
     SEAMS,
     format_value,
-    nearest,
+    nearest_names,
 )
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, explained
@@ -76,7 +76,7 @@ def test_the_nearest_to_the_reference_is_marked_not_the_lowest(tmp_path):
         ({"a": 3.0, "b": None}, 4.0, ()),
         ({"a": 1.0, "b": 5.0}, None, ()),
     ):
-        assert nearest(values, target) == names
+        assert nearest_names(values, target) == names
     short = {None: "n/a", 0.0: "0", 152.4: "152", 1234.5: "1,230", 0.00623: "0.00623"}
     assert {value: format_value(value) for value in short} == short
     assert (format_value(-3.214), format_value(2.5e-7)) == ("-3.21", "2.5e-07")

@@ -17,7 +17,7 @@ from starlette.datastructures import QueryParams
 from app import text
 from app.config import AppConfig
 from app.errors import Cancelled, RunError
-from app.findings.measure_rows import JERK
+from app.findings.metric_table import JERK
 from app.page.parts import markup
 from app.page.parts.markup import Updates
 from app.page.results.result_parts import ResultParts

@@ -10,7 +10,7 @@ import torch
 from scipy.linalg import sqrtm
 
 from app.errors import RunError
-from app.findings.measure_rows import FGD_EMAGE
+from app.findings.metric_table import FGD_EMAGE
 from app.run.batch.frechet_distances import (
     distance_rows,
     feature_encoders,

@@ -11,7 +11,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.findings.measure_rows import format_value
+from app.findings.metric_table import format_value
 from app.run.batch.leaderboard import (
     Entry,
     MetricValue,

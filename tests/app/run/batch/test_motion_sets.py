@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.errors import RunError
-from app.findings.measure_rows import FGD, METRICS, SPEED
+from app.findings.metric_table import FGD, METRICS, SPEED
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.batch.table import LEAST_CLIPS, cells_of, draw_spread, interval
 from app.run.pipeline import run

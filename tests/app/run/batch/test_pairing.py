@@ -8,7 +8,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.findings.measure_rows import SPEED
+from app.findings.metric_table import SPEED
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.batch.pairing import pair_files
 from app.run.batch.submission_check import check_sets

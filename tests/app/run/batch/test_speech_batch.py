@@ -9,8 +9,8 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import Cancelled, RunError
-from app.findings.comparison import by_measure
-from app.findings.measure_rows import JERK
+from app.findings.comparison import values_by_metric
+from app.findings.metric_table import JERK
 from app.run import pipeline
 from app.run.batch.saved_run import SPEECH_FOLDER, copy_run, run_in_folder
 from app.run.batch.speech_batch import clip_requests, find_speeches, is_batch_input, run_batch
@@ -195,7 +195,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     )
     run_in_folder(again, NO_CALLBACKS)
     measured = [
-        by_measure(
+        values_by_metric(
             {name: of["raw"] for name, of in read_run(run).numbers.items()}
             for run in runs_in(out).values()
         )[JERK]

@@ -33,25 +33,25 @@ class Metric:
     unit: str
     description: str
     """Explanation for a reader who does not know the measure."""
-    read: Callable[[MotionMetrics], float | None]
+    read_value: Callable[[MotionMetrics], float | None]
     """Function that reads the value; None or NaN where there is no such number."""
     scale: float = 1.0
     """Factor from the unit of the file to that of the table."""
-    has_reference_value: bool = True
+    is_compared_with_reference: bool = True
     """True if nearness to the reference is meaningful; false for chance levels and errors."""
     is_primary: bool = False
     """True if the row is among the few that the table shows before it is expanded."""
-    parts: tuple[str, ...] = ()
+    required_parts: tuple[str, ...] = ()
     """Parts (`model.formats.reading.Part`) that the measure requires; it is left out for a motion
     that lacks one. ``detail`` is missing in frames that were interpolated.
     """
-    compared_with: tuple[str, ...] = ()
+    parts_that_must_match: tuple[str, ...] = ()
     """Parts that change the measure: values with and without them are not comparable."""
-    partner: str = ""
+    partner_key: str = ""
     """Key of a measure that must be shown with this one: both are shown, or neither."""
 
     @property
-    def is_error(self) -> bool:
+    def is_reference_error(self) -> bool:
         """True for a distance to the reference."""
         return self.group == _ERROR
 
@@ -72,41 +72,42 @@ METRICS = (
             lambda m: m.point.tip_path_m_s, is_primary=True),
     Metric("tracked_point_acceleration_m_s2", _POINT, "Acceleration", "m/s²",
             "Mean magnitude of the rate of change of velocity.",
-            lambda m: m.point.tip_acceleration_m_s2, parts=("detail",)),
+            lambda m: m.point.tip_acceleration_m_s2, required_parts=("detail",)),
     Metric("tracked_point_jerk_m_s3", _POINT, "Jerk", "m/s³",
             "Mean magnitude of the rate of change of acceleration.",
-            lambda m: m.point.tip_jerk_m_s3, is_primary=True, parts=("detail",),
-            compared_with=("place",)),
+            lambda m: m.point.tip_jerk_m_s3, is_primary=True, required_parts=("detail",),
+            parts_that_must_match=("place",)),
     Metric("tracked_point_power_above_5hz_percent", _POINT, "Power above 5 Hz", "%",
             "Share of the velocity's power above 5 Hz, which is mostly jitter rather than gesture.",
-            lambda m: m.point.tip_velocity_power_above_5hz, 100, parts=("detail",)),
+            lambda m: m.point.tip_velocity_power_above_5hz, 100, required_parts=("detail",)),
     Metric("tracked_point_sparc", _POINT, "SPARC", "",
             "Spectral arc length of the speed. Closer to 0 is smoother.",
-            lambda m: m.point.tip_sparc, parts=("detail",)),
+            lambda m: m.point.tip_sparc, required_parts=("detail",)),
     Metric("tracked_point_log_dimensionless_jerk", _POINT, "Log dimensionless jerk", "",
             "Jerk normalised by peak speed and duration, as a logarithm. Closer to 0 is smoother.",
-            lambda m: m.point.tip_log_dimensionless_jerk, parts=("detail",),
-            compared_with=("place",)),
+            lambda m: m.point.tip_log_dimensionless_jerk, required_parts=("detail",),
+            parts_that_must_match=("place",)),
     Metric("joint_jerk_m_s3", _JOINTS, "Mean jerk", "m/s³",
             "Mean jerk of the positions of all 55 joints.",
-            lambda m: mean(m.positions.joint_jerk_m_s3), is_primary=True, parts=("detail",),
-            compared_with=("place",)),
+            lambda m: mean(m.positions.joint_jerk_m_s3), is_primary=True,
+            required_parts=("detail",), parts_that_must_match=("place",)),
     Metric("joint_rotation_noise_deg", _JOINTS, "Rotation noise", "°",
             "Estimated white noise in the joint rotations. Two recorded clips have less than 0.3°.",
-            lambda m: mean(m.rotations.joint_rotation_noise_deg), parts=("detail",)),
+            lambda m: mean(m.rotations.joint_rotation_noise_deg), required_parts=("detail",)),
     Metric("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "times elsewhere",
             "Peak jerk at window seams relative to the rest of the clip. 1 means that seams do not "
             "stand out.",
-            lambda m: m.seams.seam_jerk_ratio, is_primary=True, parts=("detail",)),
+            lambda m: m.seams.seam_jerk_ratio, is_primary=True, required_parts=("detail",)),
     Metric("foot_sliding_cm_s", _FEET, "Foot sliding", "cm/s",
             "Mean horizontal speed of a foot while it is on the ground.",
-            lambda m: m.posture.foot_slide_m_s, 100, is_primary=True, parts=("place", "legs")),
+            lambda m: m.posture.foot_slide_m_s, 100, is_primary=True,
+            required_parts=("place", "legs")),
     Metric("left_foot_height_p95_cm", _FEET, "Height, left, 95th percentile", "cm",
             "Height above the ground that the foot does not exceed in 95 % of the frames.",
-            lambda m: m.posture.foot_height_m.left.p95, 100, parts=("place", "legs")),
+            lambda m: m.posture.foot_height_m.left.p95, 100, required_parts=("place", "legs")),
     Metric("right_foot_height_p95_cm", _FEET, "Height, right, 95th percentile", "cm",
             "Height above the ground that the foot does not exceed in 95 % of the frames.",
-            lambda m: m.posture.foot_height_m.right.p95, 100, parts=("place", "legs")),
+            lambda m: m.posture.foot_height_m.right.p95, 100, required_parts=("place", "legs")),
     Metric("spine_tilt_mean_deg", _POSTURE, "Spine tilt, mean", "°",
             "Mean angle between the vertical and the line from pelvis to neck.",
             lambda m: m.posture.spine_tilt_deg.mean),
@@ -115,19 +116,20 @@ METRICS = (
             lambda m: m.posture.spine_tilt_deg.p95),
     Metric("pelvis_drift_cm", _POSTURE, "Pelvis drift", "cm",
             "Distance between the mean pelvis positions in the first and in the last second.",
-            lambda m: m.posture.root_drift_m, 100, parts=("place",)),
+            lambda m: m.posture.root_drift_m, 100, required_parts=("place",)),
     Metric("hand_speed_correlation", _HANDS, "Correlation of hand speeds", "r",
             "Correlation of the speeds of both wrists. 1 means that they always move together.",
             lambda m: m.posture.hand_speed_symmetry),
     Metric("finger_limit_violations_percent", _HANDS, "Finger joint-limit violations", "%",
             "Share of frames and finger joints bent beyond the human range.",
-            lambda m: m.ranges.finger_angle_outside_share, 100, parts=("finger_angles", "hands")),
+            lambda m: m.ranges.finger_angle_outside_share, 100,
+            required_parts=("finger_angles", "hands")),
     Metric("left_fingers_still_percent", _HANDS, "Left fingers still", "%",
             "Share of frames in which no joint of the hand rotates.",
-            lambda m: m.rotations.fingers_still_share.left, 100, parts=("hands",)),
+            lambda m: m.rotations.fingers_still_share.left, 100, required_parts=("hands",)),
     Metric("right_fingers_still_percent", _HANDS, "Right fingers still", "%",
             "Share of frames in which no joint of the hand rotates.",
-            lambda m: m.rotations.fingers_still_share.right, 100, parts=("hands",)),
+            lambda m: m.rotations.fingers_still_share.right, 100, required_parts=("hands",)),
     Metric("pelvis_error_cm", _ERROR, "Pelvis position", "cm",
             "Mean distance between the pelvis and that of the reference.",
             lambda m: m.errors and m.errors.root_error_m, 100, False),
@@ -143,11 +145,11 @@ METRICS = (
     Metric(_BEATS_KEY, _BEATS, "BeatAlign", "0 to 1",
             "How close speech onsets are to the nearest motion beats. Compare it with its chance "
             "level.",
-            lambda m: m.beats and m.beats.beat_align, is_primary=True, partner=_CHANCE_KEY),
+            lambda m: m.beats and m.beats.beat_align, is_primary=True, partner_key=_CHANCE_KEY),
     Metric(_CHANCE_KEY, _BEATS, "BeatAlign, chance level", "0 to 1",
             "BeatAlign of the same motion with time-shifted speech onsets.",
             lambda m: m.beats and m.beats.beat_align_chance, 1, False, is_primary=True,
-            partner=_BEATS_KEY),
+            partner_key=_BEATS_KEY),
     Metric("beats_per_joint_s", _BEATS, "Motion beats per joint", "1/s",
             "Local minima of a joint's speed, per second. They are not beat gestures.",
             lambda m: m.beats and m.beats.beats_per_joint_s),
@@ -181,7 +183,7 @@ TITLES = {row.key: row.full_title for row in METRICS} | {
 _ABOUT = {row.key: row.description for row in METRICS}
 
 
-def definition_of(key: str, protocol: str) -> str:
+def metric_definition(key: str, protocol: str) -> str:
     """Return what a metric is, and the rule of its protocol; empty if both are unknown."""
     is_published = protocol != WORKBENCH and protocol in PROTOCOLS
     return f"{_ABOUT.get(key, '')} {PROTOCOLS[protocol].rule if is_published else ''}".strip()
@@ -223,18 +225,19 @@ Numbers = Mapping[FilterVersion, Mapping[str, float]]
 """Values of one motion by version (filter) and by key of the measure, as in ``run.json``."""
 
 
-def incomparable_parts(lacks: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
+def incomparable_parts(missing_parts: Mapping[str, Collection[str]]) -> dict[str, frozenset[str]]:
     """Return by motion the parts that it lacks and another one has.
 
     Args:
-        lacks: missing parts (`model.formats.reading.Part`) of each motion of a comparison.
+        missing_parts: missing parts (`model.formats.reading.Part`) of each motion of a comparison.
     """
-    everywhere = frozenset.intersection(*map(frozenset, lacks.values())) if lacks else frozenset()
-    return {name: frozenset(own) - everywhere for name, own in lacks.items()}
+    parts = list(map(frozenset, missing_parts.values()))
+    everywhere = frozenset.intersection(*parts) if parts else frozenset()
+    return {name: frozenset(own) - everywhere for name, own in missing_parts.items()}
 
 
-def numbers_of(
-    measures: MotionMetrics, missing_parts: Collection[str] = (), incomparable: Collection[str] = ()
+def metric_values(
+    metrics: MotionMetrics, missing_parts: Collection[str] = (), incomparable: Collection[str] = ()
 ) -> dict[str, float]:
     """Return values by the keys of `METRICS`, in their units, where measured and comparable.
 
@@ -243,12 +246,12 @@ def numbers_of(
         incomparable: parts that this motion lacks and others have (`incomparable_parts`).
     """
     read = {
-        each.key: (each.read(measures), each.scale)
+        each.key: (each.read_value(metrics), each.scale)
         for each in METRICS
-        if not set(each.parts) & {*missing_parts, *incomparable}
-        and not set(each.compared_with) & set(incomparable)
+        if not set(each.required_parts) & {*missing_parts, *incomparable}
+        and not set(each.parts_that_must_match) & set(incomparable)
     }
-    return with_partners(
+    return drop_unpaired(
         {
             key: scale * float(value)
             for key, (value, scale) in read.items()
@@ -257,21 +260,21 @@ def numbers_of(
     )
 
 
-PARTNERS = {row.key: row.partner for row in METRICS if row.partner}
+PARTNERS = {row.key: row.partner_key for row in METRICS if row.partner_key}
 T = TypeVar("T")
 
 
-def by_key(by_title: Mapping[str, T]) -> dict[str, T]:
+def with_metric_keys(values_by_title: Mapping[str, T]) -> dict[str, T]:
     """Return the values of an earlier format, which had titles as keys, by the keys of metrics."""
-    return {KEYS_OF_OLD_TITLES.get(title, title): value for title, value in by_title.items()}
+    return {KEYS_OF_OLD_TITLES.get(title, title): value for title, value in values_by_title.items()}
 
 
-def with_partners(values: Mapping[str, T]) -> dict[str, T]:
+def drop_unpaired(values: Mapping[str, T]) -> dict[str, T]:
     """Leave out measures without their partner, such as BeatAlign without its chance level."""
     return {key: of for key, of in values.items() if PARTNERS.get(key, key) in values}
 
 
-def nearest(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:
+def nearest_names(values: Mapping[str, float | None], target: float | None) -> tuple[str, ...]:
     """Return the names with values nearest to ``target``; empty without target or difference."""
     finite = {name: value for name, value in values.items() if value is not None}
     if target is None or len({format_value(value) for value in finite.values()}) < 2:
@@ -295,7 +298,7 @@ def format_value(value: float | None) -> str:
     return f"{value:.1e}"
 
 
-def ranged(
+def format_mean_with_interval(
     mean: float, low: float, high: float, write: Callable[[float], str] = format_value
 ) -> str:
     """Format a mean with its interval, or the mean alone where the interval is a point."""
