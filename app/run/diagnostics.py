@@ -203,8 +203,8 @@ def figure6_of(
         marks=marks,
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
         start_frame=figures.start_frame,
-        point=tip.title,
-        tip_source=tip.name,
+        tracked_point=tip.title,
+        tracked_point_source=tip.name,
         post_filter=post_filter or "none",
         clip=clip,
         caveat="" if post_filter is None else ONE_SEED_CAVEAT,
@@ -226,7 +226,7 @@ def make_jitter_sheet(
     windows = diagnostics.windows
     return JitterSheet(
         {label: _jitter_of(shown[name]) for name, label in short_names(shown).items()},
-        point=tip.title.lower(),
+        tracked_point=tip.title.lower(),
         window_advance=windows.advance if windows else 0,
         window_overlap=windows.overlap if windows else 0,
     )

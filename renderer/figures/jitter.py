@@ -60,7 +60,7 @@ class JitterSheet:
 
     jitter: Mapping[str, Mapping[FilterVersion, Jitter]]
     """Jitter by motion and version; the reference, if there is one, comes first."""
-    point: str = "tracked point"
+    tracked_point: str = "tracked point"
     window_advance: int = 0
     """Frames between the starts of two windows; 0 if the windows are not known."""
     window_overlap: int = 0
@@ -198,11 +198,13 @@ def _titles(sheet: JitterSheet) -> dict[str, tuple[str, str]]:
     periods = (
         "e  Periodic jerk: mean jerk of the periodic body part by frame in the detected period"
     )
-    attribution = f"d  Attribution: reduction of {sheet.point} jerk if only this joint is filtered"
+    attribution = (
+        f"d  Attribution: reduction of {sheet.tracked_point} jerk if only this joint is filtered"
+    )
     return {
         "depth": ("a  Mean jerk of the joints at each number of bones from the pelvis", _JERK),
         "joints": ("b  Jerk of each joint, unfiltered", _JERK),
-        "spectrum": (f"c  Velocity spectrum of the {sheet.point}", "power (%)"),
+        "spectrum": (f"c  Velocity spectrum of the {sheet.tracked_point}", "power (%)"),
         "attribution": (attribution, "jerk reduction (%)"),
         "seams": (seams if sheet.window_advance else periods, _JERK),
     }

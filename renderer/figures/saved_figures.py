@@ -49,6 +49,8 @@ _RENAMED = {
     "period": "period_and_part",
     "shares": "speech_and_noise_shares",
     "values": "joint_jerk",
+    "tip_source": "tracked_point_source",
+    "point": "tracked_point",
 }
 """Kinds and fields of figures of version 1.0, with their present names."""
 _TEXT = "contents"

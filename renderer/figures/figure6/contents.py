@@ -98,8 +98,8 @@ class Figure6:
     reference: str | None = None
     """Name of the recorded motion, drawn first and in black; None without one."""
     start_frame: int = 0
-    point: str = "Right middle fingertip"
-    tip_source: str = ""
+    tracked_point: str = "Right middle fingertip"
+    tracked_point_source: str = ""
     """Location of the point on the body, such as ``rigid`` or ``vertex 7794``, for the caption."""
     post_filter: PostFilter = "none"
     """Filter that was applied to all trajectories, for the caption; not applied here."""
@@ -134,10 +134,10 @@ class Figure6:
                     f"The position of {name!r} at frame {self.start_frame + bad} is not a finite"
                     " number."
                 )
-        if self.snapshots and (self.marks is None or set(self.names) - set(self.snapshots)):
+        if self.snapshots and (self.marks is None or set(self.motion_names) - set(self.snapshots)):
             raise FigureError(
                 "With snapshots, every motion needs a trajectory, snapshots and joint marks; got"
-                f" trajectories of {', '.join(map(repr, self.names))}, snapshots of"
+                f" trajectories of {', '.join(map(repr, self.motion_names))}, snapshots of"
                 f" {', '.join(map(repr, self.snapshots))}, and"
                 f" {'no joint marks' if self.marks is None else 'joint marks'}."
             )
@@ -149,7 +149,7 @@ class Figure6:
             )
 
     @cached_property
-    def names(self) -> tuple[str, ...]:
+    def motion_names(self) -> tuple[str, ...]:
         """Names of the motions, the reference first."""
         return tuple(sorted(self.trajectories, key=lambda name: name != self.reference))
 
@@ -170,12 +170,16 @@ class Figure6:
     @cached_property
     def window_trajectories(self) -> dict[str, np.ndarray]:
         """Positions (T, 3) in metres inside the window, by motion."""
-        return {name: np.asarray(self.trajectories[name])[self._window] for name in self.names}
+        return {
+            name: np.asarray(self.trajectories[name])[self._window] for name in self.motion_names
+        }
 
     @cached_property
     def tremor(self) -> dict[str, np.ndarray]:
         """Positions (T, 3) above 5 Hz in millimetres, by motion."""
-        filtered = {name: high_pass_mm(self.trajectories[name], self.fps) for name in self.names}
+        filtered = {
+            name: high_pass_mm(self.trajectories[name], self.fps) for name in self.motion_names
+        }
         return {name: positions[self._window] for name, positions in filtered.items()}
 
     @cached_property
@@ -199,12 +203,12 @@ class Figure6:
 
     @cached_property
     def styles(self) -> dict[str, SeriesStyle]:
-        return series_styles(self.names, self.reference)
+        return series_styles(self.motion_names, self.reference)
 
     @property
     def is_in_one_plot(self) -> bool:
         """True if all curves share plots; otherwise each motion has small plots."""
-        return len(self.names) - (self.reference is not None) <= MOST_IN_ONE_PLOT
+        return len(self.motion_names) - (self.reference is not None) <= MOST_IN_ONE_PLOT
 
     @property
     def window_snapshot_frames(self) -> tuple[int, ...]:
@@ -224,10 +228,10 @@ class Figure6:
     def caption(self) -> str:
         clip = f" of {self.clip}" if self.clip else ""
         details = {
-            f"{self.point}, frames {self.start_frame} to {self._window.stop - 1}{clip}"
+            f"{self.tracked_point}, frames {self.start_frame} to {self._window.stop - 1}{clip}"
             f" at {self.fps:g} fps. Positions are in metres, with y up; x, y and z have the same"
             " scale.": True,
-            f"Each motion has its own row; {self.names[0]} is drawn faintly in all rows.":
+            f"Each motion has its own row; {self.motion_names[0]} is drawn faintly in all rows.":
                 not self.is_in_one_plot,
             "All motions are cut to the length of the shortest one.":
                 max(self._lengths) > min(self._lengths),
@@ -235,8 +239,9 @@ class Figure6:
             self.marks.caption if self.marks else "": "b" in self.panels,
             self._tremor_caption if "d" in self.panels else "": True,
             _TIP_SOURCES.get(
-                self.tip_source, f"The fingertip is {self.tip_source} of the licensed body."
-            ): self.tip_source,
+                self.tracked_point_source,
+                f"The fingertip is {self.tracked_point_source} of the licensed body.",
+            ): self.tracked_point_source,
             _FILTERED[self.post_filter]: True,
             self.caveat: self.caveat,
         }  # fmt: skip

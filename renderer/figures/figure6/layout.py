@@ -51,7 +51,7 @@ def draw_figure6(contents: Figure6) -> "Figure":
     total = min(sum(heights), MAX_HEIGHT_MM) if is_shared else sum(heights)
     figure = style.new_figure(contents.width_mm, total)
     titles = {
-        "a": contents.point,
+        "a": contents.tracked_point,
         "b": "Snapshots by frame",
         "c": f"Path ({grid_pitch_m(contents):g} m grid)",
         "d": f"Tremor above {CUT_OFF_HZ:g} Hz",
@@ -64,25 +64,25 @@ def draw_figure6(contents: Figure6) -> "Figure":
     letters = dict(zip(shown, PANELS, strict=False))  # in the order of the page
     parts = figure.subfigures(len(rows), 1, squeeze=False, height_ratios=heights)[:, 0]
     for row, part in zip(rows, parts, strict=True):
-        if len(row.names) == 1 and row.panels != ("d",) and not is_shared:
-            style.draw_legend(part, {name: contents.styles[name] for name in row.names})
+        if len(row.motion_names) == 1 and row.panels != ("d",) and not is_shared:
+            style.draw_legend(part, {name: contents.styles[name] for name in row.motion_names})
         places = part.subfigures(1, len(row.panels), squeeze=False, width_ratios=row.widths_mm)[0]
         for panel, place in zip(row.panels, places, strict=True):
             if row.has_titles:
                 style.write_title(place, f"{letters[panel]}  {titles[panel]}")
             if row.has_titles and panel == "b":
                 draw_mark_legend(place, contents)
-            if row.names and panel == legend_panel:
+            if row.motion_names and panel == legend_panel:
                 place = place.subfigures()  # below the title
                 style.draw_legend(place, contents.styles)
-            if row.names:
+            if row.motion_names:
                 draw[panel](place, contents, row)
     return figure
 
 
 def _plan(contents: Figure6, aspect: float) -> Iterator[PanelRow]:
     """Yield the rows from the top; ``aspect`` is width over height of a row of snapshots."""
-    names, width = contents.names, contents.width_mm
+    names, width = contents.motion_names, contents.width_mm
     count, is_wide = len(names), contents.width_mm > 1.5 * style.COLUMN_MM
 
     def rows(panels: str, groups: Sequence[tuple[str, ...]], height: float, *widths: float) -> Any:

@@ -30,7 +30,7 @@ _LIFT = 1.2
 class PanelRow:
     """Row of adjacent panels of some motions; a row without motions holds only titles."""
 
-    names: tuple[str, ...]
+    motion_names: tuple[str, ...]
     panels: tuple[str, ...]
     height_mm: float
     widths_mm: tuple[float, ...]
@@ -43,11 +43,11 @@ class PanelRow:
 
 def _curves(contents: Figure6, row: PanelRow) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield each motion of a row with its line properties, after the first motion drawn faintly."""
-    first = contents.names[0]
-    if first not in row.names:
+    first = contents.motion_names[0]
+    if first not in row.motion_names:
         looks = contents.styles[first].line_properties
         yield first, looks | {"marker": "", "alpha": _FAINT, "zorder": 1.5, "linewidth": 0.7}
-    for name in row.names:
+    for name in row.motion_names:
         yield name, contents.styles[name].line_properties | {"markevery": contents.marker_frames}
 
 
@@ -165,8 +165,8 @@ def draw_tremor(part: "SubFigure", contents: Figure6, row: PanelRow) -> None:
     margin = 0.01 * (times[-1] - times[0])
     lifts = _LIFT * scale * np.array([1.0, 0.0, -1.0])
     bar = style.round_down_to_1_2_5(2.0 * scale)
-    strips = part.subplots(len(row.names), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    for name, axes in zip(row.names, strips, strict=True):
+    strips = part.subplots(len(row.motion_names), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for name, axes in zip(row.motion_names, strips, strict=True):
         axes.set_label(f"tremor of {name}")
         axes.set_yticks(lifts, COORDINATES)
         axes.tick_params(axis="y", length=0, pad=1.0)

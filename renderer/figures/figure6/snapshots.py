@@ -84,11 +84,11 @@ def draw_snapshots(
     """Draw one row of snapshots per motion, the first below the frame numbers."""
     assert contents.marks is not None
     height_mm = row.height_mm - row.frame_number_height_mm - row.time_axis_height_mm - AROUND_MM
-    all_axes = part.subplots(len(row.names), 1, squeeze=False)[:, 0]
-    for name, axes in zip(row.names, all_axes, strict=True):
+    all_axes = part.subplots(len(row.motion_names), 1, squeeze=False)[:, 0]
+    for name, axes in zip(row.motion_names, all_axes, strict=True):
         height, width, _ = strips.pictures[name].shape
         axes.imshow(strips.pictures[name], extent=(0, width, height, 0), label=name)
-        if len(row.names) == 1 and not contents.is_in_one_plot:  # equal size in all rows
+        if len(row.motion_names) == 1 and not contents.is_in_one_plot:  # equal size in all rows
             wide_mm = row.widths_mm[row.panels.index("b")] - 1.0
             axes.set_xlim(0, max(width, wide_mm / height_mm * height))
         axes.set_label(f"snapshots of {name}")
@@ -102,7 +102,7 @@ def draw_snapshots(
         )
         axes.set_xticks(middles, [str(number) for number in contents.snapshot_frames])
         axes.set_yticks([])
-        if len(row.names) > 1:
+        if len(row.motion_names) > 1:
             axes.set_title(style.truncate_text(name, style.LABEL_PT, 0.5 * contents.width_mm))
         values = np.asarray(contents.marks.joint_jerk[name]) / contents.marks.full_scale
         _draw_marks(axes, strips.joint_pixels[name].reshape(-1, 2), values.ravel())

@@ -79,7 +79,7 @@ def make_inputs(
 
 def check(**inputs: Any) -> Figure6:
     """Of a rigid tip in a real clip, so that the caption has all its sentences."""
-    told: dict[str, Any] = {"tip_source": "rigid", "clip": "2_scott_0_1_1"}
+    told: dict[str, Any] = {"tracked_point_source": "rigid", "clip": "2_scott_0_1_1"}
     return Figure6(**told | inputs)
 
 
@@ -132,7 +132,7 @@ def test_two_systems_share_their_plots_and_all_is_the_input() -> None:
     assert (PROJECTION[:, 0] > 0).tolist() == [True, False, True] and PROJECTION[1, 1] > 0.9
 
     strips = SnapshotStrips.from_contents(contents)
-    for name in contents.names:
+    for name in contents.motion_names:
         (axes,) = axes_of(figure, f"snapshots of {name}")
         (image,) = axes.get_images()
         strip = np.asarray(image.get_array())
@@ -281,7 +281,7 @@ def test_nothing_overlaps(monkeypatch, inputs, start, width):
         figure = draw_figure6(contents)
         texts = drawn_texts(figure, monkeypatch)
     written = "".join(text for text, _ in texts).replace(" ", "").replace("\n", "")
-    for name in contents.names:
+    for name in contents.motion_names:
         assert name.replace(" ", "") in written
     labels = [(axes.get_label(), axes.get_window_extent()) for axes in figure.axes]
     panels = {f"{k} {label}": box for k, (label, box) in enumerate(labels) if label != "path"}
@@ -402,7 +402,9 @@ def test_a_spike_of_tremor_is_cut_marked_and_told_and_flattens_nothing() -> None
     spiked[[7, 8], 1] += 0.5  # as a jump at the start of a window
     contents = Figure6({"calm": calm, "b": calm, "c": calm, "spiked": spiked}, {}, (), FPS)
     figure = drawn(contents)
-    (strip,), *_, (other,) = (axes_of(figure, f"tremor of {name}") for name in contents.names)
+    (strip,), *_, (other,) = (
+        axes_of(figure, f"tremor of {name}") for name in contents.motion_names
+    )
     assert other.get_ylim() == strip.get_ylim() and strip.get_ylim()[1] < 20.0, "mm, of 500"
     peaks = [dots.get_offsets() for dots in other.collections]
     assert [len(each) > 0 for each in peaks][2:4] == [True, True], "of y, upwards and downwards"
