@@ -88,13 +88,13 @@ class BodyMotion:
 class Body(BodyArrays):
     """Body model: mesh, joints, skinning and blendshapes. Read-only and stateless."""
 
-    look_name: str = BODY_LOOKS[0]
+    body_look: str = BODY_LOOKS[0]
     """Look of `BODY_LOOKS` that sets the colours, if the body file has painted regions."""
 
     @property
-    def look(self) -> str | None:
+    def body_look_if_painted(self) -> str | None:
         """Name of the look among `BODY_LOOKS`, or None if the body file has no painted regions."""
-        return None if self.regions is None else self.look_name
+        return None if self.regions is None else self.body_look
 
     @property
     def num_vertices(self) -> int:
@@ -112,7 +112,7 @@ class Body(BodyArrays):
             return self.texture.colors
         if self.regions is None:
             return np.tile(np.array(CLAY, np.float32), (self.num_vertices, 1))
-        return vertex_colors(self.look_name, self.regions)
+        return vertex_colors(self.body_look, self.regions)
 
     def submesh(
         self, vertices: Integer[np.ndarray, " N"], faces: Integer[np.ndarray, "F 3"]
@@ -244,7 +244,7 @@ def load_body(path: Path | None = None, look: str = BODY_LOOKS[0]) -> Body:
         raise BodyError(f"Unknown look '{look}'; choose one of {', '.join(BODY_LOOKS)}.")
     if path is None:
         arrays = read_body_file(OPEN_BODY_PATH, look.partition("-")[0])
-        return Body(**vars(arrays), look_name=look)
+        return Body(**vars(arrays), body_look=look)
     if look != BODY_LOOKS[0]:
         raise BodyError(
             f"The look '{look}' is for the open body, and {Path(path).name} has only one look; "

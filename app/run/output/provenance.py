@@ -94,7 +94,7 @@ def make_provenance(
         "drawing": {
             "body": body.name,
             "body_sha256": body.sha256,
-            "look": body.look,
+            "look": body.body_look_if_painted,
             "backend": backend,
         },
         WEIGHTS_ARE_KEY: "; ".join(dict.fromkeys(weights_are)),

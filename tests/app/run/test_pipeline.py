@@ -255,7 +255,7 @@ def test_what_cannot_be_is_refused_with_a_sentence_and_leaves_nothing(
         ({"start_frame": SHORT}, f"start frame of Figure 6 must be 0 to {SHORT - 1}; got {SHORT}"),
         ({"start_frame": -1}, f"start frame of Figure 6 must be 0 to {SHORT - 1}; got -1"),
         ({"size": 254, "has_video": True}, "an even number of pixels from 256 to 1080; got 254"),
-        ({"size": 333, "has_video": True}, "333 pixels"),
+        ({"size": 333, "has_video": True}, "an even number of pixels from 256 to 1080; got 333"),
         ({"weights": Path("/nowhere")}, "No trained systems were found in /nowhere"),
         ({"speech": Path("/nowhere/speech.wav")}, "speech.wav does not exist"),
         ({"reference": Path("/nowhere/m.npz")}, "m.npz does not exist"),
