@@ -25,7 +25,7 @@ from app.study.design.trials import Design, make_design
 from app.study.leaks import check_study
 from app.study.make import media
 from app.study.make.bundle import write_bundle, write_records
-from app.study.make.motions import Source, read_sources, stimulus_motions
+from app.study.make.motions import ClipInputs, read_clip_inputs, stimulus_motions
 from app.study.make.workspace import ExportRequest, Workspace
 from conventions.views import View
 from model.motion.motion import Motion
@@ -33,13 +33,13 @@ from model.storage.files import file_sha256
 from renderer.video.workers import run_render_jobs
 
 
-def export_planned(request: ExportRequest, callbacks: RunCallbacks) -> Workspace:
+def export_from_request(request: ExportRequest, callbacks: RunCallbacks) -> Workspace:
     """Export the study of a plan file and zip both folders, see `export_study`."""
     options = request.out, request.weights, request.body
-    return zipped(export_study(read_plan(request.plan), *options, callbacks), request)
+    return zip_export(export_study(read_plan(request.plan), *options, callbacks), request)
 
 
-def zipped(workspace: Workspace, request: ExportRequest) -> Workspace:
+def zip_export(workspace: Workspace, request: ExportRequest) -> Workspace:
     """Add the plan to the researcher's folder, and zip both folders."""
     shutil.copyfile(request.plan, workspace.private / request.plan.name)
     for folder, out in zip((workspace.bundle, workspace.private), request.zips, strict=True):
@@ -70,13 +70,13 @@ def export_study(
         VideoError, WriteError: each with one sentence.
     """
     design = make_design(plan)
-    sources = read_sources(plan)
+    sources = read_clip_inputs(plan)
     workspace = Workspace(out)
     inputs_digest = _fingerprint(plan, sources, weights, body)
     with lock_folder(out):
         workspace.open()
         key = _key(plan, design, workspace, inputs_digest)
-        maker = _Maker(plan, workspace, weights, body, draw, callbacks)
+        maker = _VideoMaker(plan, workspace, weights, body, draw, callbacks)
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, weights, body, workspace)
@@ -103,7 +103,7 @@ def _key(plan: Plan, design: Design, workspace: Workspace, inputs_digest: str) -
 
 
 @dataclass(frozen=True)
-class _Maker:
+class _VideoMaker:
     """Maker of a study's videos: generated, drawn with one camera, encoded alike and muxed."""
 
     plan: Plan
@@ -113,7 +113,7 @@ class _Maker:
     draw: Draw
     callbacks: RunCallbacks
 
-    def make_all(self, key: Key, sources: tuple[Source, ...]) -> Key:
+    def make_all(self, key: Key, sources: tuple[ClipInputs, ...]) -> Key:
         """Make all missing videos, scene by scene (a clip from one view); return the updated key.
 
         The key is written after each scene, so that an interrupted export can be resumed.
@@ -148,7 +148,7 @@ class _Maker:
         self.callbacks.report_progress("video", 1.0)
         return key
 
-    def _tracks(self, sources: tuple[Source, ...], speech: set[str | None]) -> dict[str, Path]:
+    def _tracks(self, sources: tuple[ClipInputs, ...], speech: set[str | None]) -> dict[str, Path]:
         """Encode one audio track for each speech in ``speech``; return the paths by clip."""
         tracks = {}
         for number, source in enumerate(sources):
@@ -177,7 +177,7 @@ class _Maker:
         streams = self._streams(view, motions, shares, on_progress)
         for stimulus, blind in scene.items():
             track = tracks[stimulus.speech] if stimulus.speech else None
-            media.join(streams[stimulus.system], track, self.workspace.video(blind))
+            media.mux_mp4(streams[stimulus.system], track, self.workspace.video(blind))
         media.pad_to_equal_size([self.workspace.video(blind) for blind in scene.values()])
         for stream in streams.values():
             stream.unlink()
@@ -199,7 +199,7 @@ class _Maker:
 
         def encode(key: PictureKey) -> None:
             name, _ = key
-            media.encode_picture(drawn[name], streams[name], self.plan.size, shares[name])
+            media.encode_video_stream(drawn[name], streams[name], self.plan.size, shares[name])
             drawn[name].unlink()
 
         draw_videos(
@@ -217,7 +217,9 @@ class _Maker:
         return streams
 
 
-def _fingerprint(plan: Plan, sources: tuple[Source, ...], weights: Path, body: Path | None) -> str:
+def _fingerprint(
+    plan: Plan, sources: tuple[ClipInputs, ...], weights: Path, body: Path | None
+) -> str:
     """Compute a digest of everything that determines the study.
 
     Raises:
@@ -232,7 +234,7 @@ def _fingerprint(plan: Plan, sources: tuple[Source, ...], weights: Path, body: P
             sha256s[system.name] = list(system.sha256s.values())
     facts = {
         "plan": asdict(plan),
-        "files": {source.clip.name: dict(source.files) for source in sources},
+        "files": {source.clip.name: dict(source.file_sha256s) for source in sources},
         "weights": sha256s,
         "body": file_sha256(body) if body else None,
     }

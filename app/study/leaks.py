@@ -62,52 +62,52 @@ _ENCODER_NOTES = (b"x264 - core", b"Lavf", b"Lavc")
 
 
 @dataclass(frozen=True)
-class Study:
+class ExportedStudy:
     """Export under test."""
 
     workspace: Workspace
     key: Key
-    stimuli: Mapping[Stimulus, str]
+    blind_ids: Mapping[Stimulus, str]
     """Blind ids by stimulus."""
 
     @cached_property
-    def files(self) -> dict[Stimulus, media.Mp4]:
+    def mp4_files(self) -> dict[Stimulus, media.Mp4]:
         """Parsed MP4 file of every video."""
         return {
             stimulus: media.read_mp4(self.workspace.video(blind))
-            for stimulus, blind in self.stimuli.items()
+            for stimulus, blind in self.blind_ids.items()
         }
 
     @cached_property
-    def facts(self) -> pd.DataFrame:
+    def measurements(self) -> pd.DataFrame:
         """Measurements of the videos, one row each."""
         rows = []
-        for stimulus, blind in self.stimuli.items():
-            path, file = self.workspace.video(blind), self.files[stimulus]
+        for stimulus, blind in self.blind_ids.items():
+            path, file = self.workspace.video(blind), self.mp4_files[stimulus]
             picture = file.track("vide")
             if picture is None or picture.duration <= 0:
                 raise RunError("A video of the bundle contains no frames.")
-            stream = media.picture_stream(path)
+            stream = media.video_stream(path)
             rows.append(
                 {
                     **vars(stimulus),
                     "stimulus": stimulus,
                     "size": file.num_bytes,
-                    "bit rate": sum(picture.sizes) / picture.duration,
+                    "bit rate": sum(picture.sample_sizes) / picture.duration,
                     "filling": media.num_picture_bytes(stream),
                     "compressed size": len(zlib.compress(stream)),
                     "duration": str([track.duration for track in file.tracks]),
-                    "frames": str([len(track.sizes) for track in file.tracks]),
+                    "frames": str([len(track.sample_sizes) for track in file.tracks]),
                     "streams": str([track.handler for track in file.tracks]),
-                    "encoding": picture.description,
+                    "encoding": picture.codec_settings,
                     "file structure": str([box for box in file.boxes if box != "free"]),
-                    "packet sizes": str(picture.sizes),
+                    "packet sizes": str(picture.sample_sizes),
                 }
             )
         return pd.DataFrame(rows)
 
     @cached_property
-    def data(self) -> dict[str, Any]:
+    def page_data(self) -> dict[str, Any]:
         """JSON that the page's script reads."""
         text = (self.workspace.bundle / DATA).read_text("utf-8")
         if not text.startswith(DATA_START):
@@ -135,14 +135,14 @@ def check_study(folder: Path) -> list[str]:
     key = read_key(workspace.key)
     if any(video.sha256 == NOT_RENDERED for video in key.videos.values()):
         raise RunError(f"The export in {folder} is not finished; run `study export` again first.")
-    study = Study(workspace, key, stimulus_ids(key))
+    study = ExportedStudy(workspace, key, stimulus_ids(key))
     leaks = list(_stray_files(study))
     if leaks:  # missing or foreign files cannot be tested further
         return leaks
     return [leak for find in _CHECKS for leak in find(study)]
 
 
-def _stray_files(study: Study) -> Iterator[str]:
+def _stray_files(study: ExportedStudy) -> Iterator[str]:
     """Yield files of the bundle that are unexpected, missing or changed after the export."""
     bundle = study.workspace.bundle
     wanted = {INDEX, DATA, *SHARED_FILES, *(f"media/{name}.mp4" for name in study.key.videos)}
@@ -161,14 +161,14 @@ def _stray_files(study: Study) -> Iterator[str]:
             yield f"changed file: media/{name}.mp4 was changed after the export."
 
 
-def _names(study: Study) -> Iterator[str]:
+def _names(study: ExportedStudy) -> Iterator[str]:
     for name in study.key.videos:
         if not re.fullmatch(r"[0-9a-f]{16}", name):
             yield f"file name: media/{name}.mp4 is not 16 random hexadecimal digits."
-    yield from (f"{tell}." for tell in order_leaks(study.stimuli))
+    yield from (f"{tell}." for tell in order_leaks(study.blind_ids))
 
 
-def _times(study: Study) -> Iterator[str]:
+def _times(study: ExportedStudy) -> Iterator[str]:
     """Yield files with another time stamp: times would show the order of the systems."""
     bundle = study.workspace.bundle
     for path in sorted(bundle.rglob("*")):
@@ -179,19 +179,19 @@ def _times(study: Study) -> Iterator[str]:
             )
 
 
-def _metadata(study: Study) -> Iterator[str]:
+def _metadata(study: ExportedStudy) -> Iterator[str]:
     secrets = [name for name in (*study.key.systems, *study.key.clips) if len(name) >= 6]
-    for stimulus, file in study.files.items():
-        name = f"media/{study.stimuli[stimulus]}.mp4"
+    for stimulus, file in study.mp4_files.items():
+        name = f"media/{study.blind_ids[stimulus]}.mp4"
         telling = sorted(_METADATA_BOXES & set(file.boxes))
         if telling:
             yield f"metadata: {name} contains a `{telling[0]}` box, which may hold metadata."
-        if file.has_times:
+        if file.has_timestamps:
             yield f"metadata: {name} contains its creation time."
-        if set(file.names) - _NEUTRAL_HANDLERS:
-            names = b", ".join(file.names).decode("latin-1")
+        if set(file.handler_names) - _NEUTRAL_HANDLERS:
+            names = b", ".join(file.handler_names).decode("latin-1")
             yield f"metadata: the streams of {name} have unusual names ({names})."
-        data = study.workspace.video(study.stimuli[stimulus]).read_bytes()
+        data = study.workspace.video(study.blind_ids[stimulus]).read_bytes()
         for note in _ENCODER_NOTES:
             if note in data:
                 yield f"metadata: {name} contains text of the encoder ({note.decode()})."
@@ -200,9 +200,9 @@ def _metadata(study: Study) -> Iterator[str]:
                 yield f"metadata: {name} contains the name {secret!r}."
 
 
-def _videos(study: Study) -> Iterator[str]:
+def _videos(study: ExportedStudy) -> Iterator[str]:
     """Yield differences within a scene, and orders of values over scenes that follow the method."""
-    for _, scene in study.facts.groupby(["clip", "view"]):
+    for _, scene in study.measurements.groupby(["clip", "view"]):
         clip = scene["clip"].iloc[0]
         for what in _EQUAL:
             if len(set(scene[what])) > 1:
@@ -217,35 +217,35 @@ def _videos(study: Study) -> Iterator[str]:
                 )
     for what in ("size", "bit rate", "filling"):
         step = _SIZE_CHANCE[what]
-        pairs = zip(study.facts["stimulus"], study.facts[what], strict=True)
+        pairs = zip(study.measurements["stimulus"], study.measurements[what], strict=True)
         values = {stimulus: value // step if step else value for stimulus, value in pairs}
         yield from (f"{tell}." for tell in value_leaks(values, what))
 
 
-def _sounds(study: Study) -> Iterator[str]:
+def _sounds(study: ExportedStudy) -> Iterator[str]:
     """Yield videos with an unexpected audio stream, or with audio in a silent study."""
     streams: dict[str, set[str]] = {}
-    for stimulus, blind in study.stimuli.items():
-        digest = media.sound_digest(study.workspace.video(blind))
+    for stimulus, blind in study.blind_ids.items():
+        digest = media.audio_digest(study.workspace.video(blind))
         if (digest is None) != (stimulus.speech is None):
             state = "no sound" if digest is None else "sound in a study without sound"
             yield f"sound: media/{blind}.mp4 has {state}."
         elif digest is not None and stimulus.speech is not None:
-            track = study.files[stimulus].track("soun")
-            stream = f"{digest} {track.description.hex() if track else ''}"
+            track = study.mp4_files[stimulus].track("soun")
+            stream = f"{digest} {track.codec_settings.hex() if track else ''}"
             streams.setdefault(stimulus.speech, set()).add(stream)
     for speech, hashes in streams.items():
         if len(hashes) > 1:
             yield f"sound: the speech of clip {speech!r} is not the same stream in every video."
 
 
-def _lists(study: Study) -> Iterator[str]:
+def _lists(study: ExportedStudy) -> Iterator[str]:
     """Yield orders of ids or of videos on the screen that follow the method."""
-    trials = list(study.data.get("trials", {}))
+    trials = list(study.page_data.get("trials", {}))
     if trials != sorted(trials):
         yield "JSON: the trials are not sorted by their random ids."
     excess: dict[tuple[str, bool], list[float]] = {}
-    for page in (page for pages in study.data.get("lists", []) for page in pages):
+    for page in (page for pages in study.page_data.get("lists", []) for page in pages):
         shown = page[1]
         for place, blind in enumerate(shown):
             video = study.key.videos.get(blind)
@@ -262,14 +262,14 @@ def _lists(study: Study) -> Iterator[str]:
             )
 
 
-def _texts(study: Study) -> Iterator[str]:
+def _texts(study: ExportedStudy) -> Iterator[str]:
     """Yield names of systems and clips, addresses and unknown fields in the page's texts and data.
 
     The page's fixed files contain no word of a study and must equal those of this program.
     Sentences from `questions.toml` may contain any word. Everything else is searched: ids and
     structure for names and parts of names, the researcher's texts for whole names.
     """
-    bundle, data = study.workspace.bundle, study.data
+    bundle, data = study.workspace.bundle, study.page_data
     for name, source in SHARED_FILES.items():
         if (bundle / name).read_bytes() != source.read_bytes():
             yield f"page: {name} differs from the file of this program."

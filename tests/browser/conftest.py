@@ -319,7 +319,7 @@ class Fake:
         return {
             "run_in_folder": self.generate,
             "draw_videos_in_background": self.draw_videos_in_background,
-            "export_planned": _of_noise,
+            "export_from_request": _of_noise,
         }
 
 
@@ -362,7 +362,7 @@ def _without_figures(ask: AnyRun, *told: Any) -> None:
 def real_address(all_weights: Path, page_files: Path) -> Iterator[str]:
     """Of the real page, with a system that performs plans among its tiny ones."""
     config = AppConfig(port=0, weights=all_weights, temp=page_files)
-    with served(config, run_in_folder=_without_figures, export_planned=_of_noise) as url:
+    with served(config, run_in_folder=_without_figures, export_from_request=_of_noise) as url:
         yield url
 
 

@@ -28,7 +28,7 @@ from app.page.visitors.uploads import MAX_FILES
 from app.run.callbacks import RunCallbacks
 from app.study.analyse import AnalysisRequest, analyse
 from app.study.design.plan import Plan, load_wording, read_plan
-from app.study.design.trials import make_design, study_size
+from app.study.design.trials import make_design, study_minutes_and_summary
 from app.study.make.workspace import EXPORT_STUDY, ExportRequest
 from conventions.views import VIEWS
 from model.systems.registry import default_planner
@@ -379,7 +379,7 @@ class StudyRunner(TabRunner):
         path = job.folder / "plan.toml"
         path.write_text(plan_text(fields), "utf-8")
         plan = read_plan(path)
-        size = study_size(plan, make_design(plan))[1]
+        size = study_minutes_and_summary(plan, make_design(plan))[1]
         yield {
             self.status: markup.sentence_status(text.STARTING),
             self.result_part: update_html(""),

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from app.study.design.key import AttentionRule, Expected, Key, Stimulus, Trial, Video
+from app.study.design.key import AttentionRule, ExpectedAnswer, Key, Stimulus, Trial, Video
 from app.study.design.plan import ATTENTION_QUESTION, Plan, protocol_questions
 from app.study.design.trials import Design
 
@@ -51,13 +51,15 @@ def make_key(plan: Plan, design: Design) -> Key:
                 kind=trial.kind,
                 clip=trial.clip,
                 videos=tuple(sorted(names[stimulus] for stimulus in trial.stimuli)),
-                questions=(ATTENTION_QUESTION,) if trial.press else question_ids,
-                expected=Expected(ATTENTION_QUESTION, trial.press) if trial.press else None,
+                questions=(ATTENTION_QUESTION,) if trial.required_answer else question_ids,
+                expected=ExpectedAnswer(ATTENTION_QUESTION, trial.required_answer)
+                if trial.required_answer
+                else None,
             )
             for name, trial in zip(trials, design.trials, strict=True)
         },
         lists={
-            number: tuple(trials[page.trial] for page in pages)
+            number: tuple(trials[page.trial_index] for page in pages)
             for number, pages in enumerate(design.lists)
         },
         attention_rule=AttentionRule(design.max_failed(plan)),
@@ -74,11 +76,11 @@ def _distinct(count: int, num_bytes: int) -> list[str]:
     return list(names)
 
 
-def lists_by_id(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
+def lists_with_ids(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
     """Return the pages of each list: trial id and ids of its videos (none for checks)."""
     trials, names = tuple(key.trials), stimulus_ids(key)
     return [
-        [(trials[page.trial], [names[each] for each in page.stimuli]) for page in pages]
+        [(trials[page.trial_index], [names[each] for each in page.stimuli]) for page in pages]
         for pages in design.lists
     ]
 

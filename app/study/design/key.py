@@ -75,7 +75,7 @@ class Video(Stimulus):
 
 
 @dataclass(frozen=True, config=STRICT)
-class Expected:
+class ExpectedAnswer:
     """Answer that an attention check expects."""
 
     question: Text
@@ -91,7 +91,7 @@ class Trial:
     videos: Ids
     """Blind ids of the videos."""
     questions: Ids
-    expected: Expected | None = None
+    expected: ExpectedAnswer | None = None
     """Expected answer; only of attention checks."""
 
 

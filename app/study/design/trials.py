@@ -31,7 +31,7 @@ class PlannedTrial:
     kind: TrialKind
     clip: str
     stimuli: tuple[Stimulus, ...] = ()
-    press: Choice | None = None
+    required_answer: Choice | None = None
     """Answer required by an attention check; None otherwise."""
 
 
@@ -39,7 +39,7 @@ class PlannedTrial:
 class Page:
     """Trial in a list, with the order of its videos on the screen."""
 
-    trial: int
+    trial_index: int
     """Index into `Design.trials`."""
     stimuli: tuple[Stimulus, ...]
 
@@ -77,7 +77,7 @@ def make_design(plan: Plan) -> Design:
             f"{MAX_TRIALS_OF_LIST}. Set a smaller number of `trials_per_participant`."
         )
     checks = [
-        PlannedTrial("attention", "attention", press=CHOICES[index % 2])
+        PlannedTrial("attention", "attention", required_answer=CHOICES[index % 2])
         for index in range(num_checks)
     ]
     lists = []
@@ -254,7 +254,15 @@ def measure_balance(design: Design) -> Balance:
 
     lists = [[page for page in pages if page.stimuli] for pages in design.lists]
     rows = [
-        (number, place, page.trial, stimulus, label(stimulus), float(first == 0), len(page.stimuli))
+        (
+            number,
+            place,
+            page.trial_index,
+            stimulus,
+            label(stimulus),
+            float(first == 0),
+            len(page.stimuli),
+        )
         for number, pages in enumerate(lists)
         for place, page in enumerate(pages)
         for first, stimulus in enumerate(page.stimuli)
@@ -265,7 +273,9 @@ def measure_balance(design: Design) -> Balance:
     excess = (videos.is_first - 1 / videos["count"]).groupby([videos["list"], videos.condition])
     firsts = videos.groupby(["trial", "video"]).is_first.sum().groupby("trial")
     shares = videos.groupby("condition").is_first.mean().round(4)
-    followed = [pair for each in lists for pair in itertools.pairwise(page.trial for page in each)]
+    followed = [
+        pair for each in lists for pair in itertools.pairwise(page.trial_index for page in each)
+    ]
     pairs = list(itertools.permutations(sorted(set(pages.trial)), 2))
     follows = Counter(dict.fromkeys(pairs, 0))
     follows.update(followed)
@@ -296,7 +306,7 @@ _UNITS_OF_TRIAL = {
 """Unit of an answer, and of what answers are counted for, by kind of trial."""
 
 
-def study_size(plan: Plan, design: Design) -> tuple[int, str]:
+def study_minutes_and_summary(plan: Plan, design: Design) -> tuple[int, str]:
     """Return the minutes of the longest list, and a sentence on duration, pages and votes."""
     length_s = plan.length_s or DEFAULT_LENGTH_S
     seconds = max(

@@ -15,12 +15,12 @@ import jinja2
 
 from app.run.models import get_body, get_system
 from app.run.output.provenance import describe_systems, versions
-from app.study.design.blinding import lists_by_id, stimulus_ids
+from app.study.design.blinding import lists_with_ids, stimulus_ids
 from app.study.design.key import Key
 from app.study.design.plan import Plan, load_wording, protocol_questions
-from app.study.design.trials import Design, measure_balance, study_size
+from app.study.design.trials import Design, measure_balance, study_minutes_and_summary
 from app.study.make import media
-from app.study.make.motions import Source
+from app.study.make.motions import ClipInputs
 from app.study.make.workspace import Workspace
 from model.storage.escaping import csv_text, escape_markdown
 
@@ -84,7 +84,10 @@ def index_html(title: str, post_to: str | None) -> str:
 def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
     """Return the JSON for the page's script; trials are sorted by their random ids."""
     trials = {
-        trial_id: {"kind": trial.kind, **({"press": trial.press} if trial.press else {})}
+        trial_id: {
+            "kind": trial.kind,
+            **({"press": trial.required_answer} if trial.required_answer else {}),
+        }
         for trial_id, trial in sorted(zip(key.trials, design.trials, strict=True))
     }
     return {
@@ -94,10 +97,10 @@ def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
         "postTo": plan.post_to,
         "returnTo": plan.return_to,
         "panelIds": plan.panel_ids,
-        "minutes": study_size(plan, design)[0],
+        "minutes": study_minutes_and_summary(plan, design)[0],
         **{name: getattr(plan, name) for name in ("consent", "researchers", "contact", "ethics")},
         "trials": trials,
-        "lists": lists_by_id(design, key),
+        "lists": lists_with_ids(design, key),
         **shared_wording(plan.protocol),
         "reasons": load_wording()["reasons"]
         if plan.reasons and plan.protocol == "pairwise"
@@ -119,14 +122,14 @@ def write_records(
     plan: Plan,
     design: Design,
     key: Key,
-    sources: Sequence[Source],
+    sources: Sequence[ClipInputs],
     weights: Path,
     body: Path | None,
     workspace: Workspace,
 ) -> None:
     """Write the researcher's records other than the key."""
     balance = measure_balance(design)
-    lists = lists_by_id(design, key)
+    lists = lists_with_ids(design, key)
     manifest = {
         "study": key.study,
         "title": plan.title,
@@ -155,7 +158,7 @@ def write_records(
     about = {
         "plan": plan,
         "balance": balance,
-        "size": study_size(plan, design)[1],
+        "size": study_minutes_and_summary(plan, design)[1],
         "questions": protocol_questions(plan.protocol),
         "num_trials": sum(trial.kind != "attention" for trial in design.trials),
         "per_person": len(design.lists[0]) - design.num_checks,
@@ -170,7 +173,7 @@ def write_records(
 
 
 def _provenance(
-    plan: Plan, sources: Sequence[Source], weights: Path, body: Path | None
+    plan: Plan, sources: Sequence[ClipInputs], weights: Path, body: Path | None
 ) -> dict[str, Any]:
     drawn = get_body(body)
     names = {system.system for system in plan.systems if system.system is not None}
@@ -189,7 +192,7 @@ def _provenance(
             }
             for system in plan.systems
         },
-        "files_sha256": {source.clip.name: dict(source.files) for source in sources},
+        "files_sha256": {source.clip.name: dict(source.file_sha256s) for source in sources},
         "drawing": {
             "body": drawn.name,
             "body_sha256": drawn.sha256,

@@ -95,12 +95,12 @@ def measure_loudness(path: Path) -> float:
     return float(loudness[-1])
 
 
-def bit_rate(size: int) -> int:
-    """Return the bits per second of a square picture of ``size`` pixels."""
-    return max(MIN_BIT_RATE, round(BITS_PER_PIXEL * size * size * FPS))
+def bit_rate(size_px: int) -> int:
+    """Return the bits per second of a square picture of ``size_px`` pixels."""
+    return max(MIN_BIT_RATE, round(BITS_PER_PIXEL * size_px * size_px * FPS))
 
 
-def encode_picture(drawn: Path, out: Path, size: int, share: float = 1.0) -> None:
+def encode_video_stream(drawn: Path, out: Path, size: int, share: float = 1.0) -> None:
     """Encode the picture of a video as a raw H.264 stream of a fixed rate, with a light grain.
 
     Args:
@@ -134,12 +134,12 @@ def _encode(drawn: Path, out: Path, rate: int) -> int:
         # x264 writes its settings (NAL type 6) and padding (12) into the stream.
         "-bsf:v", "filter_units=remove_types=6|12", "-f", "h264", str(out),
     )  # fmt: skip
-    frames = frames_of(out.read_bytes())
+    frames = split_into_frames(out.read_bytes())
     out.write_bytes(join_units(frames))
     return len(frames)
 
 
-def join(stream: Path, track: Path | None, out: Path) -> None:
+def mux_mp4(stream: Path, track: Path | None, out: Path) -> None:
     """Mux the picture, and sound if any, into one MP4 without re-encoding."""
     sound = () if track is None else ("-i", str(track), "-map", "0:v:0", "-map", "1:a:0")
     with written_atomically(out) as part:
@@ -168,7 +168,7 @@ def set_fixed_mtime(path: Path) -> None:
     os.utime(path, (FIXED_MTIME_S, FIXED_MTIME_S))
 
 
-def sound_digest(path: Path) -> str | None:
+def audio_digest(path: Path) -> str | None:
     """Return a digest of a video's encoded sound; None without sound."""
     try:
         return run_ffmpeg("-i", str(path), "-map", "0:a", "-c", "copy", "-f", "hash", "-").strip()
@@ -178,7 +178,7 @@ def sound_digest(path: Path) -> str | None:
         raise
 
 
-def picture_stream(path: Path) -> bytes:
+def video_stream(path: Path) -> bytes:
     """Return the picture of a video as a raw H.264 stream."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "picture.h264"
@@ -199,9 +199,9 @@ class Track:
     """Handler: ``vide`` or ``soun``."""
     duration: float
     """Duration (s)."""
-    sizes: tuple[int, ...]
+    sample_sizes: tuple[int, ...]
     """Size of each sample (bytes): the stream itself, without its container."""
-    description: bytes
+    codec_settings: bytes
     """Codec settings (`stsd`) and timing of the samples (`stts`, `elst`)."""
 
 
@@ -212,9 +212,9 @@ class Mp4:
     num_bytes: int
     boxes: tuple[str, ...]
     """Types of all boxes, in order."""
-    has_times: bool
+    has_timestamps: bool
     """True if a creation or modification time is set."""
-    names: tuple[bytes, ...]
+    handler_names: tuple[bytes, ...]
     """Names of the handlers."""
     tracks: tuple[Track, ...]
 
@@ -242,8 +242,8 @@ def read_mp4(path: Path) -> Mp4:
         return Mp4(
             num_bytes=len(data),
             boxes=tuple(kind.decode("latin-1") for kind, _ in boxes),
-            has_times=any(any(_numbers(body)[:2]) for kind, body in boxes if kind in _TIMED),
-            names=tuple(body[24:].rstrip(b"\0") for kind, body in boxes if kind == b"hdlr"),
+            has_timestamps=any(any(_numbers(body)[:2]) for kind, body in boxes if kind in _TIMED),
+            handler_names=tuple(body[24:].rstrip(b"\0") for kind, body in boxes if kind == b"hdlr"),
             tracks=tuple(map(_track, tracks)),
         )
     except (ValueError, LookupError) as error:
@@ -284,8 +284,8 @@ def _track(boxes: dict[bytes, bytes]) -> Track:
     return Track(
         handler=boxes[b"hdlr"][8:12].decode("latin-1"),
         duration=units / scale,
-        sizes=(fixed,) * count if fixed else tuple(each[:count]),
-        description=b"|".join(boxes.get(kind, b"") for kind in kinds),
+        sample_sizes=(fixed,) * count if fixed else tuple(each[:count]),
+        codec_settings=b"|".join(boxes.get(kind, b"") for kind in kinds),
     )
 
 
@@ -310,7 +310,7 @@ _LEAST = len(_START) + 3 + _NAME_BYTES + 1
 """Bytes of the smallest message: unit type, payload type, length, name, end."""
 
 
-def frames_of(stream: bytes) -> list[list[bytes]]:
+def split_into_frames(stream: bytes) -> list[list[bytes]]:
     """Split a stream into the NAL units of each frame, which ends with its one slice."""
     frames: list[list[bytes]] = [[]]
     for unit in _START_CODE.split(stream)[1:]:
@@ -334,7 +334,7 @@ def num_picture_bytes(stream: bytes) -> int:
 
 def equalise_frame_sizes(streams: Sequence[Path]) -> None:
     """Pad frame by frame until the n-th frames of all streams have the same number of bytes."""
-    all_frames = [frames_of(path.read_bytes()) for path in streams]
+    all_frames = [split_into_frames(path.read_bytes()) for path in streams]
     # Every frame gets messages: one without them would be known as the largest.
     targets = [max(map(_size, frames)) + 2 * _LEAST for frames in zip(*all_frames, strict=True)]
     for path, frames in zip(streams, all_frames, strict=True):

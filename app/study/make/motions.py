@@ -33,28 +33,28 @@ FACE_JOINTS = slice(3 * 22, 3 * 25)
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class ClipInputs:
     """Clip with its speech, motions and plans."""
 
     clip: Clip
     num_frames: int
     speech: Speech | None
     """Excerpt of the speech; None without speech."""
-    files: Mapping[str, str]
+    file_sha256s: Mapping[str, str]
     """SHA-256 of each source file, by ``speech`` or the system's name."""
-    recorded: Mapping[str, Motion]
+    excerpts: Mapping[str, Motion]
     """Excerpts of motion files, by system."""
     plans: Mapping[str, GesturePlan] = field(default_factory=dict)
     """Plans for systems to perform, by system."""
 
 
-def read_sources(plan: Plan) -> tuple[Source, ...]:
+def read_clip_inputs(plan: Plan) -> tuple[ClipInputs, ...]:
     """Read all speech and motion files and check that their lengths match.
 
     Raises:
         RunError, SpeechError, MotionError: with one sentence, before anything is made.
     """
-    first, *others = sources = tuple(read_source(plan, clip) for clip in plan.clips)
+    first, *others = sources = tuple(read_inputs_of_clip(plan, clip) for clip in plan.clips)
     for source in others if plan.protocol == "matched" else ():
         if source.num_frames != first.num_frames:
             raise RunError(
@@ -65,8 +65,8 @@ def read_sources(plan: Plan) -> tuple[Source, ...]:
     return sources
 
 
-def read_source(plan: Plan, clip: Clip) -> Source:
-    """Read the speech, motion and plan files of one clip, see `read_sources`."""
+def read_inputs_of_clip(plan: Plan, clip: Clip) -> ClipInputs:
+    """Read the speech, motion and plan files of one clip, see `read_clip_inputs`."""
     files: dict[str, str] = {}
     speech = None
     lengths: dict[str, int] = {}
@@ -95,12 +95,12 @@ def read_source(plan: Plan, clip: Clip) -> Source:
             path = system.plan[clip.name]
             plans[system.name] = _read_plan(system, clip, path, num_frames / FPS)
             files[f"plan of {system.name}"] = file_sha256(path)
-    return Source(
+    return ClipInputs(
         clip=clip,
         num_frames=num_frames,
         speech=None if speech is None else _excerpt(speech, clip.start_s, num_frames),
-        files=files,
-        recorded={
+        file_sha256s=files,
+        excerpts={
             name: motion.part(slice(start, start + num_frames)) for name, motion in motions.items()
         },
         plans=plans,
@@ -156,7 +156,7 @@ def _excerpt(speech: Speech, start_s: float, num_frames: int) -> Speech:
 
 def stimulus_motions(
     plan: Plan,
-    source: Source,
+    source: ClipInputs,
     weights: Path,
     body_path: Path | None,
     should_cancel: Callable[[], bool],
@@ -169,7 +169,7 @@ def stimulus_motions(
         UnknownNameError, CheckpointError, BodyError: each with one sentence.
     """
     motions = {
-        system.name: source.recorded[system.name]
+        system.name: source.excerpts[system.name]
         if system.motion is not None
         else _generate(system, source, weights, should_cancel)
         for system in plan.systems
@@ -191,7 +191,7 @@ def stimulus_motions(
 
 
 def _generate(
-    system: Condition, source: Source, weights: Path, should_cancel: Callable[[], bool]
+    system: Condition, source: ClipInputs, weights: Path, should_cancel: Callable[[], bool]
 ) -> Motion:
     """Generate motion from the excerpt alone, which is also what participants hear.
 

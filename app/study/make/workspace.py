@@ -12,7 +12,7 @@ from app.errors import RunError
 from app.run.tasks import Task
 from model.storage.files import write_atomically
 
-EXPORT_STUDY = Task("app.study.export", "export_planned")
+EXPORT_STUDY = Task("app.study.export", "export_from_request")
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class Workspace:
         except OSError as error:
             raise RunError(f"The folder {out} cannot be written to; choose another.") from error
 
-    def video(self, blind: str) -> Path:
+    def video(self, blind_id: str) -> Path:
         """Return the path of a video in the bundle."""
-        return self.media / f"{blind}.mp4"
+        return self.media / f"{blind_id}.mp4"
 
     def write_json(self, path: Path, value: Any) -> None:
         """Write a JSON file atomically."""

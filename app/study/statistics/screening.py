@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from app.study.design.key import Expected, Key
+from app.study.design.key import ExpectedAnswer, Key
 from app.study.statistics.answers import TIE, Answer, Participant, is_number
 from conventions.names import join_names, pluralise
 
@@ -95,7 +95,7 @@ def failed_checks(participant: Participant, key: Key) -> int:
     )
 
 
-def _is_expected(value: object, expected: Expected, key: Key) -> bool:
+def _is_expected(value: object, expected: ExpectedAnswer, key: Key) -> bool:
     if isinstance(expected.value, str):
         return value == expected.value
     tolerance = SLIDER_TOLERANCE if key.protocol == "rating" else 0

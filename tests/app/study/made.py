@@ -11,7 +11,7 @@ import pandas as pd
 from app.study.design.key import (
     KIND_OF_PROTOCOL,
     AttentionRule,
-    Expected,
+    ExpectedAnswer,
     Key,
     Question,
     Trial,
@@ -25,7 +25,7 @@ from model.storage.json_validation import parse_json
 SYSTEMS = ("local", "global", "rival")
 STRENGTHS = {"local": 0.0, "global": 1.0, "rival": -0.8}
 LEFT_CHECK = Trial(
-    "attention", "no clip", ("clip0-local", "clip0-global"), ("c",), Expected("c", "left")
+    "attention", "no clip", ("clip0-local", "clip0-global"), ("c",), ExpectedAnswer("c", "left")
 )
 QUESTIONS = {
     "pairwise": Question("realism", "Which moves more like a real person?", "choice"),

@@ -26,7 +26,7 @@ from app.study.design.trials import (
     is_first_left,
     make_design,
     measure_balance,
-    study_size,
+    study_minutes_and_summary,
     williams_square,
 )
 from tests.app.study.made_study import write_plan
@@ -144,7 +144,7 @@ def test_at_most_one_page_in_ten_is_an_attention_check_and_a_short_study_ends_wi
         plan, design = design_of(tmp_path, "pairwise", settings)
         assert design.num_checks == checks and design.max_failed(plan) == checks // 2
         for pages in design.lists:
-            kinds = [design.trials[page.trial].kind for page in pages]
+            kinds = [design.trials[page.trial_index].kind for page in pages]
             assert len(kinds) == trials + checks and kinds.count("attention") == checks
             assert checks == 1 or 10 * checks <= len(kinds)
             assert ("attention", "attention") not in itertools.pairwise(kinds)
@@ -152,10 +152,14 @@ def test_at_most_one_page_in_ten_is_an_attention_check_and_a_short_study_ends_wi
     settings = 'views = ["front", "side"]\nattention_checks = 4'
     _, design = design_of(tmp_path, "pairwise", settings)
     for pages in design.lists:
-        kinds = [design.trials[page.trial].kind for page in pages]
+        kinds = [design.trials[page.trial_index].kind for page in pages]
         assert kinds.count("attention") == 4
         assert ("attention", "attention") not in itertools.pairwise(kinds)
-        assert {design.trials[page.trial].press for page in pages} == {None, "left", "right"}
+        assert {design.trials[page.trial_index].required_answer for page in pages} == {
+            None,
+            "left",
+            "right",
+        }
     with pytest.raises(RunError, match="for 12 trials per participant; the limit is 1,"):
         design_of(tmp_path, "pairwise", "attention_checks = 2\ntrials_per_participant = 12")
     assert design_of(tmp_path, "pairwise", "attention_checks = 0")[1].num_checks == 0
@@ -163,7 +167,7 @@ def test_at_most_one_page_in_ten_is_an_attention_check_and_a_short_study_ends_wi
 
 def test_shorter_lists_share_the_trials_evenly(tmp_path):
     _, design = design_of(tmp_path, "pairwise", "trials_per_participant = 6")
-    shown = [[page.trial for page in pages if page.stimuli] for pages in design.lists]
+    shown = [[page.trial_index for page in pages if page.stimuli] for pages in design.lists]
     assert all(len(set(pages)) == len(pages) == 6 for pages in shown)
     counts = Counter(trial for pages in shown for trial in pages)
     assert len(counts) == 18 and set(counts.values()) == {12}
@@ -213,12 +217,12 @@ def test_what_a_study_asks_is_counted_as_by_hand(tmp_path):
         ("rating", 3, 4, "30 ratings for each system"),
     ]:
         settings = "attention_checks = 0\nlength_s = 6"
-        found = study_size(*design_of(tmp_path, protocol, settings, participants=10))
+        found = study_minutes_and_summary(*design_of(tmp_path, protocol, settings, participants=10))
         minutes = math.ceil((INTRO_S + pages * (shown * 6 + ANSWER_S)) / 60)
         sentence = f"{minutes} minutes and {pages} pages for each participant; {votes} if all"
         assert found == (minutes, f"About {sentence} participants finish.")
     one = "attention_checks = 0\ntrials_per_participant = 1"
-    _, sentence = study_size(*design_of(tmp_path, "pairwise", one, participants=1))
+    _, sentence = study_minutes_and_summary(*design_of(tmp_path, "pairwise", one, participants=1))
     assert " 1 page for each participant; 0 to 1 vote for each pair of systems if" in sentence
 
 

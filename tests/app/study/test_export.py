@@ -82,7 +82,7 @@ def test_a_study_is_whole_private_and_equal_in_all_but_the_motion(silent_study, 
                 media.read_mp4(study.video(b)) for b, v in key.videos.items() if v.clip == clip
             ]
             assert len({file.num_bytes for file in files}) == 1
-            assert {len(file.tracks[0].sizes) for file in files} == {FRAMES}
+            assert {len(file.tracks[0].sample_sizes) for file in files} == {FRAMES}
             assert {len(file.tracks) for file in files} == {num_tracks}
         assert {path.name for path in study.private.iterdir()} == {
             *("key.json", "manifest.json", "provenance.json", "preregistration.md", "adapters"),
@@ -247,7 +247,9 @@ def test_length_body_face_and_place_are_the_same_for_every_system(inputs, tmp_pa
 
     length = f"length_s = {FRAMES / 30}"
     study = export_study(plan_of(inputs, length, HERE[1:]), tmp_path / "out", draw=look)
-    assert {len(media.read_mp4(path).tracks[0].sizes) for path in study.media.iterdir()} == {FRAMES}
+    assert {len(media.read_mp4(path).tracks[0].sample_sizes) for path in study.media.iterdir()} == {
+        FRAMES
+    }
     first, second = (seen[name, "front"] for name in TWO)
     assert first.stage == second.stage and first.settings == second.settings
     for job in (first, second):

@@ -104,7 +104,7 @@ def put_stream(study: Workspace, clip: str, frames: list[list[bytes]]) -> None:
     video, stream = video_of(study, "localnet", clip), study.private / "changed.h264"
     size = video.stat().st_size
     stream.write_bytes(media.join_units(frames))
-    media.join(stream, None, video)
+    media.mux_mp4(stream, None, video)
     missing = size - video.stat().st_size
     if missing < 8:
         accept_video(study, video)
@@ -114,7 +114,7 @@ def put_stream(study: Workspace, clip: str, frames: list[list[bytes]]) -> None:
 
 def _packets(study: Workspace) -> None:
     """As many bytes in all, filled up at the end alone."""
-    frames = media.frames_of(media.picture_stream(video_of(study, "localnet", "street")))
+    frames = media.split_into_frames(media.video_stream(video_of(study, "localnet", "street")))
     own = [[unit for unit in units if unit[0] & 31 != 6] for units in frames]
     own[-1][:0] = [unit for units in frames for unit in units if unit[0] & 31 == 6]
     put_stream(study, "street", own)
@@ -125,10 +125,10 @@ def _filling(study: Workspace) -> None:
     video, out = video_of(study, "localnet", "office"), study.private / "changed.h264"
     sizes = [
         sum(4 + len(unit) for unit in units)
-        for units in media.frames_of(media.picture_stream(video))
+        for units in media.split_into_frames(media.video_stream(video))
     ]
-    media.encode_picture(video, out, SIZE, 0.5)
-    frames = media.frames_of(out.read_bytes())
+    media.encode_video_stream(video, out, SIZE, 0.5)
+    frames = media.split_into_frames(out.read_bytes())
     for units, size in zip(frames, sizes, strict=True):
         missing = size - sum(4 + len(unit) for unit in units)
         if missing > 6:

@@ -17,7 +17,7 @@ from app.study.design.plan import Clip, Condition, Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.make import media
 from app.study.make.bundle import genea_tables
-from app.study.make.motions import Source, read_sources, stimulus_motions
+from app.study.make.motions import ClipInputs, read_clip_inputs, stimulus_motions
 from model.generation.windows import GenerateOptions, generate_motion
 from model.plan.editing import Gesture, add_gesture, delete_gesture
 from model.plan.files import read_plan_file, write_plan_file
@@ -39,11 +39,11 @@ def encoded(drawn: list[Path], folder: Path, track: Path | None = None) -> list[
     folder.mkdir()
     streams = [folder / f"{source.stem}.h264" for source in drawn]
     for source, stream in zip(drawn, streams, strict=True):
-        media.encode_picture(source, stream, 128)
+        media.encode_video_stream(source, stream, 128)
     media.equalise_frame_sizes(streams)
     videos = [stream.with_suffix(".mp4") for stream in streams]
     for stream, video in zip(streams, videos, strict=True):
-        media.join(stream, track, video)
+        media.mux_mp4(stream, track, video)
     media.pad_to_equal_size(videos)
     return videos
 
@@ -75,7 +75,7 @@ def test_calm_and_wild_motion_give_equal_files(made):
     assert calm.num_bytes == wild.num_bytes
     assert calm.tracks == wild.tracks  # packet by packet
     assert [track.handler for track in calm.tracks] == ["vide", "soun"]
-    assert len(calm.tracks[0].sizes) == FRAMES
+    assert len(calm.tracks[0].sample_sizes) == FRAMES
     assert calm.tracks[0].duration == FRAMES / 30
 
 
@@ -95,8 +95,8 @@ def test_videos_show_every_frame_as_it_was_and_nothing_else_the_same_each_time(m
             apart = np.subtract(shown, wanted, dtype=float)
             assert abs(apart.mean()) < 0.2 and apart.std() < 3  # the grain
         file = media.read_mp4(video)
-        assert not {"udta", "meta", "uuid"} & set(file.boxes) and not file.has_times
-        assert b"x264" not in video.read_bytes() and media.sound_digest(video) is None
+        assert not {"udta", "meta", "uuid"} & set(file.boxes) and not file.has_timestamps
+        assert b"x264" not in video.read_bytes() and media.audio_digest(video) is None
 
 
 def test_speech_has_the_loudness_of_r128_whatever_it_had(tmp_path):
@@ -113,14 +113,14 @@ def test_speech_has_the_loudness_of_r128_whatever_it_had(tmp_path):
 
 
 def test_calm_and_wild_motion_cannot_be_told_by_what_fills_them_up(made):
-    streams = [media.picture_stream(path) for path in sorted((made / "silent").glob("*.mp4"))]
+    streams = [media.video_stream(path) for path in sorted((made / "silent").glob("*.mp4"))]
     calm, wild = (media.num_picture_bytes(stream) for stream in streams)
     assert abs(calm - wild) < 0.03 * wild  # of 45 small pictures
     assert calm > 0.5 * len(streams[0])
     packed = [len(zlib.compress(stream)) for stream in streams]
     assert max(packed) - min(packed) < 64
     for stream in streams:
-        kinds = [[unit[0] & 31 for unit in units] for units in media.frames_of(stream)]
+        kinds = [[unit[0] & 31 for unit in units] for units in media.split_into_frames(stream)]
         assert all(frame[-3:-1] == [6, 6] and 12 not in frame for frame in kinds)
 
 
@@ -133,7 +133,7 @@ def test_frames_are_filled_to_any_size(tmp_path):
             path.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
         own = [media.num_picture_bytes(path.read_bytes()) for path in paths]
         media.equalise_frame_sizes(paths)
-        frames = [media.frames_of(path.read_bytes()) for path in paths]
+        frames = [media.split_into_frames(path.read_bytes()) for path in paths]
         found = {tuple(sum(4 + len(unit) for unit in units) for units in each) for each in frames}
         assert len(found) == 1
         assert [media.num_picture_bytes(path.read_bytes()) for path in paths] == own
@@ -161,7 +161,7 @@ def test_two_clips_move_differently_though_they_hold_the_same_speech(weights):
     )
     clip = Clip("garden", Path("garden.wav"))
     plan = Plan("t", "pairwise", 2, (clip,), systems)
-    source = Source(clip, 70, speech, {}, {})
+    source = ClipInputs(clip, 70, speech, {}, {})
     poses = [
         stimulus_motions(plan, each, weights, None, lambda: False)["few"].poses
         for each in (source, source, replace(source, clip=replace(clip, name="park")))
@@ -170,7 +170,7 @@ def test_two_clips_move_differently_though_they_hold_the_same_speech(weights):
     assert np.abs(poses[0] - poses[2]).mean() > 0.001
 
 
-def planned_sources(tmp_path: Path, text: str) -> tuple[Plan, tuple[Source, ...]]:
+def planned_sources(tmp_path: Path, text: str) -> tuple[Plan, tuple[ClipInputs, ...]]:
     write_wav(tmp_path / "one.wav", made_waveform(16_000 * 4))
     path = tmp_path / "plan.toml"
     path.write_text(
@@ -178,7 +178,7 @@ def planned_sources(tmp_path: Path, text: str) -> tuple[Plan, tuple[Source, ...]
         f'name = "one"\nspeech = "one.wav"\n{text}'
     )
     plan = read_plan(path)
-    return plan, read_sources(plan)
+    return plan, read_clip_inputs(plan)
 
 
 def condition(name: str, more: str) -> str:
@@ -200,7 +200,7 @@ def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_
         + condition("drawn none", none),
     )
     assert source.plans == {"given": given, "none of it": given}
-    assert source.files["plan of given"] == source.files["plan of none of it"]
+    assert source.file_sha256s["plan of given"] == source.file_sha256s["plan of none of it"]
     made = stimulus_motions(plan, source, planned_weights, None, lambda: False)
     empty = delete_gesture(given, Gesture("right", 1.5)).plan
     expected = (
@@ -212,7 +212,7 @@ def test_a_condition_performs_the_given_plan_and_its_style(planned_weights, tmp_
     assert np.abs(made["drawn"].poses - made["drawn none"].poses).max() > 1e-3
 
 
-def expected_poses(weights: Path, source: Source, plan: GesturePlan) -> np.ndarray:
+def expected_poses(weights: Path, source: ClipInputs, plan: GesturePlan) -> np.ndarray:
     system = load_system(PLANNED, weights)
     options = GenerateOptions(
         next(iter(system.speakers)), seed=clip_seed(0, "one"), steps=1, conditions=(plan,)

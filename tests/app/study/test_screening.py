@@ -17,7 +17,7 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
-from app.study.design.key import AttentionRule, Expected, Key, read_key, write_key
+from app.study.design.key import AttentionRule, ExpectedAnswer, Key, read_key, write_key
 from app.study.statistics.answers import MAX_FILE_BYTES, TIE, Answer, Participant, collect_answers
 from app.study.statistics.results import analyse_participants
 from app.study.statistics.screening import failed_checks, implausible_answers, screen
@@ -180,7 +180,7 @@ def test_a_slider_may_stand_a_little_off() -> None:
         ("pairwise", 71, True),
     ]:
         key = made_key(protocol)
-        check = replace(LEFT_CHECK, expected=Expected("c", 70))
+        check = replace(LEFT_CHECK, expected=ExpectedAnswer("c", 70))
         key = replace(key, trials={**key.trials, "check0": check, "check1": check})
         assert failed_checks(with_checks(key, given, 70), key) == is_failed
 

@@ -388,7 +388,7 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
             path.touch()
         raise Cancelled
 
-    study = made_study(StudyRunner, tmp_path, export_planned=export)
+    study = made_study(StudyRunner, tmp_path, export_from_request=export)
     clicked = study.run(browser("cookie"), *form(speech))
     next(clicked)
     while "50%" not in str(next(clicked)):
