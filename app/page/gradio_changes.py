@@ -222,10 +222,10 @@ def _wrong_call(reason: str) -> gr.Error:
 
 def _replace_queue(page: gr.Blocks, jobs: Jobs, max_waiting: int) -> None:
     """Limit who waits, and start only events with a listener."""
-    from app.page.visitors.turns import Turns
+    from app.page.visitors.turns import LimitedQueue
 
     # `Blocks.queue` would build the whole app again.
-    page._queue = Turns(
+    page._queue = LimitedQueue(
         jobs,
         max_waiting,
         live_updates=True,

@@ -111,7 +111,9 @@ def standalone_html(folder: Path) -> str:
     elif first.verdict is not None:
         verdict, bars = first.verdict, jerk_bars(first)
         head += markup.verdict(verdict.numbers, verdict.comparison, bars)
-        head += f"<p>{escape(markup.claim_of(verdict.comparison)[1])}</p>" if bars else ""
+        head += (
+            f"<p>{escape(markup.split_first_sentence(verdict.comparison)[1])}</p>" if bars else ""
+        )
     if path := file_of(next(iter(runs.values())), PROVENANCE):
         are = str(_object_in(path).get(WEIGHTS_ARE_KEY, ""))
         head += f"<p>{text.WEIGHTS.format(are=escape(are))}</p>" if are else ""

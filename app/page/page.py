@@ -96,7 +96,7 @@ def build_app(services: Services) -> gr.Blocks:
         page.load(visitor_of, outputs=name_of_page, **UNQUEUED_EVENT)
         opening = PageLoader(services, tabs, places, form.fields)
         for parts in places.values():
-            opening.on_clip_chosen(parts)
+            opening.attach_clip_choice(parts)
         loading = page.load(opening.on_load, outputs=opening.outputs, **UNQUEUED_EVENT)
         for ended in (loading.then, loading.failure):
             ended(None, js=_END_LOADING)

@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import BrowserContext, expect
 
 from app.config import AppConfig
-from app.page.visitors.turns import Turns
+from app.page.visitors.turns import LimitedQueue
 from app.run.callbacks import RunCallbacks
 from app.run.requests.requests import AnyRun
 from processes.job import Cancelled
@@ -59,14 +59,14 @@ class Runs:
 def runs(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> Runs:
     fake.figures.clear()
     runs = Runs(fake)
-    clean = Turns.clean_events
+    clean = LimitedQueue.clean_events
 
-    async def noted(turns: Turns, *, session_hash: str | None = None, **which: Any) -> None:
+    async def noted(turns: LimitedQueue, *, session_hash: str | None = None, **which: Any) -> None:
         await clean(turns, session_hash=session_hash, **which)
         if session_hash is not None:
             runs.lost.append(session_hash)
 
-    monkeypatch.setattr(Turns, "clean_events", noted)
+    monkeypatch.setattr(LimitedQueue, "clean_events", noted)
     return runs
 
 
@@ -89,7 +89,7 @@ def test_a_tab_that_is_closed_ends_its_run_and_one_without_a_connection_does_not
 ) -> None:
     context, address = visitor(), blocks.local_url or ""
     turns = blocks._queue
-    assert isinstance(turns, Turns)
+    assert isinstance(turns, LimitedQueue)
     for number, leave in enumerate(("close", "reload"), start=1):
         page = opened(context, address)
         start(page, speech)

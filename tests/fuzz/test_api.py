@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from app.config import AppConfig
 from app.page.launch import launch
-from app.page.parts.form_values import Fields, values_of
+from app.page.parts.form_values import Fields, parse_form_values
 from app.page.tabs.motion import build_form, request_from_form
 from app.page.tabs.own_motion import build_own_form, own_motion_request
-from app.page.tabs.study import build_study_tab, plan_text
+from app.page.tabs.study import build_study_tab, study_plan_toml
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
 from app.study.design.plan import Plan
 from tests.app.fakes import CATALOGUE, made_services
@@ -72,7 +72,7 @@ def forms(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[type, Fie
             lambda told: request_from_form(told, Path("/job"), CATALOGUE, config),
         ),
         "own": (DiagnoseRequest, own, lambda told: own_motion_request(told, Path("/job"), config)),
-        "study": (Plan, study, plan_text),
+        "study": (Plan, study, study_plan_toml),
     }
 
 
@@ -88,7 +88,7 @@ def test_forms(forms: dict[str, tuple[type, Fields, Callable]], name: str) -> No
     @given(changes(len(form)))
     def check(changes: list[tuple[int, Any]]) -> None:
         values = changed(usual, changes)
-        is_done_or_refused(lambda: ask(values_of(asked, form, values)))
+        is_done_or_refused(lambda: ask(parse_form_values(asked, form, values)))
 
     run_by_the_clock(check)
 

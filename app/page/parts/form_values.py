@@ -30,7 +30,7 @@ Fields = Mapping[str, Any]
 """Gradio components by name of the field."""
 
 
-def values_of(request: type[Any], form: Fields, values: Sequence[Any]) -> dict[str, Any]:
+def parse_form_values(request: type[Any], form: Fields, values: Sequence[Any]) -> dict[str, Any]:
     """Validate the values of a form, and return them by field name.
 
     Empty fields get the defaults of the request.

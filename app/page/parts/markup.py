@@ -36,7 +36,7 @@ MAX_NOTES = 3
 """Maximum number of notes of a run that the page shows; its file has all."""
 
 
-def explained(sentence: str) -> str:
+def add_tooltips(sentence: str) -> str:
     """Format a sentence as HTML, with an explanation (`help.js`) of each term at its first use."""
     used: set[str] = set()
 
@@ -74,7 +74,7 @@ def step(number: int, title: str) -> str:
 
 
 def heading(title: str, explanation: str = "") -> str:
-    below = f"<p>{explained(explanation)}</p>" if explanation else ""
+    below = f"<p>{add_tooltips(explanation)}</p>" if explanation else ""
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
@@ -155,14 +155,14 @@ def verdict(numbers: str, judgement: str, bars: str = "") -> str:
     """
     if not numbers:
         return ""
-    claim, others = claim_of(judgement)
+    claim, others = split_first_sentence(judgement)
     if not bars or not claim:
         claim, others = numbers, judgement
-    others_html = f"<p>{explained(others)}</p>" if others and not bars else ""
-    return f'<div class="verdict"><div><b>{explained(claim)}</b>{others_html}</div>{bars}</div>'
+    others_html = f"<p>{add_tooltips(others)}</p>" if others and not bars else ""
+    return f'<div class="verdict"><div><b>{add_tooltips(claim)}</b>{others_html}</div>{bars}</div>'
 
 
-def claim_of(judgement: str) -> tuple[str, str]:
+def split_first_sentence(judgement: str) -> tuple[str, str]:
     """Split a judgement into its first sentence and the others."""
     claim, stop, others = judgement.partition(". ")
     return claim + stop.rstrip(), others

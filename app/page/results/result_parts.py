@@ -11,7 +11,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.markup import explained, hidden_html, player_component
+from app.page.parts.markup import add_tooltips, hidden_html, player_component
 from app.page.routes.media import Address
 from app.run.requests.parts import FIGURE_PANELS, FigureWidth
 from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS
@@ -95,7 +95,7 @@ def _figure(
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
     links = "".join(download_link(url, f"{stem}.{end}", end.upper()) for end, url in urls.items())
     captions = "".join(
-        f"<p>{explained(sentences[key])}</p>" for key in about.says if sentences.get(key)
+        f"<p>{add_tooltips(sentences[key])}</p>" for key in about.says if sentences.get(key)
     )
     beside = (
         f"<details><summary>{text.CAPTION}</summary><p>{escape(caption)}</p></details>"

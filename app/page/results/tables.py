@@ -105,7 +105,7 @@ def measures_table(run: RunRecord) -> str:
     ]
     judgement = run.verdict.comparison if run.verdict and jerk_bars(run) else ""
     captions = _says(
-        markup.claim_of(judgement)[1],
+        markup.split_first_sentence(judgement)[1],
         run.figure_captions.get("step"),
         run.figure_captions.get("beats"),
     )
@@ -307,7 +307,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     if verdict is not None:
         bars = _bars(first, means, text.OVER_CLIPS)
         above = markup.verdict(verdict.numbers, verdict.comparison, bars)
-        above += _says(markup.claim_of(verdict.comparison)[1])
+        above += _says(markup.split_first_sentence(verdict.comparison)[1])
     names = short_names(jerk)
     rows = [
         _clip_row(

@@ -13,7 +13,7 @@ from app.page.parts.markup import mount
 from app.page.results.result_parts import ResultParts
 from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.motion import FormParts
-from app.page.tabs.motion_run import RunRunner
+from app.page.tabs.motion_run import MotionRunner
 from app.page.tabs.runner import PAGE_DISPLAY, Services
 from app.page.visitors.job_folders import Job
 from app.run.requests.convert import replace_fields
@@ -23,7 +23,7 @@ from model.systems.registry import family_of, representatives
 _MAX_TOKEN = 100
 
 
-class LiveRunner(RunRunner):
+class LiveRunner(MotionRunner):
     """Runner that makes a run of the last minute of a live session."""
 
     tab = "live"

@@ -53,8 +53,8 @@ MAX_PAGE_BODIES = 12
 def request_from_form(
     values: Mapping[str, Any], folder: Path, catalogue: Catalogue, config: AppConfig
 ) -> GenerateRequest:
-    """Make the request of a form from the result of `values_of`; raises RunError."""
-    values = with_panels(values)
+    """Make the request of a form from the result of `parse_form_values`; raises RunError."""
+    values = with_default_panels(values)
     speeches = (*filter(None, [values["speech"]]), *values.pop("clips"))
     if not speeches:
         raise RunError(text.NO_SPEECH)
@@ -145,7 +145,7 @@ def build_form(services: Services) -> FormParts:
         ),
         buttons=[],
     )
-    services.watch(of["speech"], "speech")
+    services.check_uploads(of["speech"], "speech")
     limits = text.SPEECH_HELP.format(
         min_s=config.min_speech_s, max_min=round(config.max_speech_s / 60, 1)
     )
@@ -159,7 +159,7 @@ def build_form(services: Services) -> FormParts:
             size=config.max_upload.upper().replace("MB", " MB"),
         )
         gr.HTML(f'<p class="hint">{help_text}</p>')
-        of["clips"] = services.file(
+        of["clips"] = services.file_field(
             "clips", text.CLIPS_LABEL, ["audio"], "several", file_count="multiple"
         )
     gr.HTML(markup.step(2, "Systems"))
@@ -237,13 +237,15 @@ def build_form(services: Services) -> FormParts:
                 "samplers."
             ),
         )
-        of["reference"] = services.file(
+        of["reference"] = services.file_field(
             "reference", text.REFERENCE_LABEL, [".npz", ".npy", ".bvh"], "reference"
         )
-        of["transcript"] = services.file(
+        of["transcript"] = services.file_field(
             "transcript", text.TRANSCRIPT_LABEL, list(WORD_ENDINGS), "transcript"
         )
-        of["plan"] = services.file("plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan")
+        of["plan"] = services.file_field(
+            "plan", text.PLAN_LABEL, [".json", ".TextGrid", ".eaf"], "plan"
+        )
         of["words"] = gr.Checkbox(
             False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
         )
@@ -279,7 +281,7 @@ def figure_fields(elem_id: str | None = None) -> dict[str, Any]:
     return of
 
 
-def with_panels(values: Mapping[str, Any]) -> dict[str, Any]:
+def with_default_panels(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return a form's values, with all panels of Figure 6 if none is ticked."""
     return {**values, "figure_panels": values["figure_panels"] or tuple(FIGURE_PANELS)}
 

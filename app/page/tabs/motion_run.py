@@ -15,7 +15,7 @@ import gradio as gr
 from app import text
 from app.errors import Cancelled, visitor_message
 from app.page.parts import markup
-from app.page.parts.form_values import Fields, values_of
+from app.page.parts.form_values import Fields, parse_form_values
 from app.page.parts.markup import UNQUEUED_EVENT, Updates, reveal_on_click, update_html
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_comparison import comparison_updates
@@ -38,7 +38,7 @@ STAGES_WITHOUT_VIDEO: tuple[RunStage, ...] = ("speech", "motion", "numbers", "fi
 
 
 @dataclass
-class StageLine:
+class RunProgress:
     """Progress of a run by stage, formatted as a status line with bars."""
 
     stages: Sequence[RunStage] = STAGES_WITHOUT_VIDEO
@@ -68,10 +68,10 @@ class StageLine:
         return f"{of_clip}{text.STAGE_NAMES[stage]} ({seconds:.0f} s so far)"
 
 
-class RunRunner(TabRunner):
+class MotionRunner(TabRunner):
     """Runner of generated or imported motion, with results in a tab."""
 
-    outlives = True
+    survives_disconnect = True
 
     def __init__(self, services: Services, form: FormParts, parts: ResultParts) -> None:
         super().__init__(services, parts.status)
@@ -94,18 +94,20 @@ class RunRunner(TabRunner):
         reveal_on_click(form.start, self.status)
         # Listeners of a click run in order: this one before the run.
         waits = [self.status, form.start, form.cancel]
-        form.start.click(self.waits, outputs=waits, **UNQUEUED_EVENT)
+        form.start.click(self.waiting_updates, outputs=waits, **UNQUEUED_EVENT)
         # The button is enabled while figures are drawn; its next run is queued behind them.
-        begun = [self.after(form.start.click, fields, trigger_mode="multiple", **how)]
-        begun[0].failure(self.refused, outputs=waits, **UNQUEUED_EVENT)  # also if the queue is full
-        begun += [self.after(event, [*form.fields.values()]) for event in also]
+        begun = [self.start_after(form.start.click, fields, trigger_mode="multiple", **how)]
+        begun[0].failure(
+            self.failure_updates, outputs=waits, **UNQUEUED_EVENT
+        )  # also if the queue is full
+        begun += [self.start_after(event, [*form.fields.values()]) for event in also]
         self.cancel_on(form.cancel, begun, self.outputs)
-        page.unload(self.videos.left)
+        page.unload(self.videos.on_page_closed)
 
-    def after(self, event: Any, fields: Fields | Sequence[Any], **how: Any) -> Any:
+    def start_after(self, event: Any, fields: Fields | Sequence[Any], **how: Any) -> Any:
         """Attach a run to an event, followed by the rendering of videos in the background."""
         run = self.start_on(event, fields, outputs=self.outputs, **how)
-        self.videos.follow(run)
+        self.videos.attach_to(run)
         return run
 
     @abstractmethod
@@ -116,12 +118,12 @@ class RunRunner(TabRunner):
         self._waiting.discard(visitor_of(request))
         yield from super().run(request, *values)
 
-    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+    def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         request = self.make_request(job, values)
-        self.videos.give_up(job.visitor)
+        self.videos.cancel_videos(job.visitor)
         fields = self.form.fields
         form = values_to_save(fields, values, job.folder) if "speech" in fields else {}
-        yield self.blank()
+        yield self.start_updates()
         yield from self.perform(job, request, form)
 
     def perform(
@@ -137,7 +139,7 @@ class RunRunner(TabRunner):
         run_views = partial(
             run_views_in, request.output.out, address, job.folder.name, request.output.has_video
         )
-        line = StageLine(
+        line = RunProgress(
             [
                 each
                 for each in STAGES_WITHOUT_VIDEO
@@ -183,21 +185,21 @@ class RunRunner(TabRunner):
                 raise
         saved = services.saved_runs.add_run(job, run_views(), form)
         if request.output.has_video and saved.record.state == "done" and not saved.clips:
-            self.videos.want(saved, request.video)
+            self.videos.request_videos(saved, request.video)
         yield {
             **saved.updates(parts, begins=True),
             parts.runs: update_html(services.saved_runs.html(job.cookie, saved)),
             **self.button_updates(is_running=job.visitor in self._waiting),
         }
 
-    def blank(self) -> Updates:
+    def start_updates(self) -> Updates:
         return {
-            **self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), ""),
+            **self.stopped_updates(markup.sentence_status(text.STARTING_SYSTEMS), ""),
             self.parts.runs: update_html(""),
             **self.button_updates(is_running=True),
         }
 
-    def stopped(self, status: str, message: str) -> Updates:
+    def stopped_updates(self, status: str, message: str) -> Updates:
         return {
             **self._without_results(),
             self.parts.status: status,
@@ -211,25 +213,25 @@ class RunRunner(TabRunner):
         hidden = {parts.player: EMPTY_VALUE, parts.clip: gr.update(visible=False)}
         return {**hidden, **{part: update_html("") for part in (*outputs, parts.downloads)}}
 
-    def waits(self, request: gr.Request) -> Updates:
+    def waiting_updates(self, request: gr.Request) -> Updates:
         """Show that the run waits for its turn."""
         self._waiting.add(visitor_of(request))
         line = markup.sentence_status("Waiting in the queue.")
         return {self.status: line, **self.button_updates(is_running=True)}
 
-    def refused(self, request: gr.Request) -> Updates:
+    def failure_updates(self, request: gr.Request) -> Updates:
         """Release the buttons after a failed run, and the status if the queue was full."""
         visitor = visitor_of(request)
         if visitor not in self._waiting:
             return self.button_updates(is_running=False)
         self._waiting.discard(visitor)
-        return self.idle()
+        return self.idle_updates()
 
     def cancel(self, request: gr.Request) -> Updates:
         self._waiting.discard(visitor_of(request))
         return super().cancel(request)
 
-    def idle(self) -> Updates:
+    def idle_updates(self) -> Updates:
         ready = markup.idle_status(text.READY)
         return {self.status: ready, **self.button_updates(is_running=False)}
 
@@ -240,14 +242,14 @@ class RunRunner(TabRunner):
         }
 
 
-class GenerateRunner(RunRunner):
+class GenerateRunner(MotionRunner):
     """Runner that generates motion for a visitor's speech."""
 
     tab = "generate"
 
     def make_request(self, job: Job, values: Sequence[Any]) -> AnyRun:
         services = self.services
-        form_values = values_of(GenerateRequest, self.form.fields, values)
+        form_values = parse_form_values(GenerateRequest, self.form.fields, values)
         return request_from_form(
             form_values, job.folder, services.catalogue, services.config_for(job)
         )
@@ -300,7 +302,7 @@ class PageLoader:
             parts.runs: update_html(self._saved_runs.html(cookie, a, b)),
         }
 
-    def on_clip_chosen(self, parts: ResultParts) -> None:
+    def attach_clip_choice(self, parts: ResultParts) -> None:
         """Attach the selection of another clip of an opened run."""
 
         def choose(token: str, request: gr.Request) -> Updates:

@@ -15,7 +15,7 @@ from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.catalogue import point_choices
-from app.page.parts.form_values import values_of
+from app.page.parts.form_values import parse_form_values
 from app.page.parts.markup import (
     PRIVATE_EVENT,
     UNQUEUED_EVENT,
@@ -26,8 +26,14 @@ from app.page.parts.markup import (
 )
 from app.page.results.result_parts import ResultParts, figures_html, files_listed
 from app.page.results.tables import clip_choices, sets_html
-from app.page.tabs.motion import FIGURE_FIELDS, LAST_FRAME, FormParts, figure_fields, with_panels
-from app.page.tabs.motion_run import RunRunner
+from app.page.tabs.motion import (
+    FIGURE_FIELDS,
+    LAST_FRAME,
+    FormParts,
+    figure_fields,
+    with_default_panels,
+)
+from app.page.tabs.motion_run import MotionRunner
 from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore
@@ -110,13 +116,13 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
         api_visibility="private",
     )
     runner.wire(page, form.fields, (filled.then, overrides_box.then), api_name="own_motion")
-    ClipRunner(services, form, parts, runner).after(of_sets[1].input, [of_sets[1]])
+    ClipRunner(services, form, parts, runner).start_after(of_sets[1].input, [of_sets[1]])
     return parts
 
 
 def build_own_form(services: Services) -> FormParts:
     of: dict[str, Any] = {}
-    of["motions"] = services.file(
+    of["motions"] = services.file_field(
         "files",
         "Motion files, speech and transcript",
         [".npz", ".npy", ".bvh", *WORD_ENDINGS, "audio", *SETS],
@@ -208,8 +214,8 @@ MAX_NAME = 60
 
 
 def own_motion_request(values: Mapping[str, Any], job: Path, config: AppConfig) -> DiagnoseRequest:
-    """Make the request of a form from the result of `values_of`; raises RunError."""
-    values = with_panels(values)
+    """Make the request of a form from the result of `parse_form_values`; raises RunError."""
+    values = with_default_panels(values)
     values |= sort_files_by_kind(values["motions"], values.pop("recorded"))
     motions, reference, speech = values["motions"], values["reference"], values["speech"]
     if not motions:
@@ -285,7 +291,7 @@ def display_names(stems: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-class DiagnoseRunner(RunRunner):
+class DiagnoseRunner(MotionRunner):
     """Runner that measures motion files of a visitor, or archives of many."""
 
     tab = "own_motion"
@@ -299,7 +305,7 @@ class DiagnoseRunner(RunRunner):
         self.sets: TokenStore[SetResults] = TokenStore()
 
     def make_request(self, job: Job, values: Sequence[Any]) -> DiagnoseRequest:
-        fields = values_of(DiagnoseRequest, self.form.fields, values)
+        fields = parse_form_values(DiagnoseRequest, self.form.fields, values)
         return own_motion_request(fields, job.folder, self.services.config_for(job))
 
     def perform(
@@ -344,7 +350,7 @@ class DiagnoseRunner(RunRunner):
         }
 
 
-class ClipRunner(RunRunner):
+class ClipRunner(MotionRunner):
     """Runner that opens a clip of measured sets as a run, below the sets."""
 
     tab = "own_motion"

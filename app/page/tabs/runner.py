@@ -91,17 +91,17 @@ class Services:
         body = self.characters.link(job.cookie, job.folder) or self.config.body
         return replace(self.config, body=body)
 
-    def file(
+    def file_field(
         self, kind: UploadKind, label: str, file_types: list[str], elem_id: str, **options: Any
     ) -> gr.File:
         """Make a watched file field; ``options`` are those of `gr.File`."""
         field = gr.File(
             label=label, file_types=file_types, type="filepath", elem_id=elem_id, **options
         )
-        self.watch(field, kind)
+        self.check_uploads(field, kind)
         return field
 
-    def watch(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
+    def check_uploads(self, field: gr.Audio | gr.File, kind: UploadKind) -> None:
         """Check files put into a field, and show errors below it; call this right after it."""
         refusal = gr.HTML("", visible=False, elem_id=f"{field.elem_id}-refusal")
         field.change(
@@ -133,8 +133,8 @@ EventsToUpdates = Callable[[list[RunEvent]], Updates]
 """Function from a batch of events to updates; empty ones leave the tab unchanged."""
 
 
-def follow(
-    do: Callable[[RunCallbacks], ResultT], job: Job, to_updates: EventsToUpdates, as_it_is: Updates
+def stream_updates(
+    do: Callable[[RunCallbacks], ResultT], job: Job, to_updates: EventsToUpdates, unchanged: Updates
 ) -> Generator[Updates, None, ResultT]:
     """Do a run in a thread, and yield updates several times a second until its end.
 
@@ -157,7 +157,7 @@ def follow(
     has_ended = False
     while not has_ended:
         batch, has_ended = _batch(events)
-        yield to_updates(batch) or as_it_is
+        yield to_updates(batch) or unchanged
     thread.join()
     if "error" in outcome:
         raise outcome["error"]
@@ -193,7 +193,7 @@ class TabRunner(ABC):
     tab: ClassVar[str]
     shows_errors: ClassVar[bool] = True
     """True if the tab itself shows the reason for a failure."""
-    outlives: ClassVar[bool] = False
+    survives_disconnect: ClassVar[bool] = False
     """True if a run is listed among the visitor's runs, and continues when its page loses the
     connection."""
 
@@ -255,9 +255,9 @@ class TabRunner(ABC):
                     cookie,
                     values,
                     owner=jobs.quota.owner_of(request),
-                    outlives=self.outlives and bool(cookie),
+                    survives_disconnect=self.survives_disconnect and bool(cookie),
                 ) as job,
-                closing(self.steps(job, values)) as steps,
+                closing(self.job_updates(job, values)) as steps,
             ):
                 blank = next(steps)
                 self._unfinished.add(visitor)
@@ -269,11 +269,13 @@ class TabRunner(ABC):
             self._unfinished.discard(visitor)
         except Cancelled:
             self._unfinished.discard(visitor)
-            yield self.stopped(markup.sentence_status(text.CANCELLED), "")
+            yield self.stopped_updates(markup.sentence_status(text.CANCELLED), "")
         except Exception as error:
             self._unfinished.discard(visitor)
             sentence = visitor_message(error)
-            yield self.stopped(markup.sentence_status(text.STOPPED), markup.error_message(sentence))
+            yield self.stopped_updates(
+                markup.sentence_status(text.STOPPED), markup.error_message(sentence)
+            )
             # Otherwise only for API clients, as the tab shows it already.
             visible = not self.shows_errors
             raise gr.Error(sentence, visible=visible, print_exception=False) from error
@@ -283,20 +285,20 @@ class TabRunner(ABC):
         visitor = visitor_of(request)
         self.services.jobs.cancel(visitor, self.tab)
         if visitor not in self._unfinished:
-            return self.idle()
+            return self.idle_updates()
         self._unfinished.discard(visitor)
-        return self.stopped(markup.sentence_status(text.CANCELLED), "")
+        return self.stopped_updates(markup.sentence_status(text.CANCELLED), "")
 
-    def idle(self) -> Updates:
+    def idle_updates(self) -> Updates:
         """Return the updates of a tab after cancelling a run before its start."""
         return {self.status: gr.skip()}
 
     @abstractmethod
-    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+    def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         """Yield the updates of a run, the first as it starts; raises RunError before that."""
 
     @abstractmethod
-    def stopped(self, status: str, message: str) -> Updates:
+    def stopped_updates(self, status: str, message: str) -> Updates:
         """Return the updates after a cancelled or failed run, with status and message as HTML."""
 
     def run_task(
@@ -325,4 +327,4 @@ class TabRunner(ABC):
             return {self.status: markup.sentence_status(str(to_updates).format(share=share))}
 
         function = line if isinstance(to_updates, str) else to_updates
-        return follow(do, job, function, {self.status: gr.skip()})
+        return stream_updates(do, job, function, {self.status: gr.skip()})

@@ -20,7 +20,7 @@ from app.page.parts.markup import PRIVATE_EVENT, Updates, update_html
 from app.page.results.result_parts import ResultParts, download_link
 from app.page.results.saved_runs import SavedRun
 from app.page.routes.media import CHARACTER_GONE
-from app.page.tabs.runner import Services, TabRunner, follow, last_fraction
+from app.page.tabs.runner import Services, TabRunner, last_fraction, stream_updates
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import visitor_of
 from app.run.callbacks import FolderUpdated, RunEvent
@@ -47,7 +47,7 @@ class EditMessage(BaseModel):
     """Edits as for `parse_edits`; an empty list only prepares the row for editing."""
 
     @classmethod
-    def of(cls, message: object) -> EditMessage:
+    def parse(cls, message: object) -> EditMessage:
         """Parse the JSON of the plan editor; raises RunError if it is invalid."""
         try:
             json = (
@@ -80,8 +80,8 @@ class EditRunner(TabRunner):
             trigger_mode="multiple",
         )
 
-    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        message = EditMessage.of(values[0])
+    def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        message = EditMessage.parse(values[0])
         run = self.services.saved_runs.edited(message.run, job.cookie)
         if run is None:
             raise RunError(text.EDITS_GONE)
@@ -123,7 +123,7 @@ class EditRunner(TabRunner):
         done = text.TAKE_DONE.format(number=take.number) if take.number else text.EDITOR_READY
         yield message_update(" ".join((done, *take.notes)))
 
-    def stopped(self, status: str, message: str) -> Updates:
+    def stopped_updates(self, status: str, message: str) -> Updates:
         return {self.parts.player: gr.skip()}
 
 
@@ -149,7 +149,7 @@ class ViewerVideoRunner(TabRunner):
         )
         self.cancel_on(parts.viewer_video_cancel, run, outputs)
 
-    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+    def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         viewer = ViewerState.parse(values[0])
         body = self.services.config.body
         if viewer.has_character:
@@ -201,7 +201,7 @@ class ViewerVideoRunner(TabRunner):
             raise RunError(text.VIEWER_VIDEO_GONE)
         return path
 
-    def stopped(self, status: str, message: str) -> Updates:
+    def stopped_updates(self, status: str, message: str) -> Updates:
         return {
             self.parts.viewer_video: update_html(message or status),
             self.parts.viewer_video_cancel: gr.update(visible=False),
@@ -215,7 +215,7 @@ def status_line(line: str, share: float | None = None, more: str = "") -> str:
 
 
 @dataclass
-class Remaining:
+class RemainingTime:
     """Estimator of the remaining time from the rate since the first progress.
 
     The time before, such as the start of a process, is not evidence of the rate.
@@ -251,22 +251,22 @@ class BackgroundVideos:
         self._tab = f"{tab} videos"
         self._wanted: dict[str, tuple[SavedRun, VideoOptions]] = {}
 
-    def want(self, run: SavedRun, video: VideoOptions) -> None:
+    def request_videos(self, run: SavedRun, video: VideoOptions) -> None:
         """Request the videos of a run, which start with the next event of its visitor's page."""
         expect_videos(run.view.folder, video.views)
         wanted = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
         self._wanted = wanted | {run.job.visitor: (run, video)}
 
-    def give_up(self, visitor: str) -> None:
+    def cancel_videos(self, visitor: str) -> None:
         """Cancel the videos of a visitor's previous run."""
         self._wanted.pop(visitor, None)
         self.services.jobs.cancel(visitor, self._tab)
 
-    def left(self, request: gr.Request) -> None:
+    def on_page_closed(self, request: gr.Request) -> None:
         """Cancel the videos when the visitor has closed the page."""
-        self.give_up(visitor_of(request))
+        self.cancel_videos(visitor_of(request))
 
-    def follow(self, run: Any) -> None:
+    def attach_to(self, run: Any) -> None:
         """Attach the rendering of videos to the end of each run of an event."""
         parts = self.parts
         run.then(
@@ -297,7 +297,7 @@ class BackgroundVideos:
             yield self._line(run, f"The videos could not be rendered: {visitor_message(error)}")
 
     def _drawn(self, job: Job, run: SavedRun, video: VideoOptions) -> Iterator[Updates]:
-        remaining = Remaining()
+        remaining = RemainingTime()
 
         def updates_of(events: list[RunEvent]) -> Updates:
             updates: Updates = {}
@@ -313,7 +313,7 @@ class BackgroundVideos:
 
         request = RunVideosRequest(run=run.view.folder, out=job.folder / "drawn", video=video)
         do = partial(self.services.video_worker.do, DRAW_VIDEOS, request)
-        yield from follow(do, job, updates_of, {self.parts.status: gr.skip()})
+        yield from stream_updates(do, job, updates_of, {self.parts.status: gr.skip()})
         downloads = update_html(run.downloads(run.view))
         yield {self.parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
 

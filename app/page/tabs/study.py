@@ -17,7 +17,7 @@ from app import text
 from app.errors import Cancelled, RunError
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, default_systems
-from app.page.parts.form_values import Fields, values_of
+from app.page.parts.form_values import Fields, parse_form_values
 from app.page.parts.markup import PRIVATE_EVENT, Updates, hidden_html, reveal_on_click, update_html
 from app.page.results.result_parts import download_link, files_listed
 from app.page.routes.media import PARTICIPANT_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
@@ -106,7 +106,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
     of: dict[str, Any] = {}
     of["title"] = gr.Textbox("How people move when they talk", label="Title (participants see it)")
     of["protocol"] = gr.Radio([*PROTOCOLS.items()], value="pairwise", label="Protocol")
-    of["speeches"] = services.file(
+    of["speeches"] = services.file_field(
         "speech",
         "Speech audio, one file per clip",
         ["audio"],
@@ -127,7 +127,7 @@ def _build_materials(services: Services) -> dict[str, Any]:
         visible=planner in catalogue.systems,
         elem_id="study-changed",
     )
-    of["motions"] = services.file(
+    of["motions"] = services.file_field(
         "motion",
         f"Your own motion (optional): <system>{SEPARATOR}<name of the speech file>.npz",
         [".npz", ".npy", ".bvh"],
@@ -254,7 +254,7 @@ MAX_VIDEO_S = 1800.0
 """Maximum total length (s) of a study's videos on the page."""
 
 
-def plan_text(values: Mapping[str, Any]) -> str:
+def study_plan_toml(values: Mapping[str, Any]) -> str:
     """Format the study plan as TOML, with relative file names.
 
     Raises:
@@ -374,10 +374,10 @@ class StudyRunner(TabRunner):
         self.fields = fields
         self.result_part = result
 
-    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        fields = values_of(Plan, self.fields, values)
+    def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        fields = parse_form_values(Plan, self.fields, values)
         path = job.folder / "plan.toml"
-        path.write_text(plan_text(fields), "utf-8")
+        path.write_text(study_plan_toml(fields), "utf-8")
         plan = read_plan(path)
         size = study_minutes_and_summary(plan, make_design(plan))[1]
         yield {
@@ -442,7 +442,7 @@ class StudyRunner(TabRunner):
             self.result_part: update_html(f'<div class="downloads">{html}</div>'),
         }
 
-    def stopped(self, status: str, message: str) -> Updates:
+    def stopped_updates(self, status: str, message: str) -> Updates:
         return {self.status: message or status}
 
 
@@ -488,8 +488,8 @@ class AnalysisRunner(StudyRunner):
 
     tab = "analysis"
 
-    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        fields = values_of(AnalysisRequest, self.fields, values)
+    def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        fields = parse_form_values(AnalysisRequest, self.fields, values)
         answers, key = fields["answers"], fields["key"]
         if not answers:
             raise RunError(NO_ANSWERS)
@@ -504,11 +504,13 @@ class AnalysisRunner(StudyRunner):
         request = AnalysisRequest(answers, key, job.folder / "results")
         files = yield from self.run_task(job, analyse, request)
         links = files_listed(files, self.services.media.share(job.folder, job.cookie))
-        html = f'{framed(files[0].read_text("utf-8"))}<div class="downloads">{links}</div>'
+        html = (
+            f'{report_frame_html(files[0].read_text("utf-8"))}<div class="downloads">{links}</div>'
+        )
         yield {self.status: markup.sentence_status(ANALYSED), self.result_part: update_html(html)}
 
 
-def framed(report: str) -> str:
+def report_frame_html(report: str) -> str:
     """Format a report in a sandboxed frame, as it contains untrusted names."""
     return (
         f'<iframe class="report" sandbox="" title="Report of the study" '

@@ -13,7 +13,7 @@ from app import text
 from app.errors import RunError
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, guidance_choices, system_descriptions, system_groups
-from app.page.parts.form_values import Fields, values_of
+from app.page.parts.form_values import Fields, parse_form_values
 from app.page.parts.markup import (
     Updates,
     hidden_html,
@@ -117,9 +117,9 @@ class FigureRunner(TabRunner):
     """Player's value before a run."""
     title: ClassVar[str]
     introduction: ClassVar[str]
-    verb: ClassVar[str]
-    asks: ClassVar[type[Any]]
-    measure: ClassVar[Task]
+    button_label: ClassVar[str]
+    request_type: ClassVar[type[Any]]
+    task: ClassVar[Task]
 
     def __init__(self, services: Services) -> None:
         """Lay out and wire the part."""
@@ -127,9 +127,11 @@ class FigureRunner(TabRunner):
         gr.HTML(f'{markup.heading(self.title)}<p class="hint">{self.introduction}</p>')
         with gr.Row(elem_classes="columns"):
             with gr.Column(scale=4, min_width=320, elem_classes="sheet"):
-                self.fields = self.lay_out(services.catalogue)
+                self.fields = self.make_fields(services.catalogue)
                 with gr.Row(elem_classes="actions"):
-                    start = gr.Button(self.verb, variant="primary", elem_id=f"{self.tab}-start")
+                    start = gr.Button(
+                        self.button_label, variant="primary", elem_id=f"{self.tab}-start"
+                    )
                     cancel = gr.Button(
                         text.CANCEL, elem_id=f"{self.tab}-cancel", min_width=110, visible=False
                     )
@@ -143,7 +145,7 @@ class FigureRunner(TabRunner):
         outputs = [status, self.player, self.message, self.figure]
         self.start_and_cancel_on(start, cancel, self.fields, outputs, api_name=self.tab)
 
-    def systems(self, catalogue: Catalogue, topic: Topic) -> gr.CheckboxGroup:
+    def systems_field(self, catalogue: Catalogue, topic: Topic) -> gr.CheckboxGroup:
         """Make a field of systems, with the representatives of a topic selected."""
         ticked = [name for name in representatives(topic) if name in catalogue.systems]
         choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
@@ -153,20 +155,20 @@ class FigureRunner(TabRunner):
         return chips
 
     @abstractmethod
-    def lay_out(self, catalogue: Catalogue) -> Fields:
+    def make_fields(self, catalogue: Catalogue) -> Fields:
         """Make the fields of the form."""
 
     @abstractmethod
     def request_fields(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Convert form values to fields of the request; raises RunError for the visitor."""
 
-    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
-        wanted = self.request_fields(values_of(self.asks, self.fields, values)) | {
+    def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+        wanted = self.request_fields(parse_form_values(self.request_type, self.fields, values)) | {
             "is_incremental": True
         }
-        request = page_request(self.asks, wanted, self.services.config_for(job), job.folder)
+        request = page_request(self.request_type, wanted, self.services.config_for(job), job.folder)
         request.check()
-        yield self.stopped(markup.sentence_status(text.STARTING_SYSTEMS), "")
+        yield self.stopped_updates(markup.sentence_status(text.STARTING_SYSTEMS), "")
         address = self.services.media.share(job.folder, job.cookie)
         run_view = RunView(request.output.out, address, job.folder.name)
 
@@ -174,28 +176,28 @@ class FigureRunner(TabRunner):
             updates: Updates = {}
             has_grown = any(isinstance(event, FolderUpdated) for event in events)
             if has_grown and run_view.has_begun and run_view.record.has_motion:
-                updates[self.player] = self.played(run_view, wanted)
+                updates[self.player] = self.player_value(run_view, wanted)
             share = last_fraction(events)
             if share is not None:
                 updates[self.status] = markup.sentence_status(f"Measuring: {share:.0%}")
             return updates
 
-        yield from self.run_task(job, self.measure, request, updates_of)
+        yield from self.run_task(job, self.task, request, updates_of)
         record = run_view.record
         lines = "".join(f"<li>{escape(sentence)}</li>" for sentence in record.notes)
         files = (request.output.out / name for name in record.result_files)
         yield {
             self.status: markup.sentence_status(record.message),
-            self.player: self.played(run_view, wanted),
+            self.player: self.player_value(run_view, wanted),
             self.message: update_html(f'<ul class="hint">{lines}</ul>'),
             self.figure: update_html(figures_html(files, address)),
         }
 
-    def played(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
+    def player_value(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
         """Return the player's value of a run."""
         return run_view.player_value() | {"plays": True}
 
-    def stopped(self, status: str, message: str) -> Updates:
+    def stopped_updates(self, status: str, message: str) -> Updates:
         return {
             self.status: status,
             self.player: self.preview,
@@ -215,14 +217,14 @@ class RotationNoiseRunner(FigureRunner):
     along the arm, of the example or of an own motion.
     """
 
-    tab, verb = "mechanism", "Measure the error along the arm"
+    tab, button_label = "mechanism", "Measure the error along the arm"
     title = "Why global rotations? Equal noise on local and on global rotations"
     introduction = (
         "Two bodies make the same motion, with random rotations of the same size added to every "
         "joint: on one body relative to the parent joint, on the other in world coordinates. No "
         "network is involved. Move the slider and watch the fingertips."
     )
-    asks, measure = RotationNoiseRequest, COMPARE_ROTATION_NOISE
+    request_type, task = RotationNoiseRequest, COMPARE_ROTATION_NOISE
 
     def __init__(self, services: Services) -> None:
         super().__init__(services)
@@ -234,7 +236,7 @@ class RotationNoiseRunner(FigureRunner):
             None, self.fields["noise_rad"], js=set_noise, api_visibility="private"
         )
 
-    def lay_out(self, catalogue: Catalogue) -> Fields:
+    def make_fields(self, catalogue: Catalogue) -> Fields:
         noise = gr.Slider(
             MIN_NOISE_RAD,
             MAX_NOISE_RAD,
@@ -253,7 +255,7 @@ class RotationNoiseRunner(FigureRunner):
             "has_video": False,
         }
 
-    def played(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
+    def player_value(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
         value = run_view.player_value()
         clean = next((row for row in value["rows"] if row["name"] == WITHOUT_NOISE), {})
         if "available" not in clean:
@@ -268,16 +270,16 @@ def _without_slider(value: dict[str, Any]) -> dict[str, Any]:
 class SpeechEffectRunner(FigureRunner):
     """Runner that measures the effect of speech and of the noise seed on motion."""
 
-    tab, verb, title = "hearing", "Compare", "Does the motion follow the speech?"
+    tab, button_label, title = "hearing", "Compare", "Does the motion follow the speech?"
     introduction = (
         "Each system generates motion for two speech recordings with two noise seeds. If the "
         "motion follows the speech, motions for the same speech rise and fall together; if it "
         "depends on the noise, motions with the same seed do."
     )
-    asks, measure = SpeechEffectRequest, MEASURE_SPEECH_EFFECT
+    request_type, task = SpeechEffectRequest, MEASURE_SPEECH_EFFECT
 
-    def lay_out(self, catalogue: Catalogue) -> Fields:
-        systems = self.systems(catalogue, "speech_effect")
+    def make_fields(self, catalogue: Catalogue) -> Fields:
+        systems = self.systems_field(catalogue, "speech_effect")
         speeches = {
             name: _file(f"Speech {letter} (optional)", ["audio"])
             for name, letter in (("first", "A"), ("second", "B"))
@@ -315,16 +317,20 @@ class SpeechEffectRunner(FigureRunner):
 class StepCurveRunner(FigureRunner):
     """Runner that measures quality and speed for several numbers of sampling steps."""
 
-    tab, verb, title = "steps", "Measure", "Sampling steps: quality and speed on this machine"
+    tab, button_label, title = (
+        "steps",
+        "Measure",
+        "Sampling steps: quality and speed on this machine",
+    )
     introduction = (
         "Generates motion for the same speech with 1, 2, 4, 8 and 25 steps, and shows fingertip "
         "jerk, distance from the 25-step result, and time per frame on this server."
     )
-    asks, measure = StepSweepRequest, MEASURE_STEPS
+    request_type, task = StepSweepRequest, MEASURE_STEPS
 
-    def lay_out(self, catalogue: Catalogue) -> Fields:
+    def make_fields(self, catalogue: Catalogue) -> Fields:
         label = "Speech (optional; ten seconds are used)"
-        systems = self.systems(catalogue, "sampling_steps")
+        systems = self.systems_field(catalogue, "sampling_steps")
         return {"systems": systems, "speech": _file(label, ["audio"])}
 
     def request_fields(self, values: Mapping[str, Any]) -> dict[str, Any]:

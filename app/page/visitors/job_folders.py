@@ -137,7 +137,7 @@ class Job:
     folder: Path
     cookie: str = ""
     """Cookie of the visitor's browser; empty without one."""
-    outlives: bool = False
+    survives_disconnect: bool = False
     """True if the run continues when its page loses the connection, as it can be opened later."""
     extra_paths: list[Path] = field(default_factory=list)
     """Further paths that the run uses, such as uploads."""
@@ -169,7 +169,7 @@ class Jobs:
         values: Sequence[Any] = (),
         *,
         owner: str = "",
-        outlives: bool = False,
+        survives_disconnect: bool = False,
     ) -> Iterator[Job]:
         """Open a job with a private folder for the block; the folder stays for downloads.
 
@@ -183,7 +183,7 @@ class Jobs:
         self.quota.require(owner)
         uploads = uploads_of(values, self._root.with_name("gradio"))
         folder = self._root / secrets.token_hex(16)
-        job = Job(visitor, tab, folder, cookie, outlives, uploads)
+        job = Job(visitor, tab, folder, cookie, survives_disconnect, uploads)
         job.folder.mkdir(parents=True, mode=0o700)
         touch(job.extra_paths)
         with self._lock:
@@ -211,11 +211,11 @@ class Jobs:
                 if job.visitor == visitor and job.cookie in ("", cookie):
                     job.cancel()
 
-    def outlives(self, visitor: str) -> bool:
+    def survives_disconnect(self, visitor: str) -> bool:
         """Check whether a page has a run that continues without it."""
         with self._lock:
             own = [job for job in self._jobs if job.visitor == visitor]
-            return any(job.outlives and not job.is_cancelled() for job in own)
+            return any(job.survives_disconnect and not job.is_cancelled() for job in own)
 
     def in_use(self) -> list[Path]:
         """Return folders and uploads of unfinished runs."""

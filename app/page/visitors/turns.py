@@ -32,7 +32,7 @@ FULL_OF_ADDRESS = (
 )
 
 
-class Messages(asyncio.Queue):
+class MessageQueue(asyncio.Queue):
     """Messages to one page, with the number of their listeners."""
 
     num_listening = 0
@@ -46,13 +46,13 @@ class Messages(asyncio.Queue):
 
 
 class _AllMessages(LRUCache):
-    """Messages by page, in queues of type `Messages`."""
+    """Messages by page, in queues of type `MessageQueue`."""
 
     def __setitem__(self, session: str, queue: asyncio.Queue) -> None:
-        super().__setitem__(session, queue if isinstance(queue, Messages) else Messages())
+        super().__setitem__(session, queue if isinstance(queue, MessageQueue) else MessageQueue())
 
 
-class Turns(queueing.Queue):
+class LimitedQueue(queueing.Queue):
     """Event queue of one page, used only from Gradio's event loop, as its base class is."""
 
     def __init__(self, jobs: Jobs, max_waiting: int, **options: Any) -> None:
@@ -134,7 +134,7 @@ class Turns(queueing.Queue):
 
         others = [each for each in self._waiting(RUNS) if self._has_listener(each)]
         for event in filter(is_meant, self._begun()):
-            if event.concurrency_id == RUNS and self._jobs.outlives(event.session_hash):
+            if event.concurrency_id == RUNS and self._jobs.survives_disconnect(event.session_hash):
                 if not any(not is_meant(other) for other in others):
                     self._abandoned.add(event._id)
                     continue
@@ -167,7 +167,7 @@ class Turns(queueing.Queue):
     def _has_listener(self, event: Event) -> bool:
         """Check whether an event has a listener."""
         messages = self.pending_messages_per_session.get(event.session_hash)
-        return isinstance(messages, Messages) and messages.num_listening > 0
+        return isinstance(messages, MessageQueue) and messages.num_listening > 0
 
     def _drop_unheard(self) -> None:
         before = time.monotonic() - MAX_UNATTENDED_S

@@ -14,7 +14,7 @@ from fastapi import FastAPI
 from starlette.testclient import TestClient
 
 from app.page.visitors.job_folders import Jobs
-from app.page.visitors.turns import MAX_OF_ADDRESS, MAX_UNATTENDED_S, Turns
+from app.page.visitors.turns import MAX_OF_ADDRESS, MAX_UNATTENDED_S, LimitedQueue
 from app.page.visitors.visitors import CHECKS, COOKIE, leaving_route
 from app.run.callbacks import RunCallbacks
 from tests.app.page.test_runner import Runner
@@ -24,7 +24,7 @@ SLOTS, PLACES = 1, 3
 
 
 class Lasting(Runner):
-    outlives = True
+    survives_disconnect = True
 
 
 class Page:
@@ -48,7 +48,7 @@ class Page:
             self.checked: list[str] = []
             checks = {"api_name": "check", "concurrency_id": CHECKS, "concurrency_limit": 1}
             gr.Button().click(self.check, [name], [], **checks)
-        self.turns = blocks._queue = Turns(
+        self.turns = blocks._queue = LimitedQueue(
             jobs,
             places,
             live_updates=True,
@@ -160,7 +160,7 @@ def test_a_run_whose_page_has_lost_its_connection_goes_on_until_somebody_else_wa
     page.may_end.release()
     wait_for(lambda: page.done == ["a"] and not page.jobs.in_use())
     lose("b", 2)
-    assert page.jobs.outlives("b")
+    assert page.jobs.survives_disconnect("b")
     with page.asked("c"):
         wait_for(lambda: len(page.begun) == 3 and page.ended == ["a", "b"])
         page.may_end.release()  # for c: b's run may still be ending when c's begins
@@ -174,7 +174,7 @@ def test_a_page_that_is_closed_on_purpose_ends_its_runs_and_nobody_elses(page):
         wait_for(first_of(page, 1))
     for visitor, cookie, is_left in (("b", "mine", 0), ("a", "theirs", 0), ("a", "mine", 1)):
         answer = route.post("/leave", content=visitor, headers={"Cookie": f"{COOKIE}={cookie}"})
-        assert answer.status_code == 204 and page.jobs.outlives("a") != is_left
+        assert answer.status_code == 204 and page.jobs.survives_disconnect("a") != is_left
     wait_for(lambda: not page.jobs.in_use())
     assert page.done == []
 

@@ -14,7 +14,7 @@ import pytest
 from app import text
 from app.errors import Cancelled, RunError
 from app.page.parts.markup import Updates
-from app.page.tabs.runner import TabRunner, follow
+from app.page.tabs.runner import TabRunner, stream_updates
 from app.page.visitors.job_folders import Job, Jobs, sweep
 from app.page.visitors.quota import Quota
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
@@ -39,7 +39,7 @@ class Runner(TabRunner):
         self.begun: list[Any] = []
         self.has_ended = False
 
-    def steps(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
+    def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         if not values:
             raise RunError("The form is empty.")
         self.begun.append((job.cookie, values))
@@ -57,7 +57,7 @@ class Runner(TabRunner):
         finally:
             self.has_ended = True
 
-    def stopped(self, status: str, message: str) -> Updates:
+    def stopped_updates(self, status: str, message: str) -> Updates:
         return {self.status: status, self.message: message}
 
 
@@ -144,7 +144,7 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
             return "done"
 
         events: list[RunEvent] = []
-        following = follow(do, job, lambda batch: {"news": events.extend(batch)}, {})
+        following = stream_updates(do, job, lambda batch: {"news": events.extend(batch)}, {})
         with pytest.raises(StopIteration, match="done"):
             while True:
                 next(following)

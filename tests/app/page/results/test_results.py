@@ -24,7 +24,7 @@ from app.findings.metric_table import (
     nearest_names,
 )
 from app.page.parts import markup
-from app.page.parts.markup import WORDS, explained
+from app.page.parts.markup import WORDS, add_tooltips
 from app.page.results.result_parts import NO_WORDS, figures_html
 from app.page.results.run_comparison import RunPair, match_motions, settings_sentence
 from app.page.results.run_view import RunView
@@ -123,10 +123,10 @@ def test_names_and_findings_cannot_bring_markup(tmp_path):
     assert [html.count(f'class="{how}"') for how in ("done", "doing", "todo")] == [1, 1, 4]
     assert "40 %" in html and "globaldiff/local" in html
     for words in ("Jerk by depth: jerk and jerky <b>.", text.FIGURES["figure6"].help):
-        told = explained(words)  # where a word stands first, and once
+        told = add_tooltips(words)  # where a word stands first, and once
         assert re.sub("<[^>]*>", "", told) == escape(words)
         assert told.count(f'title="{escape(WORDS["jerk"])}"') <= 1
-    assert explained("jerk") == f'<abbr title="{WORDS["jerk"]}" tabindex="0">jerk</abbr>'
+    assert add_tooltips("jerk") == f'<abbr title="{WORDS["jerk"]}" tabindex="0">jerk</abbr>'
 
 
 def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files(tmp_path):

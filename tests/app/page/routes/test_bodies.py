@@ -88,7 +88,7 @@ def test_every_function_is_given_few_values_and_tells_one_error_in_short(served,
         asked = {"fn_index": function["id"], "session_hash": "a", "data": [longest] * count}
         for data, words in (
             ([longest] * count, ""),
-            ([[FILE] * (MAX_ITEMS + 1)], f"may have {MAX_ITEMS} items"),
+            ([[FILE] * (MAX_ITEMS + 1)], f"items; the limit is {MAX_ITEMS}."),
             ([{"a": [FILE] * MAX_ITEMS}, FILE], f"more than {MAX_ITEMS} files"),
         ):
             if not words and not count:

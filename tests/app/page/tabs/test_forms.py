@@ -12,9 +12,9 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts.catalogue import Catalogue, default_systems
-from app.page.parts.form_values import Fields, values_of
+from app.page.parts.form_values import Fields, parse_form_values
 from app.page.tabs.motion import build_form, copy_as_upload, request_from_form, values_to_save
-from app.page.tabs.motion_run import StageLine
+from app.page.tabs.motion_run import RunProgress
 from app.page.tabs.own_motion import (
     MAX_NAME,
     build_own_form,
@@ -23,7 +23,7 @@ from app.page.tabs.own_motion import (
     own_motion_request,
 )
 from app.page.tabs.runner import Services
-from app.page.tabs.study import STUDY_PRESETS, build_study_tab, collect_files, plan_text
+from app.page.tabs.study import STUDY_PRESETS, build_study_tab, collect_files, study_plan_toml
 from app.run.callbacks import Progress
 from app.run.display import Display
 from app.run.generated_motions import row_names
@@ -82,7 +82,9 @@ def study_form(services: Services) -> Fields:
 
 def told(form: Fields, asked: type = GenerateRequest, **sent: Any) -> dict[str, Any]:
     """As the page has it, but for what was sent."""
-    return values_of(asked, form, [sent.get(name, part.value) for name, part in form.items()])
+    return parse_form_values(
+        asked, form, [sent.get(name, part.value) for name, part in form.items()]
+    )
 
 
 def read(form: Fields, catalogue: Catalogue = fakes.CATALOGUE, **changes: Any) -> GenerateRequest:
@@ -197,7 +199,7 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
     ):
         with pytest.raises(RunError, match=words):
             read(form, **{**alone, "speech": first, **changes})
-    line = StageLine().html([Progress("speech", 0.5, clip="2 clips")])
+    line = RunProgress().html([Progress("speech", 0.5, clip="2 clips")])
     assert f"2 clips: {text.STAGE_NAMES['speech']}" in line
 
 
@@ -213,7 +215,7 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
         assert copy.read_bytes() == b"sound" and copy.stat().st_mtime > 10**9
         os.utime(copy, (0, 0))
     assert [each.name for each in copy.parent.iterdir()] == ["example.wav"]
-    line = StageLine()
+    line = RunProgress()
     assert text.STARTING_SYSTEMS in line.html([])
     told = line.html([Progress("speech", 1.0), Progress("motion", 0.5, "globaldiff/local")])
     assert text.STAGE_NAMES["motion"] in told and "50 %" in told
@@ -303,7 +305,7 @@ STUDY: dict[str, Any] = {
 
 def planned(form: Fields, folder: Path, **changes: Any) -> Plan:
     path = folder / "plan.toml"
-    path.write_text(plan_text(told(form, Plan, **STUDY | changes)), "utf-8")
+    path.write_text(study_plan_toml(told(form, Plan, **STUDY | changes)), "utf-8")
     return read_plan(path)
 
 
@@ -346,7 +348,7 @@ def test_the_form_of_a_study_becomes_a_plan(study_form, tmp_path):
 )
 def test_a_study_that_cannot_be_made_gives_a_sentence(study_form, changes, words):
     with pytest.raises(RunError, match=words):
-        plan_text(told(study_form, Plan, **STUDY | changes))
+        study_plan_toml(told(study_form, Plan, **STUDY | changes))
 
 
 @pytest.mark.parametrize("question", STUDY_PRESETS)

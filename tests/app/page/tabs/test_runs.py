@@ -27,7 +27,7 @@ from app.page.tabs.live import LiveRunner, live_choices
 from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, PageLoader
 from app.page.tabs.own_motion import ClipRunner, DiagnoseRunner, build_own_form
-from app.page.tabs.stage import BackgroundVideos, Remaining
+from app.page.tabs.stage import BackgroundVideos, RemainingTime
 from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_tab
 from app.page.visitors.job_folders import Job
 from app.run.batch.archives import UNPACKED
@@ -117,14 +117,14 @@ def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp
     def start(update: Updates) -> bool | None:
         return update[form.start]["interactive"] if form.start in update else None
 
-    assert start(runner.waits(VISITOR)) is False
+    assert start(runner.waiting_updates(VISITOR)) is False
     free = []
     for update in runner.run(VISITOR, *values, None):
         if parts.numbers in update:
             assert not update[parts.numbers]["visible"] or start(update) or free
         free.append(start(update)) if start(update) is not None else None
         if free == [False, True] and not figures.is_set():
-            assert start(runner.waits(VISITOR)) is False, "a second click"
+            assert start(runner.waiting_updates(VISITOR)) is False, "a second click"
             figures.set()
     assert free == [False, True, False], "of the click that waits"
     runner.cancel(VISITOR)
@@ -136,22 +136,24 @@ def test_a_run_that_finds_no_place_in_the_queue_leaves_no_line_that_it_waits(tmp
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
-    assert "Waiting" in runner.waits(VISITOR)[parts.status]
-    refused = runner.refused(VISITOR)
+    assert "Waiting" in runner.waiting_updates(VISITOR)[parts.status]
+    refused = runner.failure_updates(VISITOR)
     assert text.READY in refused[parts.status] and refused[form.start]["interactive"]
-    runner.waits(VISITOR)
+    runner.waiting_updates(VISITOR)
     services.jobs.quota.max_bytes = -1
     assert "the limit is" in updates_of(runner, parts, str(speech))[-1]["error"]
-    assert parts.status not in runner.refused(VISITOR), "which says already that it has failed"
+    assert parts.status not in runner.failure_updates(VISITOR), (
+        "which says already that it has failed"
+    )
 
 
 def test_videos_tell_when_they_are_ready_from_the_rate_so_far():
-    remaining = Remaining()
+    remaining = RemainingTime()
     assert remaining.sentence(0.0, 10.0) == remaining.sentence(0.02, 18.0) == ""
     assert remaining.sentence(0.1, 20.0) == "", "too early"
     assert remaining.sentence(0.22, 28.0) == ", ready in about 40 s"  # 2 % a second
     assert remaining.sentence(0.99, 60.0) == ", ready in about 5 s"
-    assert Remaining((0.0, 0.0)).sentence(0.1, 30.0) == ", ready in about 4 min"
+    assert RemainingTime((0.0, 0.0)).sentence(0.1, 30.0) == ", ready in about 4 min"
 
 
 def test_a_run_that_is_refused_or_fails_leaves_nothing_that_it_unpacked(tmp_path):
@@ -566,7 +568,7 @@ class Tab:
         self.run = keep(self.kept, folder / "run", "cookie", jerk=dict.fromkeys(NAMES, 100.0))
         for row in self.run.record.rows:
             (self.run.view.folder / row.files["video"]).unlink()
-        self.videos.want(self.run, VideoOptions())
+        self.videos.request_videos(self.run, VideoOptions())
 
     def updates(self) -> Iterator[dict[Any, Any]]:
         return self.videos.run(VISITOR)
@@ -613,7 +615,7 @@ def test_another_run_ends_them_without_a_word_and_a_failure_is_told_beside_how_t
     tab = Tab(tmp_path, fakes.make_draw(lambda number: never))
     updates = tab.updates()
     next(updates)
-    tab.videos.give_up("visitor")
+    tab.videos.cancel_videos("visitor")
     assert all(tab.parts.downloads not in each for each in updates) and not tab.jobs.in_use()
     (tmp_path / "again").mkdir()
     tab = Tab(tmp_path / "again", fail)

@@ -294,7 +294,7 @@ def edits(**changes: Any) -> str:
 )  # fmt: skip
 def test_an_editor_that_tells_anything_else_is_refused_with_a_sentence(value):
     def read(told: object) -> object:
-        return parse_edits(EditMessage.of(told).edits)
+        return parse_edits(EditMessage.parse(told).edits)
 
     assert read(edits(edits=[NOD]))
     with pytest.raises(RunError):
