@@ -59,7 +59,7 @@ def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
     relative to the flat hand, 55 joints. The assumptions are reported. Files that cannot be read
     are named and skipped (exit status 1).
     """
-    written = converted(request)
+    written = convert_files(request)
     failed = [each for each in written if "error" in each]
     if request.is_json:
         sys.stdout.write(json.dumps(written, indent=1) + "\n")
@@ -72,7 +72,7 @@ def convert(request: Annotated[ConvertRequest, arg(name="")]) -> None:
         raise RunError(f"{len(failed)} of {len(written)} files could not be read.")
 
 
-def converted(request: ConvertRequest) -> list[dict[str, Any]]:
+def convert_files(request: ConvertRequest) -> list[dict[str, Any]]:
     """Convert all readable files, and return for each the assumptions or the reason of the refusal.
 
     Raises:

@@ -52,14 +52,14 @@ def doctor(files: Files, body: FileOrDefault = None, weights: Path = BUNDLED_WEI
         weights: Folder of trained systems.
     """
     set_family_files(vars(files))
-    findings = examine(weights, body or default_body())
-    sys.stdout.write(report(findings))
+    findings = run_checks(weights, body or default_body())
+    sys.stdout.write(format_report(findings))
     broken = [finding.name for finding in findings if finding.is_broken]
     if broken:
         raise RunError(f"Checks failed: {', '.join(broken)}. See the advice above.")
 
 
-def examine(weights: Path, body: Path | None) -> list[CheckResult]:
+def run_checks(weights: Path, body: Path | None) -> list[CheckResult]:
     """Run all checks; a failure is a result and raises nothing."""
     return [
         _python(),
@@ -75,7 +75,7 @@ def examine(weights: Path, body: Path | None) -> list[CheckResult]:
     ]
 
 
-def report(findings: list[CheckResult]) -> str:
+def format_report(findings: list[CheckResult]) -> str:
     width = max(len(finding.name) for finding in findings)
     lines = []
     for finding in findings:

@@ -60,7 +60,7 @@ name."""
 
 
 @dataclass(frozen=True)
-class Pool:
+class PoolOptions:
     """Workers for runs of many clips: local processes or a Dask cluster."""
 
     processes: Count = None
@@ -69,7 +69,7 @@ class Pool:
     """Address of a Dask scheduler for many clips, such as tcp://head:8786; its workers must have
     access to the same files (docs/many-clips.md)."""
 
-    def jobs(self) -> JobPool:
+    def make_pool(self) -> JobPool:
         """Return the pool of workers.
 
         Raises:
@@ -80,7 +80,7 @@ class Pool:
         return JobPool(self.processes, self.scheduler)
 
 
-def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool) -> None:
+def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: PoolOptions) -> None:
     """Generate motion from speech, with videos, metrics and figures.
 
     Several systems generate motion for the same speech with the same noise seed, and are compared.
@@ -93,7 +93,7 @@ def generate(request: Annotated[GenerateRequest, Flat], files: Files, pool: Pool
 
     set_family_files(vars(files))
     if is_batch_input(request.speech.path):
-        _generate_many(request, pool.jobs())
+        _generate_many(request, pool.make_pool())
     else:
         _run(GENERATE, request, request.output.out)
 
@@ -142,7 +142,7 @@ def _generate_many(request: GenerateRequest, pool: JobPool) -> None:
 
 def diagnose(
     request: Annotated[DiagnoseRequest, Flat],
-    pool: Pool,
+    pool: PoolOptions,
     check: Annotated[Literal["genea"] | None, text_type(str, "genea", "nothing")] = None,
 ) -> None:
     """Compute metrics and figures for motion files from any source and report faults.
@@ -165,7 +165,7 @@ def diagnose(
         _check_sets(request)
         return
     if any(path.is_dir() or is_packed(path) for path in paths):
-        _diagnose_folders(request, pool.jobs())
+        _diagnose_folders(request, pool.make_pool())
         return
     if request.metrics.emage_weights is not None or request.metrics.genea_weights:
         raise RunError("FGD is computed over many clips; encoders of FGD need a folder of clips.")

@@ -83,7 +83,9 @@ def _without_stubs() -> Iterator[None]:
         inspect.getfile = file_of
 
 
-def change_routes(root: Path, min_free_bytes: int, quota: Quota, proxies: Collection[str]) -> None:
+def patch_gradio_routes(
+    root: Path, min_free_bytes: int, quota: Quota, proxies: Collection[str]
+) -> None:
     """Make the changes that all pages of this process share, before one is launched."""
 
     def parse() -> None:
@@ -101,7 +103,7 @@ def change_routes(root: Path, min_free_bytes: int, quota: Quota, proxies: Collec
     _attempt(_explain_wrong_calls, "invalid API calls are answered with Python errors")
 
 
-def change_queue(page: gr.Blocks, jobs: Jobs, max_waiting: int) -> None:
+def replace_gradio_queue(page: gr.Blocks, jobs: Jobs, max_waiting: int) -> None:
     """Give a page a queue of its own kind, before it is launched."""
 
     def replace_queue() -> None:
@@ -147,10 +149,10 @@ def _parse_uploads(root: Path, min_free_bytes: int, quota: Quota) -> None:
 
 def _limit_connections(proxies: Collection[str]) -> None:
     """Limit the connections of an address, and end those whose client has stalled."""
-    from app.page.routes.connections import limited
+    from app.page.routes.connections import limit_connections
 
     module, name = "uvicorn.protocols.http.auto", "AutoHTTPProtocol"
-    _replace(module, name, limited(_original(module, name), proxies))
+    _replace(module, name, limit_connections(_original(module, name), proxies))
 
 
 def _make_no_empty_files() -> None:

@@ -31,9 +31,9 @@ from app.errors import RunError, message_for_user
 from app.flags import family_files, parse_command, set_family_files
 from app.page.gradio_changes import (
     answer_wrong_call,
-    change_queue,
-    change_routes,
     import_gradio,
+    patch_gradio_routes,
+    replace_gradio_queue,
 )
 from model.systems.registry import families, unavailable_families
 
@@ -61,7 +61,7 @@ END_WITHIN_S = 15.0
 """Time (s) from a signal to the forced exit; leftover files are then removed at the next start."""
 
 
-def configured(
+def config_from_flags(
     flags: Annotated[AppConfig, arg(name="")], files: Annotated[Any, family_files()]
 ) -> AppConfig:
     set_family_files(vars(files))
@@ -70,15 +70,15 @@ def configured(
 
 def parse_config(argv: list[str] | None = None) -> AppConfig:
     """Parse flags and environment into a checked configuration; raises RunError."""
-    configured.__doc__ = text.TAGLINE
-    return parse_command(configured, "app.py", sys.argv[1:] if argv is None else argv)()
+    config_from_flags.__doc__ = text.TAGLINE
+    return parse_command(config_from_flags, "app.py", sys.argv[1:] if argv is None else argv)()
 
 
-def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
+def launch(config: AppConfig, preloads_models: bool = True) -> Blocks:
     """Serve the page from threads of this process, at ``local_url`` of the result.
 
     Args:
-        is_warmed_up: whether models are loaded in the background rather than at the first run.
+        preloads_models: whether models are loaded in the background rather than at the first run.
 
     Raises:
         RunError, CheckpointError: if the weights cannot be used.
@@ -89,12 +89,12 @@ def launch(config: AppConfig, is_warmed_up: bool = True) -> Blocks:
     import_gradio()
     from app.page.page import build_app
 
-    services = _make_services(config, is_warmed_up)
+    services = _make_services(config, preloads_models)
     page = build_app(services)
-    change_queue(page, services.jobs, config.max_queue_size)
+    replace_gradio_queue(page, services.jobs, config.max_queue_size)
     _serve(page, config, _make_routes(services))
     # Loading models earlier would delay the start of the page.
-    if is_warmed_up:
+    if preloads_models:
         worker = services.worker
         threading.Thread(target=_warm_up, args=(worker,), name="warm-up", daemon=True).start()
     return page
@@ -115,14 +115,14 @@ def _set_environment(config: AppConfig) -> None:
     os.environ["GRADIO_ANALYTICS_CACHE_FREQUENCY"] = str(2**31)
 
 
-def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
+def _make_services(config: AppConfig, preloads_models: bool) -> Services:
     """Make the services of the page, and end them with this process; raises as `launch`."""
     from app.live.sessions import LiveSessions
     from app.page.parts.catalogue import read_catalogue
-    from app.page.results.run_view import first_look
+    from app.page.results.run_view import example_player_value
     from app.page.results.saved_runs import SavedRuns, add_owner_run
     from app.page.routes.guard import silence_socket_errors
-    from app.page.routes.media import Media
+    from app.page.routes.media import SharedFolders
     from app.page.tabs.runner import Services
     from app.page.visitors.characters import Characters
     from app.page.visitors.job_folders import Jobs, start_sweeper
@@ -137,22 +137,22 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
     catalogue = read_catalogue(config.weights, tuple(sorted(EXAMPLES.glob("*.wav"))))
     proxies = (*LOCAL_PROXIES, *config.proxies)
     quota = Quota(config.max_stored_bytes, config.result_lifetime_s, proxies)
-    change_routes(config.temp, config.min_free_bytes, quota, proxies)
+    patch_gradio_routes(config.temp, config.min_free_bytes, quota, proxies)
     silence_socket_errors()
     jobs = Jobs(config.jobs_folder, quota)
     start_sweeper(config.temp, config.result_lifetime_s, jobs.in_use, quota.forget_deleted)
     atexit.register(jobs.cancel)
 
     limits = Limits(config.max_run_bytes, config.max_run_s)
-    warm = (config.weights, config.body) if is_warmed_up else None
+    warm = (config.weights, config.body) if preloads_models else None
     worker = Worker(limits, warm=warm)
     video_worker = Worker(
-        replace(limits, silent_s=BACKGROUND_TIMEOUT_S), niceness=19, is_reused=False
+        replace(limits, no_progress_s=BACKGROUND_TIMEOUT_S), niceness=19, is_reused=False
     )
     upload_worker = Worker(Limits(CHECK_BYTES, CHECK_S, CHECK_S))
     for each in (worker, video_worker, upload_worker):
         atexit.register(each.close)
-    media, saved_runs, opened = Media(), SavedRuns(config.result_lifetime_s), ()
+    media, saved_runs, opened = SharedFolders(), SavedRuns(config.result_lifetime_s), ()
     if config.run_to_open is not None:
         opened = (add_owner_run(saved_runs, config.run_to_open, config.temp / "opened", media),)
     return Services(
@@ -166,7 +166,7 @@ def _make_services(config: AppConfig, is_warmed_up: bool) -> Services:
         live=LiveSessions(config.weights),
         characters=Characters(config.private_folder),
         media=media,
-        first_look=first_look(media) if is_warmed_up else None,
+        example_value=example_player_value(media) if preloads_models else None,
         opened=opened,
     )
 
@@ -254,7 +254,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
 def main(argv: list[str] | None = None) -> None:
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
-        config = own_folders(parse_config(argv))
+        config = with_temp_folder(parse_config(argv))
         page = launch(config)
     except Exception as error:
         sentence = str(error) if isinstance(error, OSError) else message_for_user(error)
@@ -277,7 +277,7 @@ def check_port(config: AppConfig) -> None:
                 raise OSError(message) from error
 
 
-def own_folders(config: AppConfig) -> AppConfig:
+def with_temp_folder(config: AppConfig) -> AppConfig:
     """Return the configuration with a temporary folder of this process, removed at its end."""
     from app.page.visitors.job_folders import claim_folder
 

@@ -71,8 +71,8 @@ def build_app(services: Services) -> gr.Blocks:
                     form = build_form(services)
                 with gr.Column(scale=9, min_width=320, elem_classes="results"):
                     results = ResultParts()
-                    if services.first_look is not None and services.config.run_to_open is None:
-                        results.player.value = services.first_look
+                    if services.example_value is not None and services.config.run_to_open is None:
+                        results.player.value = services.example_value
             with gr.Tab(live_tab.TAB) as tab:
                 tab.select(services.live.start_process, **UNQUEUED_EVENT)
                 live_results = live_tab.build_live_tab(page, services)

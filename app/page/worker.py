@@ -61,8 +61,8 @@ class Limits:
 
     memory_bytes: int = 4 * 10**9
     """Memory (bytes) in addition to that of the process before the task."""
-    seconds: float = 2 * 3600.0
-    silent_s: float = 240.0
+    run_s: float = 2 * 3600.0
+    no_progress_s: float = 240.0
     """Longest time without progress (s)."""
 
 
@@ -167,10 +167,10 @@ class Worker:
                     child.send(None)
                 if stop_by is not None and now > stop_by:
                     raise Cancelled
-                if now - started > limits.seconds:
-                    raise RunError(TOO_LONG.format(minutes=limits.seconds / 60))
-                if now - news_at > limits.silent_s:
-                    raise RunError(SILENT.format(seconds=limits.silent_s))
+                if now - started > limits.run_s:
+                    raise RunError(TOO_LONG.format(minutes=limits.run_s / 60))
+                if now - news_at > limits.no_progress_s:
+                    raise RunError(SILENT.format(seconds=limits.no_progress_s))
                 if not child.has_message(_POLL_S):
                     continue
                 match child.receive():

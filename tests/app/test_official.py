@@ -72,7 +72,7 @@ def test_the_page_needs_something_that_hears_every_speech(checkpoints, tmp_path)
     config = parse_config(flags)
     assert os.environ["OFFICIAL_DIR"] == str(checkpoints)
     with pytest.raises(RunError, match="it must accept any speech, but prepared features"):
-        launch(config, is_warmed_up=False)
+        launch(config, preloads_models=False)
 
 
 @pytest.mark.slow  # networks of their real size

@@ -231,17 +231,17 @@ def ready(page: Page) -> Page:
 
 @contextmanager
 def served(
-    config: AppConfig, is_warmed_up: bool = False, **does: Callable[..., Any]
+    config: AppConfig, preloads_models: bool = False, **does: Callable[..., Any]
 ) -> Iterator[str]:
     """The address of a page, as by `served_blocks`."""
-    with served_blocks(config, is_warmed_up, **does) as page:
+    with served_blocks(config, preloads_models, **does) as page:
         assert page.local_url is not None
         yield page.local_url
 
 
 @contextmanager
 def served_blocks(
-    config: AppConfig, is_warmed_up: bool = False, **does: Callable[..., Any]
+    config: AppConfig, preloads_models: bool = False, **does: Callable[..., Any]
 ) -> "Iterator[Blocks]":
     """A page that is open meanwhile. Gradio keeps uploads where the environment
     says, for all pages of a process: a page that was open before gets its place back.
@@ -256,7 +256,7 @@ def served_blocks(
     before = os.environ.get("GRADIO_TEMP_DIR")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("app.page.worker.Worker", partial(fakes.FakeWorker, does=does))
-        page = launch(config, is_warmed_up)
+        page = launch(config, preloads_models)
     if page.local_url is not None:
         _UPLOADS[page.local_url] = os.environ["GRADIO_TEMP_DIR"]
     yield page

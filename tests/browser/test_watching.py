@@ -66,7 +66,7 @@ def address(
     weights = made_once("with-best", lambda folder: make_weights(folder, systems))
     folder = tmp_path_factory.mktemp("walk")
     config = AppConfig(port=0, weights=weights, temp=folder / "page")
-    with served(config, is_warmed_up=True, **the_fake.does) as address:
+    with served(config, preloads_models=True, **the_fake.does) as address:
         yield address
 
 

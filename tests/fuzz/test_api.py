@@ -116,7 +116,7 @@ ASKED: dict[str, dict[str, Any]] = {
 @pytest.fixture(scope="module")
 def client(weights: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
     temp = tmp_path_factory.mktemp("page")
-    page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
+    page = launch(AppConfig(port=0, weights=weights, temp=temp), preloads_models=False)
     with httpx.Client(base_url=page.local_url or "", timeout=FOR_EVER_S) as client:
         yield client
     page.close()

@@ -103,7 +103,7 @@ def example_title(path: Path) -> str:
     return path.stem.replace("_", " ").capitalize()
 
 
-def point_choices() -> list[tuple[str, str]]:
+def tracked_point_choices() -> list[tuple[str, str]]:
     """Return title and name of each tracked point, fingertips first."""
     return [(point_title(point), point) for point in (*FINGERTIP_VERTICES, *JOINT_NAMES)]
 

@@ -37,7 +37,7 @@ class PlayerRow(TypedDict):
     """URL of the frames so far, as binary messages."""
     available: NotRequired[FramesAvailable]
     video: NotRequired[str]
-    is_drawn: NotRequired[bool]
+    will_have_video: NotRequired[bool]
     """True if the row will have a video."""
     plan: NotRequired[str]
     """URL of its gesture plan."""

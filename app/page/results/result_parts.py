@@ -12,7 +12,7 @@ import gradio as gr
 from app import text
 from app.page.parts import markup
 from app.page.parts.markup import add_tooltips, hidden_html, player_component
-from app.page.routes.media import Address
+from app.page.routes.media import FileToUrl
 from app.run.requests.parts import FIGURE_PANELS, FigureWidth
 from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS
 
@@ -49,11 +49,11 @@ class ResultParts:
         return [*vars(self).values()]
 
 
-NO_WORDS: Mapping[str, str] = {}
+NO_SENTENCES: Mapping[str, str] = {}
 
 
 def figures_html(
-    files: Iterable[Path], address: Address, sentences: Mapping[str, str] = NO_WORDS
+    files: Iterable[Path], address: FileToUrl, sentences: Mapping[str, str] = NO_SENTENCES
 ) -> str:
     """Format the figures among some files, each with the findings of the metrics."""
     figures: dict[str, dict[str, Path]] = {}
@@ -76,7 +76,7 @@ def figures_html(
     return f'<div class="figures">{shown}</div>' if shown else ""
 
 
-def _addresses(paths: Mapping[str, Path], address: Address) -> dict[str, str]:
+def _addresses(paths: Mapping[str, Path], address: FileToUrl) -> dict[str, str]:
     """Return the URL of a figure in each format; missing formats are drawn on request."""
     urls = {form: address(paths[form]) for form in FIGURE_FORMATS if form in paths}
     if CONTENTS_SUFFIX in paths:
@@ -139,7 +139,7 @@ def download_link(url: str, name: str, words: str = "") -> str:
     return f'<a href="{escape(url)}" download="{escape(name)}">{escape(words or name)}</a>'
 
 
-def files_listed(paths: Iterable[Path], address: Address) -> str:
+def file_list_html(paths: Iterable[Path], address: FileToUrl) -> str:
     """Format links to single files, folded."""
     items = "".join(
         f"<li>{download_link(address(path), path.name)}"

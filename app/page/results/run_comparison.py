@@ -15,9 +15,9 @@ from app.page.parts import markup
 from app.page.parts.markup import Updates, update_html
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_view import RunView
-from app.page.results.saved_runs import SavedRun, address_of
-from app.page.results.tables import Column, beat_speeds_of, table_of
-from app.page.routes.media import Media
+from app.page.results.saved_runs import SavedRun, url_of_runs
+from app.page.results.tables import Column, beat_speeds_of, metrics_table
+from app.page.routes.media import SharedFolders
 from app.run.output.provenance import MOTIONS, NONE, SEED, SPEECH, differing_settings
 from app.run.output.run_folder import RunRecord
 from app.run.output.viewer_files import read_timeline
@@ -29,22 +29,22 @@ MAX_VIDEOS = 12
 
 
 def comparison_updates(
-    a: SavedRun, b: SavedRun, parts: ResultParts, media: Media, cookie: str
+    a: SavedRun, b: SavedRun, parts: ResultParts, media: SharedFolders, cookie: str
 ) -> Updates:
     """Return the updates of a tab that opens a comparison in the browser with this cookie."""
     runs = a.view, b.view
     pair = RunPair(*(run.for_browser(media.share(run.folder, cookie)) for run in runs))
     links = "".join(
-        f'<li><b>{letter}</b><a href="{escape(address_of(run))}">{escape(run.record.title)}</a>'
+        f'<li><b>{letter}</b><a href="{escape(url_of_runs(run))}">{escape(run.record.title)}</a>'
         for letter, run in zip("AB", (a, b), strict=True)
     )
     updates: Updates = {
         parts.status: markup.sentence_status("Two runs side by side."),
         parts.verdict: update_html(
-            f'<div class="verdict pair-head"><ol>{links}</ol>{pair.head()}</div>'
+            f'<div class="verdict pair-head"><ol>{links}</ol>{pair.settings_html()}</div>'
         ),
-        parts.player: pair.player(),
-        parts.numbers: update_html(pair.table()),
+        parts.player: pair.player_value(),
+        parts.numbers: update_html(pair.metrics_table()),
     }
     return updates | {
         part: update_html("") for part in (parts.message, parts.figures, parts.downloads)
@@ -68,12 +68,12 @@ class RunPair:
         self.pairs = [*match_motions(*systems), (in_a, "" if self.has_same_reference else in_b)]
         """Names of motions that are compared, the reference last; A has a shared one."""
 
-    def name(self, name: str, letter: str) -> str:
+    def unique_name(self, name: str, letter: str) -> str:
         """Return the name of a motion among those of both runs."""
         is_shared = name == REFERENCE_NAME and self.has_same_reference
         return name if is_shared else f"{name} ({letter})"
 
-    def head(self) -> str:
+    def settings_html(self) -> str:
         """Format the settings that differ, a sentence on the speech, and all settings."""
         return (
             f"<b>{escape(settings_sentence(*self.runs))}</b><p>{escape(self.speech_sentence())}</p>"
@@ -89,7 +89,7 @@ class RunPair:
         only_chance = list(differing_settings(a, b)) == [SEED]
         return text.PAIR_ONLY_SEED if only_chance else text.PAIR_ONE_SPEECH.format(speech=first)
 
-    def table(self) -> str:
+    def metrics_table(self) -> str:
         """Format the metrics of both runs and their differences, motion by motion."""
         columns: list[Column] = []
         *systems, references = self.pairs
@@ -98,8 +98,8 @@ class RunPair:
             is_shared = pair is references and self.has_same_reference
             run_columns = [
                 Column(
-                    self.name(name, letter),
-                    self.name(labels[name], letter),
+                    self.unique_name(name, letter),
+                    self.unique_name(labels[name], letter),
                     run.numbers[name],
                     "reference" if is_shared else "",
                     beat_speeds_of(run),
@@ -112,9 +112,9 @@ class RunPair:
                 named = f"{' and '.join(dict.fromkeys(labels.values()))}: {text.PAIR_DIFFERENCE}"
                 columns.append(run_columns[1].minus(run_columns[0], named, text.PAIR_DIFFERENCE))
         points = dict.fromkeys(point_title(run.point) for run in self.runs)
-        return table_of(columns, " and ".join(points), text.PAIR_LEGEND)
+        return metrics_table(columns, " and ".join(points), text.PAIR_LEGEND)
 
-    def player(self) -> dict[str, Any]:
+    def player_value(self) -> dict[str, Any]:
         """Return the player's value for both runs, with one sound or a choice of two."""
         values = [run_view.player_value() for run_view in self.run_views]
         lines = [read_timeline(run_view.folder, run_view.record) for run_view in self.run_views]
@@ -148,8 +148,8 @@ class RunPair:
                 rows += [
                     {
                         **row,
-                        "name": self.name(name, letter),
-                        "label": self.name(row["label"], letter),
+                        "name": self.unique_name(name, letter),
+                        "label": self.unique_name(row["label"], letter),
                         "stem": f"{row['stem']}-{letter}",
                         "noise": row["noise"] and f"{row['noise']} {of_seed}",
                         "run": value["run"],
@@ -170,12 +170,16 @@ class RunPair:
         """Merge the timelines of both runs for motions that have a row, with the sound of one."""
         curves, worst = {}, []
         for line, letter in zip(lines, "AB", strict=True):
-            curves |= {self.name(name, letter): curve for name, curve in line["curves"].items()}
-            worst += [{**each, "name": self.name(each["name"], letter)} for each in line["worst"]]
+            curves |= {
+                self.unique_name(name, letter): curve for name, curve in line["curves"].items()
+            }
+            worst += [
+                {**each, "name": self.unique_name(each["name"], letter)} for each in line["worst"]
+            ]
         words = [line["words"] for line in (lines[sound_index], *lines)[: 3 if is_shared else 1]]
         return lines[sound_index] | {
             "curves": {name: curve for name, curve in curves.items() if name in names},
-            "worst": worst_of_both([each for each in worst if each["name"] in names]),
+            "worst": worst_seconds([each for each in worst if each["name"] in names]),
             "point": " and ".join(dict.fromkeys(line["point"] for line in lines)),
             "words": next(filter(None, words), []),
         }
@@ -223,7 +227,7 @@ def _as_address(timeline: Mapping[str, Any]) -> str:
     return f"data:application/json;base64,{data}"
 
 
-def worst_of_both(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def worst_seconds(seconds: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the worst seconds without overlap."""
     chosen: list[dict[str, Any]] = []
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.errors import without_cli_options
-from app.page.routes.media import Address, Media
+from app.page.routes.media import FileToUrl, SharedFolders
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import (
     RUN,
@@ -29,7 +29,7 @@ from conventions.names import REFERENCE_NAME, safe_file_stem
 if TYPE_CHECKING:
     from app.run.plan_edits.edits import EditSuggestion
 
-EMPTY_VALUE: dict[str, Any] = {}
+EMPTY_PLAYER_VALUE: dict[str, Any] = {}
 _VIEWER_KINDS: tuple[RowFileKind, ...] = ("motion", "frames", "plan", "video")
 
 
@@ -38,10 +38,10 @@ class RunView:
     """Player data of a run, read from its `run.json` whenever that changes."""
 
     folder: Path
-    address: Address
+    address: FileToUrl
     name: str = ""
     """Name by which the plan editor refers to the run."""
-    is_drawn: bool = False
+    will_have_video: bool = False
     """True if each row will have a video."""
     editing: dict[str, Any] | None = None
     """State of the plan editor; None if nothing can be edited."""
@@ -90,7 +90,7 @@ class RunView:
             "offers": suggestions,
         }
 
-    def for_browser(self, address: Address) -> RunView:
+    def for_browser(self, address: FileToUrl) -> RunView:
         """Return a copy for another browser, which cannot edit the run."""
         other = copy(self)
         other.address, other.editing = address, None
@@ -144,7 +144,7 @@ class RunView:
             "stem": safe_file_stem(row.name),
             "is_reference": row.name == REFERENCE_NAME,
             "noise": noise_group(row.edit.original_row if row.edit else row.name),
-            "is_drawn": self.is_drawn,
+            "will_have_video": self.will_have_video,
             "is_planned": "input_plan" in row.files,
             **({"assumed": _assumed(row)} if row.assumptions else {}),
         }
@@ -155,11 +155,13 @@ class RunView:
 
 
 def run_views_in(
-    folder: Path, address: Address, name: str, is_drawn: bool = False
+    folder: Path, address: FileToUrl, name: str, will_have_video: bool = False
 ) -> dict[str, RunView]:
     """Return the player data of a folder's run under "", or of several clips by name."""
     runs = runs_in(folder)
-    return {clip: RunView(run, address, f"{name}{clip}", is_drawn) for clip, run in runs.items()}
+    return {
+        clip: RunView(run, address, f"{name}{clip}", will_have_video) for clip, run in runs.items()
+    }
 
 
 def _assumed(row: Row) -> dict[str, Any]:
@@ -168,31 +170,34 @@ def _assumed(row: Row) -> dict[str, Any]:
     return {"kind": f"*{row.file_suffix}", "read": read}
 
 
-def first_look(media: Media) -> dict[str, Any]:
+def example_player_value(media: SharedFolders) -> dict[str, Any]:
     """Return the player's value of the example on a newly opened page: the paper's argument."""
     value = RunView(FIRST_LOOK, media.share(FIRST_LOOK, "")).player_value()
     value |= {"running": False, "begins": False}
-    return with_noise(value, value["rows"][0], RotationNoiseRequest.noise_rad)
+    return rotation_noise_value(value, value["rows"][0], RotationNoiseRequest.noise_rad)
 
 
 ROTATION_SPACES = {"local": "Local rotations", "global": "Global rotations"}
 """Labels of the two bodies with noise."""
 
 
-def with_noise(value: dict[str, Any], clean: dict[str, Any], rad: float) -> dict[str, Any]:
+def rotation_noise_value(
+    value: dict[str, Any], clean_row: dict[str, Any], noise_rad: float
+) -> dict[str, Any]:
     """Return a player's value with a row twice, for the browser to add noise to its rotations.
 
     Args:
-        clean: row of the motion without noise.
-        rad: noise about each axis (rad) until the slider is moved.
+        clean_row: row of the motion without noise.
+        noise_rad: noise about each axis (rad) until the slider is moved.
     """
     colors = colors_of(ROTATION_SPACES, None)
     shared = {
-        key: clean[key] for key in ("frames", "available", "is_reference", "noise", "is_drawn")
+        key: clean_row[key]
+        for key in ("frames", "available", "is_reference", "noise", "will_have_video")
     }
     rows = [
         {**shared, "name": name, "label": label, "stem": name, "space": name, "color": colors[name]}
         for name, label in ROTATION_SPACES.items()
     ]
-    noise = {"rad": rad, "range": [MIN_NOISE_RAD, MAX_NOISE_RAD], "has_slider": True}
+    noise = {"rad": noise_rad, "range": [MIN_NOISE_RAD, MAX_NOISE_RAD], "has_slider": True}
     return {**value, "rows": rows, "noise": noise, "plays": True}

@@ -24,10 +24,10 @@ from app import text
 from app.errors import without_cli_options, without_folders
 from app.page.parts import markup
 from app.page.parts.markup import Updates, update_html
-from app.page.results.result_parts import ResultParts, figures_html, files_listed
+from app.page.results.result_parts import ResultParts, figures_html, file_list_html
 from app.page.results.run_view import RunView, run_views_in
-from app.page.results.tables import clips_html, jerk_bars, measures_table, runs_title
-from app.page.routes.media import GONE, Media, OnDemandFiles
+from app.page.results.tables import clips_html, jerk_bars, run_metrics_table, runs_title
+from app.page.routes.media import GONE, OnDemandFiles, SharedFolders
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore, equal_in_constant_time
 from app.run.batch.saved_run import copy_run
@@ -95,14 +95,14 @@ class SavedRun:
             parts.status: markup.sentence_status(line),
             parts.message: update_html(failed + markup.collapsed_notes(list(notes))),
             parts.player: run_view.player_value() | {"begins": begins},
-            parts.downloads: update_html(self.downloads(run_view)),
+            parts.downloads: update_html(self.downloads_html(run_view)),
         }
 
-    def downloads(self, run_view: RunView) -> str:
+    def downloads_html(self, run_view: RunView) -> str:
         """Format the links to the zip, the HTML page and single files."""
         files = [run_view.folder / name for name in self.record.files if "/" not in name]
         files += [self.folder / name for name in READABLE_TABLES if self.clips]
-        listed = files_listed(filter(Path.is_file, files), run_view.address)
+        listed = file_list_html(filter(Path.is_file, files), run_view.address)
         address = f"{RUN_ROUTE.lstrip('/')}/{self.token}"
         zipped = f'href="{address}" download title="{text.SAVE_RUN_HELP}"'
         page = f'href="{address}/page" download title="{text.SAVE_PAGE_HELP}"'
@@ -128,7 +128,7 @@ def progress_updates(run_view: RunView, parts: ResultParts) -> Updates:
         parts.player: run_view.player_value(),
         parts.figures: update_html(figures),
         parts.verdict: update_html(verdict_html),
-        parts.numbers: update_html(measures_table(record) if record.numbers else ""),
+        parts.numbers: update_html(run_metrics_table(record) if record.numbers else ""),
     }
 
 
@@ -152,7 +152,7 @@ class SavedRuns(TokenStore[SavedRun]):
         runs = list(by_clip.values())
         return next((run for run in runs if run.record.has_motion), runs[0])
 
-    def edited(self, name: str, cookie: str) -> SavedRun | None:
+    def find_editable(self, name: str, cookie: str) -> SavedRun | None:
         """Return the run of a name if this browser may edit its plans, or None."""
         runs = [run for run in self.all() if run.view.name == name and run.view.editing]
         mine = (
@@ -162,18 +162,18 @@ class SavedRuns(TokenStore[SavedRun]):
         )
         return next(mine, None)
 
-    def of(self, cookie: str) -> list[SavedRun]:
+    def runs_of(self, cookie: str) -> list[SavedRun]:
         """Return a browser's own runs, the newest first, with one for all clips of a run."""
         firsts = [run for run in self.all() if next(iter(run.clips.values()), run) is run]
         mine = [run for run in firsts if equal_in_constant_time(run.job.cookie, cookie)]
         return sorted(mine, key=lambda run: run.ended, reverse=True)
 
-    def html(self, cookie: str, *opened: SavedRun) -> str:
+    def links_html(self, cookie: str, *opened: SavedRun) -> str:
         """Format the link of the opened runs and the list of the browser's own; empty without any.
 
         app/page/web/runs.js copies the link, limits the selection to two, and formats local times.
         """
-        mine, jobs = self.of(cookie), [run.job for run in opened]
+        mine, jobs = self.runs_of(cookie), [run.job for run in opened]
         items = "".join(_item(run, run.job in jobs, len(mine) > 1) for run in mine)
         if not opened and not items:
             return ""
@@ -182,7 +182,7 @@ class SavedRuns(TokenStore[SavedRun]):
             minutes = (min(run.ended for run in opened) + self._keep_s - time.time()) / 60
             words = "Link to this run" if len(opened) == 1 else text.PAIR_LINK
             link = (
-                f'<p class="link"><a href="{escape(address_of(*opened))}">{words}</a>'
+                f'<p class="link"><a href="{escape(url_of_runs(*opened))}">{words}</a>'
                 f'<button type="button">Copy link</button>'
                 f"<span>{text.RUN_LINK_HELP.format(minutes=max(1, round(minutes)))}</span></p>"
                 f"{_comparison_link(opened, mine)}"
@@ -196,7 +196,7 @@ class SavedRuns(TokenStore[SavedRun]):
         return f'<div class="runs">{link}{listed if items else ""}</div>'
 
 
-def add_owner_run(saved_runs: SavedRuns, path: Path, temp: Path, media: Media) -> str:
+def add_owner_run(saved_runs: SavedRuns, path: Path, temp: Path, media: SharedFolders) -> str:
     """Store a run named by the page's owner for every visitor, and return its token.
 
     Args:
@@ -212,7 +212,7 @@ def add_owner_run(saved_runs: SavedRuns, path: Path, temp: Path, media: Media) -
     return saved_runs.add_run(job, run_views).token
 
 
-def address_of(*runs: SavedRun) -> str:
+def url_of_runs(*runs: SavedRun) -> str:
     """Return the URL of one run, or of a comparison of two, relative to the page."""
     return "?" + "&".join(f"{RUN_QUERY_PARAMETER}={run.token}" for run in runs)
 
@@ -228,7 +228,7 @@ def _comparison_link(opened: tuple[SavedRun, ...], mine: list[SavedRun]) -> str:
     other = (same_speech or before)[0]
     words = text.COMPARE_LAST if same_speech else text.COMPARE_OTHER
     return (
-        f'<p><a href="{escape(address_of(other, current))}" target="_blank" '
+        f'<p><a href="{escape(url_of_runs(other, current))}" target="_blank" '
         f'title="{escape(other.record.title)}">{words}</a></p>'
     )
 
@@ -243,7 +243,7 @@ def _item(run: SavedRun, is_open: bool, has_checkbox: bool) -> str:
     return (
         f"<li>{tick if has_checkbox else ''}"
         f'<time data-at="{run.ended:.0f}"></time>'
-        f'<a href="{escape(address_of(run))}"{here}>{title}</a></li>'
+        f'<a href="{escape(url_of_runs(run))}"{here}>{title}</a></li>'
     )
 
 

@@ -54,7 +54,7 @@ class Column:
     speeds: BeatSpeeds = "own"
     """Source of the mean speeds of BeatAlign."""
 
-    def read(self, measure: Metric, version: FilterVersion) -> float | None:
+    def value(self, measure: Metric, version: FilterVersion) -> float | None:
         return self.numbers.get(version, {}).get(measure.key)
 
     def by_protocol(self, measure: Metric, protocol: str) -> Column:
@@ -64,7 +64,7 @@ class Column:
         )
 
     @property
-    def of_kind(self) -> str:
+    def class_attribute(self) -> str:
         return f' class="{self.kind}"' if self.kind else ""
 
     def minus(self, other: Column, name: str, label: str) -> Column:
@@ -89,7 +89,7 @@ def beat_speeds_of(run: RunRecord) -> BeatSpeeds:
     return "reference" if REFERENCE_NAME in run.numbers else "own"
 
 
-def measures_table(run: RunRecord) -> str:
+def run_metrics_table(run: RunRecord) -> str:
     """Format the metrics of a run: the reference first, a row for each available metric."""
     labels = short_names(name for name in run.numbers if name != REFERENCE_NAME)
     speeds = beat_speeds_of(run)
@@ -111,14 +111,14 @@ def measures_table(run: RunRecord) -> str:
     )
     above = _findings(run) + captions
     legend = text.NEAREST_LEGEND if REFERENCE_NAME in run.numbers else text.NO_REFERENCE_LEGEND
-    return table_of(columns, point_title(run.point), legend, above)
+    return metrics_table(columns, point_title(run.point), legend, above)
 
 
 def _says(*sentences: str | None) -> str:
     return "".join(f'<p class="says">{escape(each)}</p>' for each in sentences if each)
 
 
-def table_of(columns: Sequence[Column], point: str, legend: str, above: str = "") -> str:
+def metrics_table(columns: Sequence[Column], point: str, legend: str, above: str = "") -> str:
     """Format a table of metrics with its heading, legend and switches.
 
     A metric that columns have by several protocols has a row for each.
@@ -128,13 +128,13 @@ def table_of(columns: Sequence[Column], point: str, legend: str, above: str = ""
         for measure in METRICS
         for column in columns
         for version in FILTER_VERSIONS
-        if (value := column.read(measure, version)) is not None
+        if (value := column.value(measure, version)) is not None
     ]
     shown = [*dict.fromkeys((measure, protocol) for measure, protocol, *_ in numbers)]
     several = Counter(measure for measure, _ in shown)
     firsts = {measure.group for measure, _ in shown if measure.is_primary}
     head = "".join(
-        f'<th scope="col"{each.of_kind} data-name="{escape(each.name)}" '
+        f'<th scope="col"{each.class_attribute} data-name="{escape(each.name)}" '
         f'title="{escape(each.name)}">{escape(each.label)}</th>'
         for each in columns
     )
@@ -196,8 +196,8 @@ def _row(measure: Metric, columns: Sequence[Column]) -> str:
     motions = [each for each in columns if not each.kind]
     near: dict[FilterVersion, Sequence[str]] = {}
     for version in FILTER_VERSIONS:
-        target = next((each.read(measure, version) for each in recorded), None)
-        of_motions = {each.name: each.read(measure, version) for each in motions}
+        target = next((each.value(measure, version) for each in recorded), None)
+        of_motions = {each.name: each.value(measure, version) for each in motions}
         near[version] = nearest_names(of_motions, target)
     cells = "".join(_cell(measure, column, near) for column in columns)
     unit = f"<small>{escape(measure.unit)}</small>" if measure.unit else ""
@@ -215,9 +215,9 @@ def _cell(measure: Metric, column: Column, near: Mapping[FilterVersion, Sequence
     for kind in FILTER_VERSIONS:
         is_near = column.name in near[kind]
         legend = f'<span class="unseen">, {text.NEAREST_LEGEND}</span>' if is_near else ""
-        value = write(column.read(measure, kind))
+        value = write(column.value(measure, kind))
         spans += f'<span class="{kind}{" near" if is_near else ""}">{value}{legend}</span>'
-    return f"<td{column.of_kind}>{spans}</td>"
+    return f"<td{column.class_attribute}>{spans}</td>"
 
 
 def _finding(finding: FindingRecord, label: str) -> str:

@@ -40,25 +40,25 @@ NOT_UPLOADED = "This request gives a file as a URL or a stream; upload the file 
 
 
 @dataclass
-class BodyError(Exception):
+class RequestBodyError(Exception):
     """Refusal of a request body, with the sentence and status of the answer."""
 
     sentence: str
     status: int = 413
 
 
-async def read_body(scope: Scope, receive: Receive) -> Receive:
+async def read_limited_body(scope: Scope, receive: Receive) -> Receive:
     """Read a request's body, and return a ``receive`` that passes it to the route.
 
     Raises:
-        BodyError: for a body beyond the limits.
+        RequestBodyError: for a body beyond the limits.
     """
     if scope["path"].rstrip("/").endswith((UPLOAD_ROUTE, CHARACTER_ROUTE)):
         return receive
     body, num_bytes, has_ended = bytearray(), 0, False
     stated = Headers(scope=scope).get("content-length", "0")
     if stated.isdecimal() and int(stated) > _MAX_UNREAD_BYTES:
-        raise BodyError(TOO_LARGE.format(limit=MAX_BODY_BYTES))
+        raise RequestBodyError(TOO_LARGE.format(limit=MAX_BODY_BYTES))
     while not has_ended:
         message = await receive()
         if message["type"] == "http.disconnect":
@@ -69,8 +69,8 @@ async def read_body(scope: Scope, receive: Receive) -> Receive:
             body += part
         has_ended = not message.get("more_body", False) or num_bytes > _MAX_UNREAD_BYTES
     if num_bytes > MAX_BODY_BYTES:
-        raise BodyError(TOO_LARGE.format(limit=MAX_BODY_BYTES))
-    check_values(bytes(body))
+        raise RequestBodyError(TOO_LARGE.format(limit=MAX_BODY_BYTES))
+    check_json_body(bytes(body))
     return _replay({"type": "http.request", "body": bytes(body), "more_body": False}, receive)
 
 
@@ -84,35 +84,35 @@ def _replay(first: Message, receive: Receive) -> Receive:
     return replay
 
 
-def check_values(body: bytes) -> None:
+def check_json_body(body: bytes) -> None:
     """Check the values, lists and files in a JSON body; other bodies are left to the route.
 
     Raises:
-        BodyError: if there are too many, or if a file was not uploaded.
+        RequestBodyError: if there are too many, or if a file was not uploaded.
     """
     try:
         unchecked = [(json.loads(body), 0)] if body else []
     except RecursionError:
-        raise BodyError(TOO_DEEP, 400) from None
+        raise RequestBodyError(TOO_DEEP, 400) from None
     except ValueError:
         return
     num_values = num_files = 0
     while unchecked:
         value, depth = unchecked.pop()
         if depth > _MAX_DEPTH:
-            raise BodyError(TOO_DEEP, 400)
+            raise RequestBodyError(TOO_DEEP, 400)
         if isinstance(value, list) and len(value) > MAX_ITEMS:
-            raise BodyError(TOO_MANY_ITEMS.format(limit=MAX_ITEMS, count=len(value)))
+            raise RequestBodyError(TOO_MANY_ITEMS.format(limit=MAX_ITEMS, count=len(value)))
         if isinstance(value, dict) and _is_file(value):
             num_files += 1
             if value.get("is_stream") or "://" in str(value["path"]):
-                raise BodyError(NOT_UPLOADED, 400)
+                raise RequestBodyError(NOT_UPLOADED, 400)
         if num_files > MAX_ITEMS:
-            raise BodyError(TOO_MANY_FILES.format(limit=MAX_ITEMS))
+            raise RequestBodyError(TOO_MANY_FILES.format(limit=MAX_ITEMS))
         if isinstance(value, list | dict):
             num_values += len(value)
             if num_values > MAX_VALUES:
-                raise BodyError(TOO_MANY_VALUES.format(limit=MAX_VALUES))
+                raise RequestBodyError(TOO_MANY_VALUES.format(limit=MAX_VALUES))
             inner = value.values() if isinstance(value, dict) else value
             unchecked += [(each, depth + 1) for each in inner]
 

@@ -17,13 +17,17 @@ the answer."""
 _Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
-def limited(protocol: type[asyncio.Protocol], proxies: Collection[str]) -> type[asyncio.Protocol]:
+def limit_connections(
+    protocol: type[asyncio.Protocol], proxies: Collection[str]
+) -> type[asyncio.Protocol]:
     """Return a class of uvicorn's HTTP connections with the limits."""
     networks = [ipaddress.ip_network(proxy, strict=False) for proxy in proxies]
-    return type("LimitedConnection", (_Limits, protocol), {"proxies": networks, "transports": {}})
+    return type(
+        "LimitedConnection", (_LimitedConnection, protocol), {"proxies": networks, "transports": {}}
+    )
 
 
-class _Limits(asyncio.Protocol):
+class _LimitedConnection(asyncio.Protocol):
     """Limits in front of a protocol of uvicorn; streams of answers may be idle."""
 
     proxies: ClassVar[Collection[_Network]] = ()

@@ -24,7 +24,7 @@ from starlette.responses import JSONResponse, PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from app.page.routes.bodies import BodyError, read_body
+from app.page.routes.bodies import RequestBodyError, read_limited_body
 from app.page.routes.page_cache import PageCache
 from app.page.visitors.visitors import CONNECTION, user_of
 from conventions.names import printable
@@ -81,7 +81,7 @@ def _space() -> str:
     return os.environ.get("SPACE_HOST") or "localhost"
 
 
-def framing(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
+def security_headers(embedders: Collection[str] = ()) -> list[tuple[bytes, bytes]]:
     """Return security headers for every answer.
 
     They forbid content sniffing, and frames on any sites but these, where clicks can be hijacked.
@@ -114,7 +114,7 @@ def install_guard(
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
         app.middleware_stack = Guard(
-            PageCache(inner, app), app, names, framing(embedders), trusts_proxy_host
+            PageCache(inner, app), app, names, security_headers(embedders), trusts_proxy_host
         )
         yield
 
@@ -128,7 +128,7 @@ class Guard:
     inner: ASGIApp
     app: Any
     names: HostNames
-    framing: Sequence[tuple[bytes, bytes]]
+    security_headers: Sequence[tuple[bytes, bytes]]
     trusts_proxy_host: bool
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -139,7 +139,7 @@ class Guard:
 
         async def framed(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *self.framing]
+                message["headers"] = [*message.get("headers", ()), *self.security_headers]
             await send(message)
 
         refusal = self._refusal(scope)
@@ -149,8 +149,8 @@ class Guard:
         self._forget_forwarded(scope)
         if scope["type"] == "http" and scope["method"] not in SAFE_METHODS:
             try:
-                receive = await read_body(scope, receive)
-            except BodyError as error:
+                receive = await read_limited_body(scope, receive)
+            except RequestBodyError as error:
                 await _refuse_call(error, scope, receive, framed)
                 return
         CONNECTION.set(HTTPConnection(scope))
@@ -219,7 +219,7 @@ async def _refuse(sentence: str, status: int, scope: Scope, receive: Receive, se
     await answer(scope, receive, send)
 
 
-async def _refuse_call(error: BodyError, scope: Scope, receive: Receive, send: Send) -> None:
+async def _refuse_call(error: RequestBodyError, scope: Scope, receive: Receive, send: Send) -> None:
     """Answer in the format of Gradio's routes; its page and client then show the sentence."""
     body = {"detail": error.sentence, "error": error.sentence}
     answer = JSONResponse(body, status_code=error.status, headers={"Connection": "close"})

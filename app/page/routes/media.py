@@ -34,7 +34,7 @@ from starlette.routing import BaseRoute, Mount
 from starlette.staticfiles import StaticFiles
 
 from app.errors import RunError, visitor_message
-from app.page.parts.catalogue import point_choices
+from app.page.parts.catalogue import tracked_point_choices
 from app.page.routes.bodies import CHARACTER_ROUTE
 from app.page.visitors.characters import FILE, Characters
 from app.page.visitors.quota import Quota
@@ -72,7 +72,7 @@ TOO_MANY_EXPORTS = (
     f"You already have {MAX_EXPORTS} downloads in progress, which is the limit. Wait until one is "
     "finished."
 )
-Address = Callable[[Path], str]
+FileToUrl = Callable[[Path], str]
 """Function from a file to its URL, relative to the page."""
 
 
@@ -81,10 +81,12 @@ class _Shared(NamedTuple):
     types: Mapping[str, str]
 
 
-class Media(TokenStore[_Shared]):
+class SharedFolders(TokenStore[_Shared]):
     """Store of folders with files that a browser may fetch."""
 
-    def share(self, folder: Path, cookie: str, types: Mapping[str, str] = INLINE_TYPES) -> Address:
+    def share(
+        self, folder: Path, cookie: str, types: Mapping[str, str] = INLINE_TYPES
+    ) -> FileToUrl:
         """Return a function that gives the current and later files of a folder their URLs.
 
         The URL of a file changes when the file is replaced. A browser without a cookie needs only
@@ -101,7 +103,7 @@ class Media(TokenStore[_Shared]):
 
         return address
 
-    def at(self, address: str, cookie: str) -> Path | None:
+    def file_of_url(self, address: str, cookie: str) -> Path | None:
         """Return the file of a URL that this browser may fetch, or None."""
         path, _, _ = address.partition("?")
         route, _, rest = path.partition("/")
@@ -208,7 +210,7 @@ PLAN_ENDINGS = {
 PLAN_SUFFIX = ".plan.json"
 FIGURE_ENDINGS = {"svg": ".svg", "pdf": ".pdf"}
 """Suffixes of figure exports by value of the URL's parameter."""
-REDRAWN: Mapping[str, str] = {
+REDRAW_PARAMETERS: Mapping[str, str] = {
     "panels": "figure_panels",
     "frames": "figure_frames",
     "width": "figure_width",
@@ -231,7 +233,7 @@ def redraw_request(
     """Return the request of a URL that draws a run's Figure 6 again; raises RunError."""
     values = {
         name: parse_field(FigureRequest, name, ",".join(query.getlist(key)))
-        for key, name in REDRAWN.items()
+        for key, name in REDRAW_PARAMETERS.items()
         if any(query.getlist(key))
     }
     check_choice(values.get("figure_width", "174mm"), get_args(FigureWidth), "width")
@@ -240,7 +242,7 @@ def redraw_request(
 
 
 def media_routes(
-    media: Media,
+    media: SharedFolders,
     exports: OnDemandFiles,
     characters: Characters,
     quota: Quota,
@@ -284,7 +286,7 @@ def media_routes(
         def render_request(out: Path) -> RenderRequest:
             return RenderRequest(motion=path, out=out)
 
-        is_redrawn = kind in FIGURE_FORMATS and REDRAWN.keys() & query.keys()
+        is_redrawn = kind in FIGURE_FORMATS and REDRAW_PARAMETERS.keys() & query.keys()
         if is_redrawn and path.name == f"figure6{CONTENTS_SUFFIX}":
             run = path.parents[1]
             redrawn = partial(redraw_request, run, query, kind, body=body)
@@ -443,7 +445,7 @@ def viewer_constants() -> bytes:
         "reaches": base64.b64encode(encode_camera_bound_poses()).decode("ascii"),
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_EXAGGERATED_RAD},
         "scales": {"speed": FULL_SPEED_M_S},
-        "points": {name: title for title, name in point_choices()},
+        "points": {name: title for title, name in tracked_point_choices()},
         "usual_point": DEFAULT_TRACKED_POINT,
         "tones": SKIN_TONE_COLORS,
         "builds": {"names": BODY_BUILDS, "step": STEP_M},

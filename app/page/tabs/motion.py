@@ -21,9 +21,9 @@ from app.page.parts.catalogue import (
     default_systems,
     example_title,
     guidance_choices,
-    point_choices,
     system_descriptions,
     system_groups,
+    tracked_point_choices,
 )
 from app.page.parts.form_values import Fields
 from app.page.parts.markup import UNQUEUED_EVENT, group_choices
@@ -250,7 +250,7 @@ def build_form(services: Services) -> FormParts:
             False, label=text.WORDS_LABEL, info=text.WORDS_HELP, elem_id="recognise-words"
         )
         of["joint"] = gr.Dropdown(
-            choices=point_choices(), value=DEFAULT_TRACKED_POINT, label=text.POINT_LABEL
+            choices=tracked_point_choices(), value=DEFAULT_TRACKED_POINT, label=text.POINT_LABEL
         )
         of |= figure_fields("start-frame")
     with gr.Row(elem_classes="actions"):

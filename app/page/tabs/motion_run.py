@@ -19,7 +19,7 @@ from app.page.parts.form_values import Fields, parse_form_values
 from app.page.parts.markup import UNQUEUED_EVENT, Updates, reveal_on_click, update_html
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_comparison import comparison_updates
-from app.page.results.run_view import EMPTY_VALUE, run_views_in
+from app.page.results.run_view import EMPTY_PLAYER_VALUE, run_views_in
 from app.page.results.saved_runs import RUN_QUERY_PARAMETER, SavedRun, progress_updates
 from app.page.results.tables import clips_html
 from app.page.tabs.motion import FormParts, request_from_form, values_to_save
@@ -188,7 +188,7 @@ class MotionRunner(TabRunner):
             self.videos.request_videos(saved, request.video)
         yield {
             **saved.updates(parts, begins=True),
-            parts.runs: update_html(services.saved_runs.html(job.cookie, saved)),
+            parts.runs: update_html(services.saved_runs.links_html(job.cookie, saved)),
             **self.button_updates(is_running=job.visitor in self._waiting),
         }
 
@@ -210,7 +210,7 @@ class MotionRunner(TabRunner):
     def _without_results(self) -> Updates:
         parts = self.parts
         outputs = (parts.clips, parts.verdict, parts.viewer_video, parts.figures, parts.numbers)
-        hidden = {parts.player: EMPTY_VALUE, parts.clip: gr.update(visible=False)}
+        hidden = {parts.player: EMPTY_PLAYER_VALUE, parts.clip: gr.update(visible=False)}
         return {**hidden, **{part: update_html("") for part in (*outputs, parts.downloads)}}
 
     def waiting_updates(self, request: gr.Request) -> Updates:
@@ -280,7 +280,7 @@ class PageLoader:
 
     def on_load(self, request: gr.Request) -> Updates:
         cookie = cookie_of(request)
-        listed = self._saved_runs.html(cookie)  # but an update each: Gradio modifies them
+        listed = self._saved_runs.links_html(cookie)  # but an update each: Gradio modifies them
         updates: Updates = {parts.runs: update_html(listed) for parts in self._places.values()}
         tokens = request.query_params.getlist(RUN_QUERY_PARAMETER)[:2] or self.services.opened
         runs = [run for run in map(self._saved_runs.find, tokens) if run is not None]
@@ -299,7 +299,7 @@ class PageLoader:
         a, b = sorted(runs, key=lambda run: run.ended)
         return {
             **comparison_updates(a, b, parts, self.services.media, cookie),
-            parts.runs: update_html(self._saved_runs.html(cookie, a, b)),
+            parts.runs: update_html(self._saved_runs.links_html(cookie, a, b)),
         }
 
     def attach_clip_choice(self, parts: ResultParts) -> None:
@@ -328,5 +328,5 @@ class PageLoader:
             run_view = run_view.for_browser(self.services.media.share(run.folder, cookie))
         return {
             **run.updates(parts, run_view),
-            parts.runs: update_html(self._saved_runs.html(cookie, run)),
+            parts.runs: update_html(self._saved_runs.links_html(cookie, run)),
         }

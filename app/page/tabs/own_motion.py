@@ -14,7 +14,7 @@ from app import text
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.catalogue import point_choices
+from app.page.parts.catalogue import tracked_point_choices
 from app.page.parts.form_values import parse_form_values
 from app.page.parts.markup import (
     PRIVATE_EVENT,
@@ -24,7 +24,7 @@ from app.page.parts.markup import (
     reveal_on_click,
     update_html,
 )
-from app.page.results.result_parts import ResultParts, figures_html, files_listed
+from app.page.results.result_parts import ResultParts, figures_html, file_list_html
 from app.page.results.tables import clip_choices, sets_html
 from app.page.tabs.motion import (
     FIGURE_FIELDS,
@@ -159,7 +159,7 @@ def build_own_form(services: Services) -> FormParts:
     of["motions"].change(_choices, of["motions"], chosen, **UNQUEUED_EVENT)
     of["words"] = gr.Checkbox(False, label=text.WORDS_LABEL, info=text.WORDS_HELP)
     of["joint"] = gr.Dropdown(
-        choices=point_choices(), value=DEFAULT_TRACKED_POINT, label=text.POINT_LABEL
+        choices=tracked_point_choices(), value=DEFAULT_TRACKED_POINT, label=text.POINT_LABEL
     )
     of["has_video"] = gr.Checkbox(
         True, label=text.VIDEOS_LABEL, info=text.VIDEOS_HELP, elem_id="own-videos"
@@ -326,7 +326,10 @@ class DiagnoseRunner(MotionRunner):
         results = yield from self.run_with_updates(job, do, "Measuring clips: {share:.0%}")
         address = self.services.media.share(job.folder, job.cookie)
         token = self.sets.keep(results, job.folder, job.cookie or None)
-        figures, files = figures_html(results.files, address), files_listed(results.files, address)
+        figures, files = (
+            figures_html(results.files, address),
+            file_list_html(results.files, address),
+        )
         choices = [(label, f"{token}/{clip}") for label, clip in clip_choices(results.summary)]
         line = "Measured {clips} of {sets}. Choose a clip to show it in the viewer.".format(
             clips=pluralise(len(choices), "clip"),

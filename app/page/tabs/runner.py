@@ -25,7 +25,7 @@ from app.page.parts.catalogue import Catalogue
 from app.page.parts.form_values import Fields, with_named_parameters
 from app.page.parts.markup import PRIVATE_EVENT, UNQUEUED_EVENT, Updates, update_html
 from app.page.results.saved_runs import SavedRuns
-from app.page.routes.media import Media
+from app.page.routes.media import SharedFolders
 from app.page.visitors.characters import Characters
 from app.page.visitors.job_folders import Job, Jobs
 from app.page.visitors.visitors import CHECKS, RUNS, TokenStore, cookie_of, visitor_of
@@ -78,10 +78,10 @@ class Services:
     live: LiveSessions
     characters: Characters
     """Characters of visitors."""
-    media: Media = field(default_factory=Media)
+    media: SharedFolders = field(default_factory=SharedFolders)
     private_files: TokenStore[Path] = field(default_factory=TokenStore)
     """Folders of researchers' parts that have not been fetched yet."""
-    first_look: dict[str, Any] | None = None
+    example_value: dict[str, Any] | None = None
     """Player's value of the example before the first run."""
     opened: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""

@@ -82,7 +82,7 @@ class EditRunner(TabRunner):
 
     def job_updates(self, job: Job, values: Sequence[Any]) -> Generator[Updates, None, None]:
         message = EditMessage.parse(values[0])
-        run = self.services.saved_runs.edited(message.run, job.cookie)
+        run = self.services.saved_runs.find_editable(message.run, job.cookie)
         if run is None:
             raise RunError(text.EDITS_GONE)
         job.extra_paths.append(run.job.folder)
@@ -196,7 +196,7 @@ class ViewerVideoRunner(TabRunner):
 
     def _file(self, address: str, cookie: str, suffix: str) -> Path:
         """Return the file of a URL; raises RunError if it no longer exists."""
-        path = self.services.media.at(address, cookie)
+        path = self.services.media.file_of_url(address, cookie)
         if path is None or path.suffix != suffix:
             raise RunError(text.VIEWER_VIDEO_GONE)
         return path
@@ -303,7 +303,7 @@ class BackgroundVideos:
             updates: Updates = {}
             if any(isinstance(event, FolderUpdated) for event in events):
                 updates[self.parts.player] = run.view.player_value()
-                updates[self.parts.downloads] = update_html(run.downloads(run.view))
+                updates[self.parts.downloads] = update_html(run.downloads_html(run.view))
             share = last_fraction(events)
             if share is not None:
                 when = remaining.sentence(share, time.monotonic())
@@ -314,7 +314,7 @@ class BackgroundVideos:
         request = RunVideosRequest(run=run.view.folder, out=job.folder / "drawn", video=video)
         do = partial(self.services.video_worker.do, DRAW_VIDEOS, request)
         yield from stream_updates(do, job, updates_of, {self.parts.status: gr.skip()})
-        downloads = update_html(run.downloads(run.view))
+        downloads = update_html(run.downloads_html(run.view))
         yield {self.parts.downloads: downloads, **self._line(run, text.VIDEOS_DONE)}
 
     def _line(self, run: SavedRun, sentence: str) -> Updates:

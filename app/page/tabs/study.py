@@ -19,8 +19,8 @@ from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.form_values import Fields, parse_form_values
 from app.page.parts.markup import PRIVATE_EVENT, Updates, hidden_html, reveal_on_click, update_html
-from app.page.results.result_parts import download_link, files_listed
-from app.page.routes.media import PARTICIPANT_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, Address
+from app.page.results.result_parts import download_link, file_list_html
+from app.page.routes.media import PARTICIPANT_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, FileToUrl
 from app.page.tabs.motion import SEED_LIMIT, copy_as_upload
 from app.page.tabs.runner import Services, TabRunner
 from app.page.visitors.job_folders import Job
@@ -388,7 +388,7 @@ class StudyRunner(TabRunner):
         yield from self._make_study(job, fields, path, size, address)
 
     def _make_study(
-        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: Address
+        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: FileToUrl
     ) -> Generator[Updates, None, None]:
         """Create the study, the participants' part with the job, the researcher's in private."""
         if not job.cookie:
@@ -450,7 +450,7 @@ class PlanRunner(StudyRunner):
     """Runner that only writes the study plan."""
 
     def _make_study(
-        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: Address
+        self, job: Job, fields: Mapping[str, Any], plan: Path, size: str, address: FileToUrl
     ) -> Generator[Updates, None, None]:
         link = _link("study-plan", address(plan), plan.name, PLAN)
         yield {
@@ -503,7 +503,7 @@ class AnalysisRunner(StudyRunner):
         }
         request = AnalysisRequest(answers, key, job.folder / "results")
         files = yield from self.run_task(job, analyse, request)
-        links = files_listed(files, self.services.media.share(job.folder, job.cookie))
+        links = file_list_html(files, self.services.media.share(job.folder, job.cookie))
         html = (
             f'{report_frame_html(files[0].read_text("utf-8"))}<div class="downloads">{links}</div>'
         )

@@ -22,7 +22,7 @@ from app.page.parts.markup import (
     update_html,
 )
 from app.page.results.result_parts import figures_html
-from app.page.results.run_view import EMPTY_VALUE, RunView, with_noise
+from app.page.results.run_view import EMPTY_PLAYER_VALUE, RunView, rotation_noise_value
 from app.page.tabs.runner import Services, TabRunner, last_fraction, page_request
 from app.page.visitors.job_folders import Job
 from app.run.callbacks import FolderUpdated, RunEvent
@@ -113,7 +113,7 @@ MOTION_TYPES = [".npz", ".npy", ".bvh"]
 class FigureRunner(TabRunner):
     """Runner of an experiment: a part of the tab with a form and a figure."""
 
-    preview: dict[str, Any] = EMPTY_VALUE
+    preview: dict[str, Any] = EMPTY_PLAYER_VALUE
     """Player's value before a run."""
     title: ClassVar[str]
     introduction: ClassVar[str]
@@ -228,8 +228,8 @@ class RotationNoiseRunner(FigureRunner):
 
     def __init__(self, services: Services) -> None:
         super().__init__(services)
-        if services.first_look is not None:
-            self.preview = _without_slider(services.first_look)
+        if services.example_value is not None:
+            self.preview = _without_slider(services.example_value)
             self.player.value = self.preview
         set_noise = f"rad => document.querySelector('#{self.tab}-player .lockstep').setNoise(rad)"
         self.fields["noise_rad"].input(
@@ -259,8 +259,8 @@ class RotationNoiseRunner(FigureRunner):
         value = run_view.player_value()
         clean = next((row for row in value["rows"] if row["name"] == WITHOUT_NOISE), {})
         if "available" not in clean:
-            return EMPTY_VALUE
-        return _without_slider(with_noise(value, clean, wanted["noise_rad"]))
+            return EMPTY_PLAYER_VALUE
+        return _without_slider(rotation_noise_value(value, clean, wanted["noise_rad"]))
 
 
 def _without_slider(value: dict[str, Any]) -> dict[str, Any]:

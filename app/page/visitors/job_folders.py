@@ -204,7 +204,7 @@ class Jobs:
                 if not visitor or (job.visitor, job.tab) == (visitor, tab):
                     job.cancel()
 
-    def leave(self, visitor: str, cookie: str) -> None:
+    def cancel_closed_page(self, visitor: str, cookie: str) -> None:
         """Cancel all runs of a page that its own browser has closed."""
         with self._lock:
             for job in self._jobs:

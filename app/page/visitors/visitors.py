@@ -95,7 +95,7 @@ def leaving_route(jobs: Jobs) -> APIRoute:
     """Make the route for the notification that a page was closed, which ends its runs."""
 
     async def leave(request: fastapi.Request) -> fastapi.Response:
-        jobs.leave((await request.body()).decode("latin-1"), cookie_of(request))
+        jobs.cancel_closed_page((await request.body()).decode("latin-1"), cookie_of(request))
         return fastapi.Response(status_code=204)
 
     return APIRoute(LEAVING_ROUTE, leave, methods=["POST"], include_in_schema=False)

@@ -93,7 +93,7 @@ export interface PlayerRow {
   available?: FramesAvailable;
   video?: string;
   /** True if the row will have a video. */
-  is_drawn?: boolean;
+  will_have_video?: boolean;
   /** URL of its gesture plan. */
   plan?: string;
   /** True if the system followed the plan; otherwise it was detected. */

@@ -77,7 +77,7 @@ def served_page(weights: Path, temp: Path, **settings: Any) -> Iterator[Served]:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(http_server, "start_server", start_server)
             patch.setattr(httpx, "get", lambda url, **_: clients[0].get(url))
-            page = launch(config, is_warmed_up=False)
+            page = launch(config, preloads_models=False)
         yield Served(page.app, clients[0], temp)
         page.close()
 

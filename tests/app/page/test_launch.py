@@ -67,7 +67,7 @@ def page(
         patch.setattr(http_server, "start_server", start_and_ask)
         patch.setattr("gradio.networking.url_ok", lambda url: False)
         temp = tmp_path_factory.mktemp("page")
-        page = launch(AppConfig(port=0, weights=weights, temp=temp), is_warmed_up=False)
+        page = launch(AppConfig(port=0, weights=weights, temp=temp), preloads_models=False)
         yield page
         page.close()
 
@@ -156,10 +156,10 @@ def test_a_port_that_is_taken_is_told_before_anything_is_made(weights, tmp_path,
         with pytest.raises(
             OSError, match=rf"Port {port} of 127\.0\.0\.1 is already in use.* with --port"
         ):
-            launch(config, is_warmed_up=False)
+            launch(config, preloads_models=False)
     assert not (tmp_path / "page").exists()
     with pytest.raises(RunError, match="No trained systems"):
-        launch(AppConfig(port=0, weights=tmp_path, temp=tmp_path / "t"), is_warmed_up=False)
+        launch(AppConfig(port=0, weights=tmp_path, temp=tmp_path / "t"), preloads_models=False)
 
 
 DEAD = "//127.0.0.1:1"

@@ -8,8 +8,8 @@ import pytest
 from pydantic import TypeAdapter
 
 from app.page.parts.messages import PlayerValue
-from app.page.results.run_view import RunView, first_look
-from app.page.routes.media import Media
+from app.page.results.run_view import RunView, example_player_value
+from app.page.routes.media import SharedFolders
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import TIMELINE
 from app.run.output.viewer_files import PlanEditorData, Timeline
@@ -34,7 +34,7 @@ def editor_data() -> dict[str, Any]:
     ("kind", "make"),
     [
         (PlayerValue, player_value),
-        (PlayerValue, lambda: first_look(Media())),
+        (PlayerValue, lambda: example_player_value(SharedFolders())),
         (Timeline, lambda: json.loads((FIRST_LOOK / TIMELINE).read_text())),
         (PlanEditorData, editor_data),
     ],

@@ -22,7 +22,7 @@ export class Videos {
       const told = `${row.motion} ${row.video}`;
       if (known?.dataset.told === told) continue;
       const label = row.label ?? row.name;
-      const video = row.video ? make("video", { src: row.video, controls: true, playsinline: true, preload: "metadata", "aria-label": `Motion of ${label}` }) : make("p", { class: "drawing" }, row.is_drawn === false ? "no video requested" : "rendering");
+      const video = row.video ? make("video", { src: row.video, controls: true, playsinline: true, preload: "metadata", "aria-label": `Motion of ${label}` }) : make("p", { class: "drawing" }, row.will_have_video === false ? "no video requested" : "rendering");
       const head = make("header", {}, make("i", { "aria-hidden": "true" }), nameOf(row), make("span", { class: "tools" }, filesOf(row) ?? ""));
       const tile = make("article", { class: "tile", "data-name": row.name, "data-told": told, "aria-label": label }, head, readingOf(row) ?? "", video);
       tile.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);

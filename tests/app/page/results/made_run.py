@@ -5,7 +5,7 @@ from typing import Any
 
 from app.page.results.run_view import RunView
 from app.page.results.saved_runs import SavedRun, SavedRuns
-from app.page.routes.media import Media
+from app.page.routes.media import SharedFolders
 from app.page.visitors.job_folders import Job
 from app.run.output.run_folder import RunRecord
 from app.run.run_writer import open_run_writer
@@ -58,9 +58,9 @@ def made_run(
     return showing_in(job)
 
 
-def showing_in(job: Path, media: Media | None = None, cookie: str = "") -> RunView:
+def showing_in(job: Path, media: SharedFolders | None = None, cookie: str = "") -> RunView:
     """Of the run that a job's folder holds."""
-    return RunView(job / "results", (media or Media()).share(job, cookie), job.name)
+    return RunView(job / "results", (media or SharedFolders()).share(job, cookie), job.name)
 
 
 def numbers(reference: float | None = None, **jerk: float) -> Diagnostics:

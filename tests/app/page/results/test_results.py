@@ -25,11 +25,11 @@ from app.findings.metric_table import (
 )
 from app.page.parts import markup
 from app.page.parts.markup import WORDS, add_tooltips
-from app.page.results.result_parts import NO_WORDS, figures_html
+from app.page.results.result_parts import NO_SENTENCES, figures_html
 from app.page.results.run_comparison import RunPair, match_motions, settings_sentence
 from app.page.results.run_view import RunView
 from app.page.results.saved_runs import SavedRuns, address_of
-from app.page.results.tables import clips_html, measures_table, sets_html
+from app.page.results.tables import clips_html, run_metrics_table, sets_html
 from app.run.output.provenance import NONE, differing_settings, settings_summary
 from app.run.output.run_folder import RunRecord
 from app.run.requests.requests import AnyRun
@@ -51,7 +51,7 @@ def table(diagnostics: Diagnostics, tmp_path: Path) -> str:
     record = RunRecord(kind="imported", point="right_middle")
     with open_run_writer(tmp_path / "results", record) as run:
         run.write_metrics(diagnostics)
-        return measures_table(run.record)
+        return run_metrics_table(run.record)
 
 
 def row(table: str, key: str) -> str:
@@ -130,7 +130,7 @@ def test_names_and_findings_cannot_bring_markup(tmp_path):
 
 
 def test_a_figure_is_shown_once_its_picture_is_there_with_all_its_files(tmp_path):
-    def html(*files: str, said: Mapping[str, str] = NO_WORDS) -> str:
+    def html(*files: str, said: Mapping[str, str] = NO_SENTENCES) -> str:
         return figures_html((tmp_path / name for name in files), lambda path: path.name, said)
 
     assert html("figure6.svg", "diagnostics.json") == ""
@@ -157,7 +157,7 @@ def test_a_run_is_found_by_its_token_until_its_files_are_gone(tmp_path):
     assert runs.find("") is None and runs.find(first.token[:-1]) is None
     shutil.rmtree(first.job.folder)
     assert runs.find(first.token) is None
-    assert runs.of("mine") == [second]
+    assert runs.runs_of("mine") == [second]
 
 
 def test_a_browser_is_told_of_its_own_runs_alone(tmp_path):
@@ -166,12 +166,12 @@ def test_a_browser_is_told_of_its_own_runs_alone(tmp_path):
         keep(runs, tmp_path / name, cookie, title="a < b")
         for name, cookie in (("a", "mine"), ("b", "yours"), ("c", ""))
     )
-    assert runs.of("mine") == [mine] and runs.of("") == []
-    told = runs.html("mine", mine)
+    assert runs.runs_of("mine") == [mine] and runs.runs_of("") == []
+    told = runs.links_html("mine", mine)
     assert mine.token in told and "a &lt; b" in told and "60 minutes" in told
     assert yours.token not in told and nobodys.token not in told
-    assert nobodys.token in runs.html("", nobodys)  # its own link, and no list
-    assert runs.html("of a stranger") == ""
+    assert nobodys.token in runs.links_html("", nobodys)  # its own link, and no list
+    assert runs.links_html("of a stranger") == ""
 
 
 def asked(**changes) -> AnyRun:
@@ -252,7 +252,7 @@ def test_equal_names_stand_beside_each_other(a, b, pairs):
 def test_the_table_has_both_and_their_difference(run):
     jerk = {"globaldiff/local": 120.0, "globaldiff/full": 90.0}
     a, b = (run(reference=104.0, jerk=each) for each in (jerk, {"globaldiff/local": 100.0}))
-    table = RunPair(a, b).table()
+    table = RunPair(a, b).metrics_table()
     heads = re.findall(r"<th scope=\"col\"[^>]*>([^<]*)</th>", table)
     minus = text.PAIR_DIFFERENCE
     assert heads == ["Metric", "reference", "local (A)", "local (B)", minus, "full (A)"]
@@ -267,7 +267,7 @@ def test_the_table_has_both_and_their_difference(run):
     assert near == [False, False, True, False, False]
     assert "<button" not in jerk  # columns keep their places
     full = run(reference=105.0, jerk={"globaldiff/full": 100.0})
-    table = RunPair(b, full).table()
+    table = RunPair(b, full).metrics_table()
     assert "reference (A)" in table and "reference (B)" in table, "they are not the same"
     assert 'class="raw near"' not in table
 
@@ -279,16 +279,16 @@ def test_numbers_of_different_protocols_are_never_in_one_row(run):
         for name, of in run_view.record.numbers.items():
             for version in of.values():
                 version |= {"beat_align": 0.6 if name == "a" else 0.5, "beat_align_chance": 0.4}
-    pair = RunPair(a, b).table()
+    pair = RunPair(a, b).metrics_table()
     rows = re.findall('<tr data-measure="beat_align".*?</tr>', pair)
     assert ["BeatAlign · beats/workbench<" in each for each in rows] == [True, False]
     values = [re.findall('class="raw[^"]*">([^<]*)<', each) for each in rows]
     assert values == [["0.5", "0.6", "n/a", "n/a", "0.5"], ["n/a", "n/a", "0.6", "n/a", "n/a"]]
     assert "beats/workbench%0D" in pair and "beats/workbench-own%0D" in pair
     record = b.record.model_copy(update={"request": {"metrics": {"mean_speeds": "speeds.npy"}}})
-    assert "<code>beats/workbench-emage</code>" in measures_table(record)
+    assert "<code>beats/workbench-emage</code>" in run_metrics_table(record)
     hostile = b.record.model_copy(update={"request": {"metrics": ["mean_speeds"]}})
-    assert "<code>beats/workbench-own</code>" in measures_table(hostile)
+    assert "<code>beats/workbench-own</code>" in run_metrics_table(hostile)
 
 
 def test_sets_and_clips_have_the_rule_of_each_metric_one_click_away(run):
@@ -315,7 +315,7 @@ def test_sets_and_clips_have_the_rule_of_each_metric_one_click_away(run):
 def test_both_are_in_one_player_with_one_time_line(run):
     a = run(jerk={"f/x": 5.0, "f/y": 9.0})
     b = run({"seed": "1"}, jerk={"f/x": 7.0}, duration_s=3.0)
-    value = RunPair(a, b).player()
+    value = RunPair(a, b).player_value()
     assert [row["name"] for row in value["rows"]] == ["f/x (A)", "f/x (B)", "f/y (A)"]
     assert [row["label"] for row in value["rows"]] == ["x (A)", "x (B)", "y (A)"]
     noise = [row["noise"] for row in value["rows"]]
@@ -328,10 +328,10 @@ def test_both_are_in_one_player_with_one_time_line(run):
     assert [each["name"] for each in line["worst"]] == ["f/y (A)"]  # the others overlap it
     own = run({"speech": NONE}, speech_sha256="", jerk={"take": 7.0}, duration_s=9.0)
     for first, second in ((a, own), (own, a)):  # what has no speech moves under the other's
-        value = RunPair(first, second).player()
+        value = RunPair(first, second).player_value()
         assert "sounds" not in value and line_of(value["timeline"])["duration_s"] == 2.0
     assert (
-        line_of(RunPair(own, own).player()["timeline"])["duration_s"] == 9.0
+        line_of(RunPair(own, own).player_value()["timeline"])["duration_s"] == 9.0
     )  # silence of either will do
 
 
@@ -343,7 +343,7 @@ def test_of_two_speeches_either_can_be_heard_with_its_own_time_line(run):
     said = [[0.1, 0.4, "hello"]]
     a = run(jerk={"f/x": 5.0}, said=Transcript((Word(0.1, 0.4, "hello"),)))
     b = run({"speech": "another"}, speech_sha256=OTHER, jerk={"f/x": 7.0}, duration_s=3.0)
-    value = RunPair(a, b).player()
+    value = RunPair(a, b).player_value()
     assert [sound["label"] for sound in value["sounds"]] == ["A: speech", "B: another"]
     first, second = value["sounds"]
     assert (value["audio"], value["timeline"]) == (first["audio"], first["timeline"])

@@ -32,7 +32,7 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     with edit_record(kept.view.folder) as record:
         record.rows[0].files["input_plan"] = "f-x.plan.json"
     address = f"media/run/{kept.token}"
-    assert f'href="{address}/page"' in kept.downloads(kept.view)
+    assert f'href="{address}/page"' in kept.downloads_html(kept.view)
     answer = client.get(f"/{address}")
     assert answer.status_code == 200
     assert "filename*=utf-8''%C3%A4-b-c.zip" in answer.headers["content-disposition"]

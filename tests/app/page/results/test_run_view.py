@@ -6,8 +6,8 @@ import pytest
 
 from app.errors import RunError
 from app.page.html_export import standalone_html
-from app.page.results.run_view import first_look
-from app.page.routes.media import Media
+from app.page.results.run_view import example_player_value
+from app.page.routes.media import SharedFolders
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
 from app.run.output.run_folder import RUN, TIMELINE, RunRecord, read_run, rows_of
@@ -22,7 +22,7 @@ NAMES = ("globaldiff/local", "globaldiff/global", "reference")
 
 
 def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path):
-    media, reference = Media(), tmp_path / "recorded.npz"
+    media, reference = SharedFolders(), tmp_path / "recorded.npz"
     save_motion(made_motion(60), reference)
     (tmp_path / "job").mkdir()
     out = tmp_path / "job/results"
@@ -52,8 +52,8 @@ def test_rows_are_there_at_once_and_their_files_come_one_by_one(speech, tmp_path
     last = values[-1]
     assert not last["running"] and all(value["running"] for value in values[:-1])
     assert last["run"] == "job"
-    assert media.at(last["timeline"], "mine") and not media.at(last["audio"], "")
-    assert all(media.at(row["plan"], "mine") for row in last["rows"][:2])
+    assert media.file_of_url(last["timeline"], "mine") and not media.file_of_url(last["audio"], "")
+    assert all(media.file_of_url(row["plan"], "mine") for row in last["rows"][:2])
     assert [row["is_planned"] for row in last["rows"][:2]] == [True, False]
     assert run_view.planned_rows() == [NAMES[0]]
 
@@ -68,14 +68,17 @@ def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path)
 
 
 def test_the_example_is_shown_to_every_visitor_without_a_cookie():
-    media = Media()
-    value = first_look(media)
+    media = SharedFolders()
+    value = example_player_value(media)
     assert value["plays"] and not value["running"] and value["noise"]["rad"] == 0.02
     local, other = value["rows"]
     assert (local["space"], other["space"]) == ("local", "global")
     assert local["frames"] == other["frames"] and local["color"] != other["color"]
-    assert media.at(local["frames"], "of anybody") is not None and not local["is_drawn"]
-    assert media.at(value["timeline"], "") is not None
+    assert (
+        media.file_of_url(local["frames"], "of anybody") is not None
+        and not local["will_have_video"]
+    )
+    assert media.file_of_url(value["timeline"], "") is not None
 
 
 def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):

@@ -9,7 +9,7 @@ from starlette.websockets import WebSocketDisconnect
 from app.config import AppConfig
 from app.errors import RunError
 from app.page.launch import parse_config
-from app.page.routes.guard import HostNames, framing, is_same_origin
+from app.page.routes.guard import HostNames, is_same_origin, security_headers
 from tests.app.page.conftest import ADDRESS, UPLOAD, Served, served_page
 
 HOSTS = {
@@ -128,11 +128,11 @@ def test_no_other_site_shows_the_page_in_a_frame(client, monkeypatch):
         assert headers["x-content-type-options"] == "nosniff"
     refused = client.get("/", headers={"Host": "evil.example"})
     assert refused.headers["content-security-policy"] == "frame-ancestors 'self'"
-    told = dict(framing(("https://lab.example",)))
+    told = dict(security_headers(("https://lab.example",)))
     assert told[b"content-security-policy"] == b"frame-ancestors 'self' https://lab.example"
     assert b"x-frame-options" not in told
     monkeypatch.setenv("SPACE_HOST", "us-page.hf.space")
-    told = dict(framing())
+    told = dict(security_headers())
     assert told[b"content-security-policy"].endswith(b"https://huggingface.co https://*.hf.space")
     assert b"x-frame-options" not in told
     assert "us-page.hf.space" in HostNames("0.0.0.0")

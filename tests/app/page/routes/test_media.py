@@ -22,8 +22,8 @@ from app.page.routes.media import (
     PARTICIPANT_TYPES,
     RESEARCHER_FILE,
     WEB_FOLDER,
-    Media,
     OnDemandFiles,
+    SharedFolders,
     media_routes,
     redraw_request,
     researcher_route,
@@ -42,8 +42,8 @@ from tests.renderer.figures.test_curves import MARKS
 
 
 @pytest.fixture
-def media() -> Media:
-    return Media()
+def media() -> SharedFolders:
+    return SharedFolders()
 
 
 @pytest.fixture
@@ -73,7 +73,11 @@ def quota() -> Quota:
 
 @pytest.fixture
 def browser(
-    media: Media, private: TokenStore[Path], characters: Characters, temp: Path, quota: Quota
+    media: SharedFolders,
+    private: TokenStore[Path],
+    characters: Characters,
+    temp: Path,
+    quota: Quota,
 ) -> Browser:
     """By its cookie; empty for one that keeps none."""
     routes = media_routes(media, OnDemandFiles(temp, does), characters, quota)
@@ -275,7 +279,7 @@ def test_only_what_belongs_to_it_is_served(media, browser, job, temp):
                  "link.txt", "%00", "a" * 5000, secret, urllib.parse.quote(secret, safe=""),
                  f"/{secret}", "media/../../key.json"):  # fmt: skip
         assert mine.get(f"/{base}{name}").status_code == 404, name
-        assert media.at(f"{base}{name}", "mine") is None
+        assert media.file_of_url(f"{base}{name}", "mine") is None
     assert mine.get("/live/body.glb").content[:4] == b"glTF"
     module = mine.get("/web/player/player.js")
     assert module.headers["cache-control"] == "no-cache"

@@ -175,7 +175,7 @@ def test_behind_a_proxy_as_the_docs_say(proxy, below, certificate, weights, tmp_
     save_motion(smooth_motion_example(45), tmp_path / "a.npz")
     motion = (tmp_path / "a.npz").read_bytes()
     sound = (30_000 * made_waveform(16_000 * 3)).astype("<i2").tobytes()
-    with contextlib.closing(launch(config, is_warmed_up=False)) as inside:
+    with contextlib.closing(launch(config, preloads_models=False)) as inside:
         command = proxy(tmp_path, certificate, inside.local_url.rstrip("/"), port)
         with behind(command, tmp_path, port):
             stranger = httpx.Client(base_url=address, verify=trusted, timeout=20)

@@ -22,7 +22,7 @@ from app.page.parts import markup
 from app.page.parts.markup import Updates
 from app.page.results.result_parts import ResultParts
 from app.page.results.saved_runs import SavedRuns, add_owner_run
-from app.page.routes.media import Media
+from app.page.routes.media import SharedFolders
 from app.page.tabs.live import LiveRunner, live_choices
 from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, PageLoader
@@ -485,7 +485,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     """Made elsewhere; a visitor's link comes first."""
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="imported", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
-    own = add_owner_run(page.runs, made.folder, tmp_path / "opened", Media())
+    own = add_owner_run(page.runs, made.folder, tmp_path / "opened", SharedFolders())
     page.opening.services = replace(page.opening.services, opened=(own,))
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
@@ -496,7 +496,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     assert page.own.player not in page.opened("mine", mine.token)
     (tmp_path / "empty").mkdir()
     with pytest.raises(RunError, match=r"run\.json is missing"):
-        add_owner_run(page.runs, tmp_path / "empty", tmp_path / "none", Media())
+        add_owner_run(page.runs, tmp_path / "empty", tmp_path / "none", SharedFolders())
 
 
 def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp_path):
@@ -505,7 +505,7 @@ def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp
         made_run(job, f"{clip}: local", jerk={"local": 10.0 + 2 * number}, out=f"results/{clip}")
     (job / "results/summary.md").touch()
     page = Page(tmp_path / "page")
-    token = add_owner_run(page.runs, job / "results", tmp_path / "opened", Media())
+    token = add_owner_run(page.runs, job / "results", tmp_path / "opened", SharedFolders())
     first = page.runs.find(token)
     assert first is not None and list(first.clips) == ["a", "b"]
     second = first.clips["b"]
@@ -523,7 +523,7 @@ def test_several_clips_are_one_run_of_which_each_is_opened_and_all_are_saved(tmp
     with zipfile.ZipFile(packed) as archive:
         assert {"a/run.json", "b/run.json", "b/speech.wav", "summary.md"} <= set(archive.namelist())
     mine = [keep(page.runs, tmp_path / "alone", "mine")]
-    assert page.runs.of("mine") == mine
+    assert page.runs.runs_of("mine") == mine
     single = page.opened("mine", mine[0].token)
     assert not single[parts.clips]["visible"] and not single[parts.clip]["visible"]
 
@@ -577,7 +577,7 @@ class Tab:
 def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_path):
     first, second = threading.Event(), threading.Event()
     tab = Tab(tmp_path, fakes.make_draw(lambda number: (first, second)[number], seconds=0.2))
-    assert "lacks 3 of 3 videos, which are not rendered yet" in tab.run.downloads(tab.run.view)
+    assert "lacks 3 of 3 videos, which are not rendered yet" in tab.run.downloads_html(tab.run.view)
     first.set()
     updates = tab.updates()
     told = [next(updates)]
@@ -587,7 +587,7 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
         lacks = json.loads(archive.read(RUN))["missing"]
         assert lacks == ["globaldiff-global.mp4", "comparison.mp4"]
         assert "globaldiff-local.mp4" in archive.namelist() and not {*lacks} & {*archive.namelist()}
-    assert "lacks 2 of 3 videos" in tab.run.downloads(tab.run.view)
+    assert "lacks 2 of 3 videos" in tab.run.downloads_html(tab.run.view)
     second.set()
     told += updates
     assert "lacks" not in told[-1][tab.parts.downloads]["value"] and not tab.run.record.missing

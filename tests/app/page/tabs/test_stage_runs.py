@@ -132,9 +132,9 @@ def test_a_video_comes_with_its_progress_and_a_way_to_save_it(tmp_path):
     assert "one body, 10.0 s, 2.1 MB. It is cut." in lines[-1]
     assert 'download="stage.mp4"' in lines[-1]
     address = lines[-1].split('href="')[1].split('"')[0]
-    video = stage.media.at(address, COOKIE)
+    video = stage.media.file_of_url(address, COOKIE)
     assert video is not None and video.name == "stage.mp4"
-    assert stage.media.at(address, "another browser") is None
+    assert stage.media.file_of_url(address, "another browser") is None
     (request,) = got
     assert request.motions == (stage.files["a.npz"], stage.files["b.npz"])
     assert request.speech == stage.files["c.wav"] and not stage.jobs.in_use()
