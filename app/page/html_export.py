@@ -100,7 +100,8 @@ def standalone_html(folder: Path) -> str:
     if not played:
         raise RunError(NOTHING_TO_PLAY.format(frames=MAX_FRAMES))
     values = [
-        {**each.player_value(), "running": False, "begins": False} for each in played.values()
+        {**each.player_value(), "running": False, "plays_when_ready": False}
+        for each in played.values()
     ]
     first = records[next(iter(played))]
     title = runs_title(list(records.values()))

@@ -33,7 +33,7 @@ from app.run.callbacks import RunCallbacks
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, DiagnoseRequest
 from app.study.design.plan import read_plan
-from app.study.export import export_study, zipped
+from app.study.export import export_study, zip_export
 from app.study.make.workspace import EXPORT_STUDY, ExportRequest
 from model.plan.plan import GesturePlan, HandPhase, Nod
 from model.speech.audio import write_wav
@@ -270,7 +270,7 @@ def _of_noise(request: ExportRequest, callbacks: RunCallbacks) -> Any:
     plan = replace(read_plan(request.plan), size=64)
     asked = (request.out, request.weights, request.body)
     made = export_study(plan, *asked, callbacks, draw_noise)
-    return zipped(made, request)
+    return zip_export(made, request)
 
 
 class Gate:

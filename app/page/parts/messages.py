@@ -64,7 +64,7 @@ class EditSuggestionJson(TypedDict):
     edits: list[dict[str, object]]
 
 
-class Editing(TypedDict):
+class PlanEditorState(TypedDict):
     """State of the plan editor."""
 
     rows: list[str]
@@ -79,8 +79,8 @@ class Editing(TypedDict):
     offers: list[EditSuggestionJson]
 
 
-class Sound(TypedDict):
-    """Sound of a comparison of two runs."""
+class AudioTrack(TypedDict):
+    """Audio track of a comparison of two runs."""
 
     label: str
     audio: str
@@ -115,15 +115,15 @@ class PlayerValue(TypedDict, total=False):
     audio: str
     timeline: str
     """URL of the `Timeline`."""
-    sounds: list[Sound]
+    sounds: list[AudioTrack]
     """Sounds to choose from if the motions belong to different speeches."""
     running: bool
     """True if more will follow."""
-    plays: bool
+    is_example: bool
     """True for an example that plays at once."""
-    begins: bool
+    plays_when_ready: bool
     """True if it plays as soon as it can."""
     noise: ViewerNoise
-    editing: Editing
+    editing: PlanEditorState
     findings: list[PlayerFinding]
     """Findings, the most severe first."""

@@ -97,7 +97,7 @@ class RunView:
         return other
 
     def player_value(self) -> dict[str, Any]:
-        """Return the player's value; ``begins`` plays it at once, ``running`` announces more."""
+        """Return the value of the player for the run as it is now."""
         record = self.record
         beside = {"audio": record.audio, "timeline": record.timeline}
         is_running = record.state == "running"
@@ -105,7 +105,7 @@ class RunView:
             "run": self.name or self.folder.name,
             "rows": [self._row(row) for row in record.rows],
             "running": is_running,
-            "begins": is_running,
+            "plays_when_ready": is_running,
             "findings": [
                 {
                     "name": each.name,
@@ -173,7 +173,7 @@ def _assumed(row: Row) -> dict[str, Any]:
 def example_player_value(media: SharedFolders) -> dict[str, Any]:
     """Return the player's value of the example on a newly opened page: the paper's argument."""
     value = RunView(FIRST_LOOK, media.share(FIRST_LOOK, "")).player_value()
-    value |= {"running": False, "begins": False}
+    value |= {"running": False, "plays_when_ready": False}
     return rotation_noise_value(value, value["rows"][0], RotationNoiseRequest.noise_rad)
 
 
@@ -200,4 +200,4 @@ def rotation_noise_value(
         for name, label in ROTATION_SPACES.items()
     ]
     noise = {"rad": noise_rad, "range": [MIN_NOISE_RAD, MAX_NOISE_RAD], "has_slider": True}
-    return {**value, "rows": rows, "noise": noise, "plays": True}
+    return {**value, "rows": rows, "noise": noise, "is_example": True}

@@ -70,9 +70,9 @@ class SavedRun:
         return runs_title([run.record for run in self.clips.values()] or [self.record])
 
     def updates(
-        self, parts: ResultParts, run_view: RunView | None = None, *, begins: bool = False
+        self, parts: ResultParts, run_view: RunView | None = None, *, plays_when_ready: bool = False
     ) -> Updates:
-        """Return the updates of a tab that opens the run; with ``begins``, it plays at once."""
+        """Return the updates of a tab that opens the run, and plays it if asked to."""
         run_view = run_view or self.view
         record, notes = run_view.record, map(without_cli_options, run_view.record.notes)
         is_done, why = record.state == "done", without_folders(record.message)
@@ -94,7 +94,7 @@ class SavedRun:
             parts.clip: gr.update(choices=choices, value=self.token, visible=bool(choices)),
             parts.status: markup.sentence_status(line),
             parts.message: update_html(failed + markup.collapsed_notes(list(notes))),
-            parts.player: run_view.player_value() | {"begins": begins},
+            parts.player: run_view.player_value() | {"plays_when_ready": plays_when_ready},
             parts.downloads: update_html(self.downloads_html(run_view)),
         }
 

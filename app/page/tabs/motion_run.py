@@ -187,7 +187,7 @@ class MotionRunner(TabRunner):
         if request.output.has_video and saved.record.state == "done" and not saved.clips:
             self.videos.request_videos(saved, request.video)
         yield {
-            **saved.updates(parts, begins=True),
+            **saved.updates(parts, plays_when_ready=True),
             parts.runs: update_html(services.saved_runs.links_html(job.cookie, saved)),
             **self.button_updates(is_running=job.visitor in self._waiting),
         }

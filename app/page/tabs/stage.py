@@ -90,7 +90,7 @@ class EditRunner(TabRunner):
 
         def message_update(sentence: str, **how: Any) -> Updates:
             run_view.set_editor_message(sentence, **how)
-            return {self.parts.player: run_view.player_value() | {"begins": False}}
+            return {self.parts.player: run_view.player_value() | {"plays_when_ready": False}}
 
         def coming(events: list[RunEvent]) -> Updates:
             if not any(isinstance(event, FolderUpdated) for event in events):

@@ -195,7 +195,7 @@ class FigureRunner(TabRunner):
 
     def player_value(self, run_view: RunView, wanted: Mapping[str, Any]) -> dict[str, Any]:
         """Return the player's value of a run."""
-        return run_view.player_value() | {"plays": True}
+        return run_view.player_value() | {"is_example": True}
 
     def stopped_updates(self, status: str, message: str) -> Updates:
         return {

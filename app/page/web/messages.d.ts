@@ -11,15 +11,15 @@ export interface PlayerValue {
   /** URL of the `Timeline`. */
   timeline?: string;
   /** Sounds to choose from if the motions belong to different speeches. */
-  sounds?: Sound[];
+  sounds?: AudioTrack[];
   /** True if more will follow. */
   running?: boolean;
   /** True for an example that plays at once. */
-  plays?: boolean;
+  is_example?: boolean;
   /** True if it plays as soon as it can. */
-  begins?: boolean;
+  plays_when_ready?: boolean;
   noise?: ViewerNoise;
-  editing?: Editing;
+  editing?: PlanEditorState;
   /** Findings, the most severe first. */
   findings?: PlayerFinding[];
 }
@@ -107,8 +107,8 @@ export interface PlayerRow {
   assumed?: FileReading;
 }
 
-/** Sound of a comparison of two runs. */
-export interface Sound {
+/** Audio track of a comparison of two runs. */
+export interface AudioTrack {
   label: string;
   audio: string;
   timeline: string;
@@ -123,7 +123,7 @@ export interface ViewerNoise {
 }
 
 /** State of the plan editor. */
-export interface Editing {
+export interface PlanEditorState {
   /** Original rows of the run that can be edited. */
   rows: string[];
   /** Rows from which edits can start, by name. */

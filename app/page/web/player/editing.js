@@ -40,7 +40,7 @@ export class Editing {
   #onShown;
   #onExpected;
   #run = null;
-  /** @type {import("../messages").Editing} */
+  /** @type {import("../messages").PlanEditorState} */
   #value = NOTHING;
   /** @type {import("../messages").PlayerRow[]} */
   #rows = [];
@@ -167,7 +167,7 @@ export class Editing {
 
   /**
    * @param {string | null} run
-   * @param {import("../messages").Editing | null} value
+   * @param {import("../messages").PlanEditorState | null} value
    * @param {import("../messages").PlayerRow[]} rows
    */
   show(run, value, rows) {

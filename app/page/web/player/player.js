@@ -173,7 +173,7 @@ class Player {
    * @param {import("../messages").PlayerValue} value
    */
   show(value) {
-    const { run = null, rows = [], audio = null, sounds = [], plays = false, begins = false, findings = [] } = value;
+    const { run = null, rows = [], audio = null, sounds = [], is_example: plays = false, plays_when_ready: begins = false, findings = [] } = value;
     if (run !== this.#run) {
       this.#clear(run);
     }

@@ -28,7 +28,7 @@ from app.page.parts.markup import WORDS, add_tooltips
 from app.page.results.result_parts import NO_SENTENCES, figures_html
 from app.page.results.run_comparison import RunPair, match_motions, settings_sentence
 from app.page.results.run_view import RunView
-from app.page.results.saved_runs import SavedRuns, address_of
+from app.page.results.saved_runs import SavedRuns, url_of_runs
 from app.page.results.tables import clips_html, run_metrics_table, sets_html
 from app.run.output.provenance import NONE, differing_settings, settings_summary
 from app.run.output.run_folder import RunRecord
@@ -363,4 +363,4 @@ def test_only_one_speech_plays_together(run, tmp_path):
     assert not RunPair(silent, silent).has_same_speech
     runs = SavedRuns(3600.0)
     a, b = (keep(runs, tmp_path / name, "") for name in ("kept", "other"))
-    assert address_of(a, b) == f"?run={a.token}&run={b.token}"
+    assert url_of_runs(a, b) == f"?run={a.token}&run={b.token}"

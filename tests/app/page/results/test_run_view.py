@@ -70,7 +70,7 @@ def test_another_browser_gets_addresses_of_its_own_and_changes_nothing(tmp_path)
 def test_the_example_is_shown_to_every_visitor_without_a_cookie():
     media = SharedFolders()
     value = example_player_value(media)
-    assert value["plays"] and not value["running"] and value["noise"]["rad"] == 0.02
+    assert value["is_example"] and not value["running"] and value["noise"]["rad"] == 0.02
     local, other = value["rows"]
     assert (local["space"], other["space"]) == ("local", "global")
     assert local["frames"] == other["frames"] and local["color"] != other["color"]

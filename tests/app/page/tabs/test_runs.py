@@ -596,7 +596,9 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
     listed = saved(told[-1][tab.parts.downloads])
     assert [name for name in listed if name.endswith(".mp4")] == names
     players = [each[tab.parts.player] for each in told if tab.parts.player in each]
-    assert all("video" in row for row in players[-1]["rows"]) and not players[-1]["begins"]
+    assert (
+        all("video" in row for row in players[-1]["rows"]) and not players[-1]["plays_when_ready"]
+    )
     opened = tab.kept.find(tab.run.token)
     assert opened is not None
     shown = "viewer/globaldiff-local.frames"

@@ -127,7 +127,7 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
         len({row["frames"] for row in rows}) == 1 and WITHOUT_NOISE.split()[0] in rows[0]["frames"]
     )
     assert last["player"]["noise"]["rad"] == 0.05 and not last["player"]["noise"]["has_slider"]
-    assert last["player"]["plays"] and last["player"]["audio"] and last["player"]["timeline"]
+    assert last["player"]["is_example"] and last["player"]["audio"] and last["player"]["timeline"]
     assert "Moved by &lt;1&gt; cm." in last["message"]["value"]
     assert "Noise of 0.05 rad" in last["status"]
 
