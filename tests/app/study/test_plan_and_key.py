@@ -84,7 +84,7 @@ def test_one_system_can_take_part_with_several_settings(tmp_path):
 def test_a_condition_may_be_a_plan_or_a_change_of_it(tmp_path):
     plan = read(tmp_path, PLANNED_STUDY)
     styles = [system.style for system in plan.systems]
-    half, wrong = StyleChange(times={"gestures_per_min": 0.5}), StyleChange(wrong_words=True)
+    half, wrong = StyleChange(factors={"gestures_per_min": 0.5}), StyleChange(wrong_words=True)
     assert styles == [None, half, wrong, None]
     plans = [system.plan for system in plan.systems]
     assert plans == [None, None, None, {"one": tmp_path / "plans" / "one.eaf"}]

@@ -180,7 +180,7 @@ def test_character_is_kept_for_its_visitor_alone_and_moves(
     run.mkdir()
     assert characters.link("yours", run) is None
     linked = characters.link("mine", run)
-    with pytest.raises(RunError, match="allowed"):
+    with pytest.raises(RunError, match="the limit is"):
         quota.require("testclient", int(quota.max_bytes))
     assert mine.delete("/stage/character").status_code == 204
     quota.require("testclient", int(quota.max_bytes))

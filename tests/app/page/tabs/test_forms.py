@@ -195,7 +195,7 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
         ({"clips": [first]}, "Two clips are called 'a'"),
         ({"clips": ["/up/b.aiff"]}, r"b\.aiff is not a supported audio file \(\.wav,"),
         ({"clips": others, "plan": "/plan.json"}, "belongs to a single clip"),
-        ({"clips": [f"{number}.wav" for number in range(10)]}, "At most 10 clips .* 11 were given"),
+        ({"clips": [f"{number}.wav" for number in range(10)]}, "at most 10 clips; 11 were given"),
     ):
         with pytest.raises(RunError, match=words):
             read(form, **{**alone, "speech": first, **changes})

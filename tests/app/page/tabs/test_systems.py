@@ -90,7 +90,12 @@ def test_two_speeches_are_compared_examples_where_one_is_missing(tmp_path):
         (StepCurveRunner, (list("abcdefg"), None), "One to 6 systems", EXAMPLES),
         (SpeechEffectRunner, ([], None, None, "", False), "Select at least one system", EXAMPLES),
         (SpeechEffectRunner, (["gan/5"], None, None, "", False), "fewer than two", ()),
-        (SpeechEffectRunner, (["gan/5"], "/up/a.wav", "/a.wav", "", False), "one name", EXAMPLES),
+        (
+            SpeechEffectRunner,
+            (["gan/5"], "/up/a.wav", "/a.wav", "", False),
+            "the same name",
+            EXAMPLES,
+        ),
     ],
 )
 def test_what_is_missing_is_said(tmp_path, kind, values, words, examples):
