@@ -184,7 +184,7 @@ class FaceFirstSystem(System):
         return None
 
     @abstractmethod
-    def body(
+    def sample_body(
         self,
         speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
@@ -214,7 +214,9 @@ class FaceFirstSystem(System):
             self.face_plan(speech_window),
         )
         seed = None if before is None else before.clean[:, -self.config.seed_frames :]
-        return self.body(speech.with_context(self.config.speech_context, frames), face, seed, spec)
+        return self.sample_body(
+            speech.with_context(self.config.speech_context, frames), face, seed, spec
+        )
 
     def join(self, older: Window, newer: Window) -> Window:
         """Blend the bodies of two windows; their faces are blended already."""

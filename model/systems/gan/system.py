@@ -26,14 +26,14 @@ class GanSystem(FaceFirstSystem):
     network: Generator
 
     @torch.inference_mode()
-    def body(
+    def sample_body(
         self,
         speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
         spec: WindowSpec,
     ) -> BodyWindow:
-        """Sample the body (`FaceFirstSystem.body`) from posteriors as trained, or by DDIM."""
+        """Sample the body from posteriors as trained, or by DDIM."""
         config, size = self.config, spec.samples
         seed_poses = (
             torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed

@@ -112,14 +112,14 @@ class GlobalDiffSystem(FaceFirstSystem):
     """Time (s) in which a body with absolute position would return home at the initial speed."""
 
     @torch.inference_mode()
-    def body(
+    def sample_body(
         self,
         speech: Float[Tensor, "T_ctx dim"],
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
         spec: WindowSpec,
     ) -> BodyWindow:
-        """Sample the body (`FaceFirstSystem.body`), with in-painting of the seed early in the flow.
+        """Sample the body, with in-painting of the seed early in the flow.
 
         Until `INPAINT_UNTIL`, the seed frames replace the prediction of the first frames; later the
         network may change them, which halves the jump after the seed. A network with a
