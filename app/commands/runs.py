@@ -14,9 +14,9 @@ from tyro.conf import Positional, arg
 from app.errors import RunError
 from app.flags import Count, Names, family_files, set_family_files, text_type
 from app.run.batch.leaderboard import (
-    entries_of,
     leaderboard_html,
     merge_entries,
+    read_entries,
     read_leaderboard,
     write_leaderboard,
 )
@@ -154,7 +154,7 @@ def diagnose(
         check: Check sets against the rules of the GENEA leaderboard and compute no metrics; needs
             --reference, the recorded test clips (docs/many-clips.md).
     """
-    from app.run.batch.archives import is_packed
+    from app.run.batch.archives import is_archive
 
     if check not in (None, "genea"):
         raise RunError("--check must be genea.")
@@ -164,7 +164,7 @@ def diagnose(
     if check is not None:
         _check_sets(request)
         return
-    if any(path.is_dir() or is_packed(path) for path in paths):
+    if any(path.is_dir() or is_archive(path) for path in paths):
         _diagnose_folders(request, pool.make_pool())
         return
     if request.metrics.emage_weights is not None or request.metrics.genea_weights:
@@ -323,7 +323,7 @@ def leaderboard_add(
         note: Text to show next to the numbers.
     """
     old_entries = read_leaderboard(board) if board.exists() else []
-    new = [entries_of(folder, note, list(systems)) for folder in results]
+    new = [read_entries(folder, note, list(systems)) for folder in results]
     entries = merge_entries([old_entries, *new])
     write_leaderboard(entries, board)
     print_message(

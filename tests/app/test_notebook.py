@@ -44,7 +44,7 @@ def test_fields_that_no_run_has_are_refused():
     sound = (np.zeros(16_000, np.float32), 16_000)
     for asked, words in (
         ({"sped": 1}, "no option 'sped'; choose from body,"),
-        ({"recognise_words": 1}, "is words="),
+        ({"recognise_words": 1}, "use words="),
     ):
         with pytest.raises(RunError, match=words):
             generate(sound, progress=False, **asked)

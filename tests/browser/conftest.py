@@ -28,7 +28,7 @@ from app import text
 from app.config import AppConfig
 from app.page.launch import launch
 from app.run import tasks as run_tasks
-from app.run.batch.saved_run import run_in_folder
+from app.run.batch.saved_run import run_request
 from app.run.callbacks import RunCallbacks
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, DiagnoseRequest
@@ -250,7 +250,7 @@ def served_blocks(
         does: tasks by functions of a test's own, as of `FakeWorker`.
     """
     tasks = [each for each in vars(run_tasks).values() if isinstance(each, run_tasks.Task)]
-    known = {run_in_folder.__name__, *(task.name for task in (*tasks, EXPORT_STUDY))}
+    known = {run_request.__name__, *(task.name for task in (*tasks, EXPORT_STUDY))}
     assert does.keys() <= known, "a task of another name would be done by the real one"
     load_librosa()  # where nothing is kept it compiles, for longer than a browser waits for a run
     before = os.environ.get("GRADIO_TEMP_DIR")
@@ -304,7 +304,7 @@ class Fake:
 
     def generate(self, *arguments: Any) -> Any:
         if isinstance(arguments[0], DiagnoseRequest):
-            return run_in_folder(*arguments)
+            return run_request(*arguments)
         before = self.windows.__getitem__ if self.comes_in_windows else None
         given: dict[str, Any] = {"before_window": before, "before_figures": self.figures}
         run = fakes.make_generate(self.asked.append, seconds=self.seconds, plan=PLAN, **given)
@@ -317,7 +317,7 @@ class Fake:
     @property
     def does(self) -> dict[str, Any]:
         return {
-            "run_in_folder": self.generate,
+            "run_request": self.generate,
             "draw_videos_in_background": self.draw_videos_in_background,
             "export_from_request": _of_noise,
         }
@@ -355,14 +355,14 @@ def page_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _without_figures(ask: AnyRun, *told: Any) -> None:
     """They are three quarters of a short run's time, and looked at where `Fake` makes one."""
-    run_in_folder(replace_fields(ask, has_figures=False), *told)
+    run_request(replace_fields(ask, has_figures=False), *told)
 
 
 @pytest.fixture(scope="session")
 def real_address(all_weights: Path, page_files: Path) -> Iterator[str]:
     """Of the real page, with a system that performs plans among its tiny ones."""
     config = AppConfig(port=0, weights=all_weights, temp=page_files)
-    with served(config, run_in_folder=_without_figures, export_from_request=_of_noise) as url:
+    with served(config, run_request=_without_figures, export_from_request=_of_noise) as url:
         yield url
 
 

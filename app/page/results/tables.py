@@ -33,7 +33,7 @@ from app.findings.metric_table import (
 )
 from app.findings.verdict import make_verdict
 from app.page.parts import markup
-from app.run.batch.table import cells_of, interval, star_legend
+from app.run.batch.table import format_cells, mean_with_interval, star_legend
 from app.run.output.run_folder import FindingRecord, RunRecord
 from conventions.names import FILTER_VERSIONS, REFERENCE_NAME, FilterVersion, pluralise, short_names
 from model.metrics.protocols.table import WORKBENCH, protocol_of
@@ -302,7 +302,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
     verdict = make_verdict(first.point, measured)
     raw = values_by_metric({name: of["raw"] for name, of in clip.items()} for clip in measured)
     jerk = raw.get(JERK, {})
-    means = {name: interval(list(of.values())) for name, of in jerk.items()}
+    means = {name: mean_with_interval(list(of.values())) for name, of in jerk.items()}
     above = ""
     if verdict is not None:
         bars = _bars(first, means, text.OVER_CLIPS)
@@ -387,7 +387,7 @@ def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips
     head = markup.table_head({name: name for name in systems})
 
     def table(chosen: list[Mapping[str, Any]]) -> str:
-        cells_by_name = cells_of(list(systems), [dict(row) for row in chosen])
+        cells_by_name = format_cells(list(systems), [dict(row) for row in chosen])
         body = "".join(markup.table_row(title, cells) for title, cells in cells_by_name.items())
         return markup.table(SETS_TABLE, SETS_TABLE, head, body)
 

@@ -27,7 +27,7 @@ from app.page.tabs.runner import Services, TabRunner
 from app.page.tabs.stage import BackgroundVideos
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import cookie_of, equal_in_constant_time, visitor_of
-from app.run.batch.saved_run import OPENED, run_in_folder
+from app.run.batch.saved_run import OPENED, run_request
 from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent, RunStage
 from app.run.output.run_folder import end_run
 from app.run.requests.convert import replace_fields
@@ -169,7 +169,7 @@ class MotionRunner(TabRunner):
 
             def do(callbacks: RunCallbacks) -> None:
                 try:
-                    services.worker.do(run_in_folder, without_video, callbacks)
+                    services.worker.do(run_request, without_video, callbacks)
                 finally:  # after the end of its process, maybe later than that of the generator
                     opened = request.output.out.with_name(OPENED)
                     shutil.rmtree(opened, ignore_errors=True)

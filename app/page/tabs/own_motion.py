@@ -37,8 +37,8 @@ from app.page.tabs.motion_run import MotionRunner
 from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore
-from app.run.batch.archives import UNPACKED, is_packed, stem_of
-from app.run.batch.saved_run import is_saved_run
+from app.run.batch.archives import UNPACKED, archive_stem, is_archive
+from app.run.batch.saved_run import is_saved_run_zip
 from app.run.callbacks import RunCallbacks
 from app.run.examples import RECORDED, write_faulty_example
 from app.run.requests.convert import replace_fields, request_from
@@ -186,7 +186,7 @@ def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
     """Update the choices of files: the recorded motion by its name, shown motions, and channels."""
     paths = list(dict.fromkeys(paths or ()))[: MAX_FILES + len(SINGLE_FILE_KINDS)]
     kinds = {path: kind_of(path) for path in map(Path, paths)}
-    names = display_names([stem_of(path) for path, kind in kinds.items() if kind == "motions"])
+    names = display_names([archive_stem(path) for path, kind in kinds.items() if kind == "motions"])
     recorded = next(filter(_IS_RECORDED.search, names), "")
     first = list(names[:MAX_COMPARED])
     return (
@@ -220,7 +220,7 @@ def own_motion_request(values: Mapping[str, Any], job: Path, config: AppConfig) 
     motions, reference, speech = values["motions"], values["reference"], values["speech"]
     if not motions:
         raise RunError("Choose at least one motion file (.npz, .npy or .bvh), or a zip of many.")
-    if is_saved_run(motions):
+    if is_saved_run_zip(motions):
         return request_for_motions({"run": motions[0]}, None, job, config)
     limit = MAX_COMPARED - (reference is not None)
     if has_sets(motions):
@@ -236,7 +236,7 @@ def own_motion_request(values: Mapping[str, Any], job: Path, config: AppConfig) 
     if len(chosen) > limit:
         raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(chosen)))
     files = [*motions, *filter(None, [reference])]
-    if any(map(is_packed, [*files, *filter(None, [speech])])):
+    if any(map(is_archive, [*files, *filter(None, [speech])])):
         raise RunError(NO_SETS)
     values["shown"] = chosen if len(motions) > limit else ()
     values["told"] = values["told"].restricted_to(files, *names)
@@ -257,7 +257,7 @@ def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str,
     for kind, what in SINGLE_FILE_KINDS.items():
         if len(by_kind[kind]) > 1:
             raise RunError(ONE_FILE.format(what=what, count=len(by_kind[kind])))
-    names = display_names([stem_of(path) for path in by_kind["motions"]])
+    names = display_names([archive_stem(path) for path in by_kind["motions"]])
     motions = dict(zip(names, by_kind["motions"], strict=True))
     if recorded and recorded not in motions:
         raise RunError(NO_REFERENCE.format(name=printable(recorded)))
@@ -274,7 +274,7 @@ def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str,
 
 def has_sets(motions: Sequence[Path]) -> bool:
     """Check whether archives of clips are measured."""
-    return any(map(is_packed, motions)) and not is_saved_run(motions)
+    return any(map(is_archive, motions)) and not is_saved_run_zip(motions)
 
 
 def display_names(stems: Sequence[str]) -> tuple[str, ...]:

@@ -51,44 +51,46 @@ _DAMAGED = (
 class UnpackLimits:
     """Limits of extraction, reduced by what has been extracted."""
 
-    files: int = 10_000
+    max_files: int = 10_000
     """Maximum number of files, ignored ones included."""
-    total_bytes: int = 20 * 2**30
-    file_bytes: int = MAX_FILE_BYTES
-    reserve_bytes: int = 0
+    max_total_bytes: int = 20 * 2**30
+    max_file_bytes: int = MAX_FILE_BYTES
+    min_free_bytes: int = 0
     """Disk space (bytes) that stays free."""
 
 
 def unpack_archives(
-    sets: Sequence[tuple[Path, tuple[str, ...]]], top: Path, together: UnpackLimits | None = None
+    sets: Sequence[tuple[Path, tuple[str, ...]]],
+    target: Path,
+    shared_limits: UnpackLimits | None = None,
 ) -> dict[Path, Path]:
-    """Extract the archives among some sets into ``top``, and return their folders by archive.
+    """Extract the archives among some sets into ``target``, and return their folders by archive.
 
     Args:
         sets: archives and folders, each with the suffixes of the required files.
-        together: limits of all archives; by default each has its own.
+        shared_limits: limits of all archives; by default each has its own.
 
     Raises:
         RunError: as `unpack_archive`.
     """
     folders: dict[Path, Path] = {}
     for path, endings in sets:
-        if is_packed(path) and path not in folders:
-            folder = top / str(len(folders)) / safe_file_stem(stem_of(path))
+        if is_archive(path) and path not in folders:
+            folder = target / str(len(folders)) / safe_file_stem(archive_stem(path))
             folder.mkdir(parents=True)
-            unpack_archive(path, folder, endings, together)
+            unpack_archive(path, folder, endings, shared_limits)
             folders[path] = folder
     return folders
 
 
-def is_packed(path: Path) -> bool:
+def is_archive(path: Path) -> bool:
     """Check whether a path is named like an archive, and is not a folder."""
     return _ending_of(path.name) is not None and not path.is_dir()
 
 
-def stem_of(path: Path) -> str:
+def archive_stem(path: Path) -> str:
     """Return the name of a file without the suffix of an archive."""
-    return path.name[: -len(_ending_of(path.name) or "")] if is_packed(path) else path.stem
+    return path.name[: -len(_ending_of(path.name) or "")] if is_archive(path) else path.stem
 
 
 def _ending_of(name: str) -> str | None:
@@ -100,7 +102,7 @@ def unpack_archive(
     folder: Path,
     endings: Sequence[str],
     limits: UnpackLimits | None = None,
-    is_named: Callable[[str], bool] | None = None,
+    is_selected: Callable[[str], bool] | None = None,
 ) -> int:
     """Extract the files with some suffixes from an untrusted archive into an empty folder.
 
@@ -108,7 +110,7 @@ def unpack_archive(
 
     Args:
         limits: limits of extraction; by default those of a set on the command line.
-        is_named: selects paths in the archive, without nested archives; by default all are
+        is_selected: selects paths in the archive, without nested archives; by default all are
             extracted.
 
     Returns:
@@ -119,8 +121,8 @@ def unpack_archive(
             required file, or more than the limits. Files extracted before that was detected may
             remain.
     """
-    count = _Archive(archive, endings, limits or UnpackLimits(), is_named).unpack(folder)
-    if not count and is_named is None:
+    count = _Archive(archive, endings, limits or UnpackLimits(), is_selected).unpack(folder)
+    if not count and is_selected is None:
         raise RunError(
             f"{printable(archive.name)} contains no supported files ({', '.join(endings)})."
         )
@@ -134,7 +136,7 @@ class _Entry:
     path: PurePosixPath
     size: int
     is_folder: bool
-    opened: Callable[[], IO[bytes] | None]
+    open_file: Callable[[], IO[bytes] | None]
 
 
 class _Archive:
@@ -145,11 +147,11 @@ class _Archive:
         path: Path,
         endings: Sequence[str],
         limits: UnpackLimits,
-        is_named: Callable[[str], bool] | None = None,
+        is_selected: Callable[[str], bool] | None = None,
         depth: int = 0,
     ) -> None:
         self._path, self._endings, self._limits, self._depth = path, endings, limits, depth
-        self._is_named = is_named
+        self._is_selected = is_selected
         self._name = printable(path.name)
 
     def unpack(self, folder: Path) -> int:
@@ -159,9 +161,9 @@ class _Archive:
             with self._tar() if noun == "tar" else self._zip() as entries:
                 wanted = self._wanted(entries)
                 needed_bytes = sum(entry.size for entry in wanted)
-                require_free_space(folder, needed_bytes + self._limits.reserve_bytes)
+                require_free_space(folder, needed_bytes + self._limits.min_free_bytes)
                 for entry in wanted:
-                    source = entry.opened()
+                    source = entry.open_file()
                     assert source is not None
                     with source:
                         check = _write(source, entry.size, folder / entry.path)
@@ -194,7 +196,7 @@ class _Archive:
                 f"{self._name} contains {path.name!r}, an archive nested {depth} levels deep; at "
                 f"most {_MAX_NESTED} levels are unpacked. Pack the files without inner archives."
             )
-        into = path.with_name(stem_of(path) or "set")
+        into = path.with_name(archive_stem(path) or "set")
         if into.is_file():
             raise RunError(
                 f"{self._name} contains two files with the same name and was not extracted; "
@@ -208,7 +210,7 @@ class _Archive:
     @contextmanager
     def _zip(self) -> Iterator[list[_Entry]]:
         """List the entries of a zip; backslashes of Windows are converted."""
-        most = self._limits.files
+        most = self._limits.max_files
         try:
             with open_limited_zip(self._path, _BYTES_AN_ENTRY * most) as opened:
                 yield [
@@ -232,10 +234,10 @@ class _Archive:
     def _tar(self) -> Iterator[list[_Entry]]:
         is_plain = self._path.name.lower().endswith(".tar")
         with self._path.open("rb") if is_plain else gzip.open(self._path) as file:
-            capped = _Capped(cast(IO[bytes], file), self._name, self._limits)
+            capped = _CappedStream(cast(IO[bytes], file), self._name, self._limits)
             with tarfile.open(fileobj=cast(IO[bytes], capped), mode="r:") as opened:
                 entries: list[_Entry] = []
-                for member in islice(opened, self._limits.files + 1):
+                for member in islice(opened, self._limits.max_files + 1):
                     if member.size < 0:
                         raise tarfile.ReadError("a file of less than nothing")
                     is_usual = member.isdir() or (member.isreg() and not member.issparse())
@@ -247,36 +249,36 @@ class _Archive:
     def _wanted(self, entries: list[_Entry]) -> list[_Entry]:
         """Return the entries of required files, and subtract their sizes from the limits."""
         name, left = self._name, self._limits
-        if len(entries) > left.files:
+        if len(entries) > left.max_files:
             raise RunError(
-                f"{name} contains {len(entries)} files; the limit is {left.files}. Split the "
+                f"{name} contains {len(entries)} files; the limit is {left.max_files}. Split the "
                 "archive."
             )
         wanted: dict[PurePosixPath, _Entry] = {}
         for entry in entries:
-            path, is_archive = entry.path, _ending_of(entry.path.name) is not None
-            is_wanted = path.suffix.lower() in self._endings or is_archive
-            if self._is_named is not None:
-                is_wanted = not is_archive and is_wanted and self._is_named(path.as_posix())
+            path, is_nested = entry.path, _ending_of(entry.path.name) is not None
+            is_wanted = path.suffix.lower() in self._endings or is_nested
+            if self._is_selected is not None:
+                is_wanted = not is_nested and is_wanted and self._is_selected(path.as_posix())
             if entry.is_folder or not is_wanted or is_hidden(path):
                 continue
             if path in wanted:
                 raise RunError(
                     f"{name} contains {str(path)!r} twice and was not extracted; remove one."
                 )
-            if entry.size > left.file_bytes and not is_archive:
+            if entry.size > left.max_file_bytes and not is_nested:
                 raise RunError(
                     f"{name} contains {str(path)!r} of {_mib(entry.size)}; the limit for a file is "
-                    f"{_mib(left.file_bytes)}."
+                    f"{_mib(left.max_file_bytes)}."
                 )
             wanted[path] = entry
         total = sum(entry.size for entry in wanted.values())
-        if total > left.total_bytes:
+        if total > left.max_total_bytes:
             raise RunError(
-                f"{name} would extract to {_mib(total)}; the limit is {_mib(left.total_bytes)}."
+                f"{name} would extract to {_mib(total)}; the limit is {_mib(left.max_total_bytes)}."
             )
-        left.files -= len(entries)
-        left.total_bytes -= total
+        left.max_files -= len(entries)
+        left.max_total_bytes -= total
         return list(wanted.values())
 
     def _checked(self, path: str, is_usual: bool) -> PurePosixPath:
@@ -301,12 +303,12 @@ class _Archive:
         return PurePosixPath(*parts)
 
 
-class _Capped:
+class _CappedStream:
     """Stream that cannot be read beyond the limits of a tar, nor in large pieces."""
 
     def __init__(self, file: IO[bytes], name: str, limits: UnpackLimits) -> None:
         self._file, self._name = file, name
-        self._most = limits.total_bytes + limits.files * _BYTES_AN_ENTRY
+        self._most = limits.max_total_bytes + limits.max_files * _BYTES_AN_ENTRY
 
     def read(self, size: int = -1) -> bytes:
         if not 0 <= size <= _MAX_HEADER_BYTES + tarfile.BLOCKSIZE:

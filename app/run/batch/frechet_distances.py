@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from app.errors import RunError
 from app.findings.metric_table import FGD, FGD_EMAGE, FGD_GENEA, TITLES
-from app.run.batch.published_metrics import DRAWS, PLAIN, interval_rows, varied
+from app.run.batch.published_metrics import DRAWS, PLAIN, apply_variation, interval_rows
 from app.run.requests.parts import MetricOptions
 from conventions.names import REFERENCE_NAME
 from model.evaluation.frechet import FeatureMoments, frechet_from_moments, motion_features
@@ -46,8 +46,8 @@ class FeatureEncoder:
     """Key of the distance by this encoder."""
     protocol: str
     """Id of the protocol (`model.metrics.protocols`)."""
-    codes: Callable[[Motion, RestSkeleton], Any]
-    frames_a_code: int
+    encode: Callable[[Motion, RestSkeleton], Any]
+    frames_per_code: int
     sha256: str
     offset: float = 0.0
     """Offset argument of `frechet_from_moments`."""
@@ -104,7 +104,7 @@ def encoder_digests(metrics: MetricOptions) -> dict[str, str]:
     }
 
 
-def check_weights(metrics: MetricOptions, reference: Path | None) -> None:
+def check_encoder_files(metrics: MetricOptions, reference: Path | None) -> None:
     """Check before measuring that files of encoders are right and can be used.
 
     Raises:
@@ -121,12 +121,12 @@ def check_weights(metrics: MetricOptions, reference: Path | None) -> None:
     feature_encoders(metrics)
 
 
-def codes_path(record: Path) -> Path:
+def features_path(record: Path) -> Path:
     """Return the path of a clip's features, next to its record."""
     return record.with_suffix(".codes.npz")
 
 
-def save_codes(
+def save_features(
     record: Path,
     motions: Mapping[str, Sequence[Motion]],
     metrics: MetricOptions,
@@ -139,13 +139,13 @@ def save_codes(
     """
     codes: dict[str, Any] = {
         _key(number, name, variation): np.concatenate(
-            [judge.codes(*varied(motion, variation)) for motion in samples]
+            [judge.encode(*apply_variation(motion, variation)) for motion in samples]
         )
         for number, judge in enumerate(feature_encoders(metrics))
         for variation in (PLAIN, *variations)
         for name, samples in motions.items()
     }
-    with written_atomically(codes_path(record)) as part:
+    with written_atomically(features_path(record)) as part:
         np.savez(part, **{key: each.astype(np.float32) for key, each in codes.items()})
 
 
@@ -167,7 +167,7 @@ def distance_values(
     for number, judge in enumerate(feature_encoders(metrics) if REFERENCE_NAME in systems else ()):
         for variation in (PLAIN, *variations):
             recorded = np.concatenate(list(_codes_of(number, records, REFERENCE_NAME, variation)))
-            if len(recorded) < least_codes(recorded.shape[1]):
+            if len(recorded) < min_num_codes(recorded.shape[1]):
                 continue
             for name in (name for name in systems if name != REFERENCE_NAME):
                 codes = np.concatenate(list(_codes_of(number, records, name, variation)))
@@ -191,9 +191,9 @@ def distance_rows(
     notes: list[str] = []
     for number, judge in enumerate(feature_encoders(metrics) if REFERENCE_NAME in systems else ()):
         shapes = [codes.shape for codes in _codes_of(number, records, REFERENCE_NAME)]
-        count, least = sum(length for length, _ in shapes), least_codes(shapes[0][1])
+        count, least = sum(length for length, _ in shapes), min_num_codes(shapes[0][1])
         if count < least:
-            counts = {"codes": count, "frames": judge.frames_a_code, "least": least}
+            counts = {"codes": count, "frames": judge.frames_per_code, "least": least}
             notes.append(LEFT_OUT.format(encoder=TITLES[judge.metric].rsplit(", ", 1)[1], **counts))
             continue
         measured = [record for record, (length, _) in zip(records, shapes, strict=True) if length]
@@ -201,7 +201,7 @@ def distance_rows(
     return rows, notes
 
 
-def least_codes(numbers: int) -> int:
+def min_num_codes(numbers: int) -> int:
     """Return the number of features of a dimension that a covariance of full rank needs."""
     return numbers + 1
 
@@ -211,7 +211,7 @@ def _codes_of(
 ) -> Iterator[np.ndarray]:
     """Yield the features of one set, clip by clip."""
     for record in records:
-        with np.load(codes_path(record), allow_pickle=False) as file:
+        with np.load(features_path(record), allow_pickle=False) as file:
             yield file[_key(encoder, name, variation)].astype(np.float64)
 
 

@@ -63,7 +63,7 @@ class MetricValue:
 
 
 @dataclass(frozen=True)
-class Entry:
+class LeaderboardEntry:
     """Results of one system on one test."""
 
     __pydantic_config__ = _CONFIG
@@ -102,10 +102,10 @@ class Leaderboard(BaseModel):
     """Content of a leaderboard file, which may be from another lab."""
 
     format: Literal[2] = FORMAT
-    entries: list[Entry]
+    entries: list[LeaderboardEntry]
 
 
-def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[Entry]:
+def read_entries(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[LeaderboardEntry]:
     """Make the entries of a folder of `diagnose` with whole sets.
 
     Args:
@@ -134,7 +134,9 @@ def entries_of(folder: Path, note: str = "", names: Iterable[str] = ()) -> list[
         ) from error
 
 
-def _entries(results: dict[str, Any], folder: Path, note: str, names: set[str]) -> list[Entry]:
+def _entries(
+    results: dict[str, Any], folder: Path, note: str, names: set[str]
+) -> list[LeaderboardEntry]:
     where = results["provenance"]
     if not where["reference"]:
         raise RunError(
@@ -156,11 +158,13 @@ def _entries(results: dict[str, Any], folder: Path, note: str, names: set[str]) 
     ).entries
 
 
-def _entry(results: dict[str, Any], where: dict[str, Any], name: str, note: str) -> Entry:
+def _entry(
+    results: dict[str, Any], where: dict[str, Any], name: str, note: str
+) -> LeaderboardEntry:
     rows = [
         row for row in results["measures"] if row["system"] == name and not row["difference_to"]
     ]
-    return Entry(
+    return LeaderboardEntry(
         system=name,
         test=_test_of(where),
         files=where["systems"][name],
@@ -184,12 +188,12 @@ def _test_of(where: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(same, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def merge_entries(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
+def merge_entries(boards: Iterable[Iterable[LeaderboardEntry]]) -> list[LeaderboardEntry]:
     """Merge entries; of those with the same files and test, the latest measurement wins.
 
     If it has no note, it gets the earlier one's.
     """
-    merged: dict[tuple[str, str, str], Entry] = {}
+    merged: dict[tuple[str, str, str], LeaderboardEntry] = {}
     for board in boards:
         for entry in board:
             existing = merged.get(entry.key)
@@ -203,13 +207,13 @@ def merge_entries(boards: Iterable[Iterable[Entry]]) -> list[Entry]:
     )
 
 
-def write_leaderboard(entries: Iterable[Entry], path: Path) -> None:
+def write_leaderboard(entries: Iterable[LeaderboardEntry], path: Path) -> None:
     """Write a leaderboard atomically; raises WriteError."""
     board = Leaderboard(entries=list(entries))
     write_atomically(path, f"{board.model_dump_json(indent=1, by_alias=True)}\n")
 
 
-def read_leaderboard(path: Path) -> list[Entry]:
+def read_leaderboard(path: Path) -> list[LeaderboardEntry]:
     """Read a leaderboard; raises RunError if it is not valid."""
     try:
         return read_json(path, Leaderboard, MAX_BYTES).entries
@@ -226,7 +230,7 @@ _WITHOUT_AIM = {row.key for row in METRICS if not row.is_compared_with_reference
 _FIRST = {row.key for row in METRICS if row.is_primary or row.key == POWER_ABOVE_5_HZ}
 
 
-def leaderboard_html(entries: Sequence[Entry]) -> str:
+def leaderboard_html(entries: Sequence[LeaderboardEntry]) -> str:
     """Format the page with a table for each test, from the template in this folder.
 
     Args:
@@ -251,7 +255,7 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
     )
 
 
-def _by_protocol(entry: Entry, entries: Sequence[Entry]) -> Entry:
+def _by_protocol(entry: LeaderboardEntry, entries: Sequence[LeaderboardEntry]) -> LeaderboardEntry:
     """Give metrics that the entries measured by several protocols keys with their protocol."""
     used: dict[str, set[str]] = {}
     for each in entries:
@@ -267,7 +271,7 @@ def _by_protocol(entry: Entry, entries: Sequence[Entry]) -> Entry:
     )
 
 
-def _table(entries: list[Entry]) -> dict[str, Any]:
+def _table(entries: list[LeaderboardEntry]) -> dict[str, Any]:
     """Return one test for the template; BeatAlign is only included with its chance level."""
     entries = [_by_protocol(entry, entries) for entry in entries]
     keys = dict.fromkeys(key for entry in entries for key in entry.measures)

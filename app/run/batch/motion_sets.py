@@ -21,27 +21,33 @@ from app.errors import RunError
 from app.findings.metric_table import METRICS, incomparable_parts, metric_values
 from app.run.batch.archives import UNPACKED, UnpackLimits, unpack_archives
 from app.run.batch.frechet_distances import (
-    check_weights,
-    codes_path,
+    check_encoder_files,
     distance_rows,
     distance_values,
     encoder_digests,
-    save_codes,
+    features_path,
+    save_features,
 )
-from app.run.batch.pairing import Samples, first_sample, no_common_clips, pair_files, shorten_list
+from app.run.batch.pairing import (
+    SampleFiles,
+    first_sample_file,
+    no_common_clips_error,
+    pair_files,
+    shorten_list,
+)
 from app.run.batch.published_metrics import (
     PLAIN,
     VARIATIONS,
     PublishedMetrics,
+    make_varied_clip,
     mean_sums,
-    rule_lines,
+    protocol_comparison_lines,
     save_sums,
     sums_path,
-    varied_clip,
 )
 from app.run.batch.speech_batch import ENDINGS as SOUND_ENDINGS
 from app.run.batch.speech_batch import inputs_digest, run_jobs
-from app.run.batch.table import draw_spread, mean_of_samples, write_tables
+from app.run.batch.table import average_samples, draw_distribution_figure, write_tables
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import onsets_of
 from app.run.imported_motions import protocol_inputs
@@ -88,9 +94,11 @@ def measure_sets(request: DiagnoseRequest, callbacks: RunCallbacks = NO_CALLBACK
         Cancelled: if the caller has cancelled.
         RunError: also if the archives exceed the limits.
     """
-    limits = UnpackLimits(files=MAX_FILES, total_bytes=MAX_BYTES, reserve_bytes=10**9)
-    folders = unpack_archives(sets_of(request), request.output.out / UNPACKED, limits)
-    result = diagnose_folders(in_folders(request, folders), callbacks.progress_callback("numbers"))
+    limits = UnpackLimits(max_files=MAX_FILES, max_total_bytes=MAX_BYTES, min_free_bytes=10**9)
+    folders = unpack_archives(input_sets(request), request.output.out / UNPACKED, limits)
+    result = diagnose_folders(
+        with_unpacked_folders(request, folders), callbacks.progress_callback("numbers")
+    )
     return replace(result, request=request)
 
 
@@ -111,13 +119,15 @@ def diagnose_folders(
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if the workers are lost.
     """
-    check_weights(with_paths(request, Path.absolute).metrics, request.imports.reference)
+    check_encoder_files(with_paths(request, Path.absolute).metrics, request.imports.reference)
     with ResultFolder(request.output.out, is_incremental=True) as results:
-        folders = unpack_archives(sets_of(request), results.scratch("sets"))
-        return _diagnose_sets(in_folders(request, folders), on_progress, pool or JobPool(1))
+        folders = unpack_archives(input_sets(request), results.scratch("sets"))
+        return _diagnose_sets(
+            with_unpacked_folders(request, folders), on_progress, pool or JobPool(1)
+        )
 
 
-def sets_of(request: DiagnoseRequest) -> list[tuple[Path, tuple[str, ...]]]:
+def input_sets(request: DiagnoseRequest) -> list[tuple[Path, tuple[str, ...]]]:
     """Return folders and archives of the request, each with the suffixes of its files."""
     motions: list[tuple[Path, tuple[str, ...]]] = [
         (path, ENDINGS)
@@ -131,7 +141,9 @@ def sets_of(request: DiagnoseRequest) -> list[tuple[Path, tuple[str, ...]]]:
     )
 
 
-def in_folders(request: DiagnoseRequest, folders: Mapping[Path, Path]) -> DiagnoseRequest:
+def with_unpacked_folders(
+    request: DiagnoseRequest, folders: Mapping[Path, Path]
+) -> DiagnoseRequest:
     """Return the request with folders in place of archives."""
     reference, speech = request.imports.reference, request.speech.path
     return replace_fields(
@@ -152,10 +164,10 @@ def _diagnose_sets(
     if (speech := _speech_folder(request)) is not None:
         of_sets[_SPEECH] = speech, SOUND_ENDINGS
     files = pair_files(of_sets, (REFERENCE_NAME, _SPEECH))
-    sounds = {clip: first_sample(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
+    sounds = {clip: first_sample_file(samples) for clip, samples in files.pop(_SPEECH, {}).items()}
     clips = sorted(set.intersection(*(set(paths_of_set) for paths_of_set in files.values())))
     if not clips:
-        raise no_common_clips(files)
+        raise no_common_clips_error(files)
     notes = [
         f"{name}: {len(paths_of_set) - len(clips)} of {len(paths_of_set)} clips are missing in "
         f"another set and were not measured: {shorten_list(set(paths_of_set) - set(clips))}."
@@ -182,7 +194,7 @@ def _diagnose_sets(
 
 def _diagnose_clips(
     request: DiagnoseRequest,
-    files: dict[str, dict[str, Samples]],
+    files: dict[str, dict[str, SampleFiles]],
     sounds: dict[str, Path],
     clips: list[str],
     notes: list[str],
@@ -216,7 +228,7 @@ def _diagnose_clips(
     records = {clip: each.record for clip, each in measured.items() if clip not in left_out}
     numbers = {clip: json.loads(path.read_text()) for clip, path in records.items()}
     notes += [sentence for each in numbers.values() for sentence in each["unread"]]
-    above = notes_on_sets(files, list(numbers.values()))
+    above = import_notes(files, list(numbers.values()))
     notes[:0] = above
     systems, records_list = list(files), list(records.values())
     distances, unsaid = distance_rows(systems, records_list, here.metrics)
@@ -235,16 +247,18 @@ def _diagnose_clips(
         origin=origin,
         more=[*distances, *published.rows(systems)],
         speeds=speeds,
-        below=rule_lines(systems, compared, here.metrics.expected),
+        below=protocol_comparison_lines(systems, compared, here.metrics.expected),
     )
-    drawn, spread_notes = draw_spread(request.output.out, systems, list(numbers.values()), speeds)
+    drawn, spread_notes = draw_distribution_figure(
+        request.output.out, systems, list(numbers.values()), speeds
+    )
     return SetResults(
         request,
         files=(*written, *drawn),
         notes=(*notes, *unsaid, *spread_notes),
         summary=results,
         clips={
-            name: {clip: first_sample(readings[clip]) for clip in numbers}
+            name: {clip: first_sample_file(readings[clip]) for clip in numbers}
             for name, readings in files.items()
         },
         audio_files={clip: sounds[clip] for clip in numbers if clip in sounds},
@@ -275,7 +289,7 @@ def _by_rule(
         for system in systems
         for protocol in PROTOCOLS
         for variation in VARIATIONS
-        for key, value in published.value(protocol, system, variation).items()
+        for key, value in published.values(protocol, system, variation).items()
     }
     for system in systems:
         for key in ("beat_align", "l1_diversity_m"):
@@ -332,7 +346,7 @@ def _speech_folder(request: DiagnoseRequest) -> Path | None:
 class _ClipJob:
     """Files of one clip, measured by one process; all paths are absolute."""
 
-    files: dict[str, Samples]
+    files: dict[str, SampleFiles]
     """Motion files by set, including the recorded one."""
     sound: Path | None
     request: DiagnoseRequest
@@ -377,7 +391,9 @@ class _ClipJob:
             is_current = json.loads(self.record.read_text()).get("stamp") == self._stamp()
         except (OSError, ValueError, AttributeError):
             return False
-        return is_current and all(path(self.record).is_file() for path in (codes_path, sums_path))
+        return is_current and all(
+            path(self.record).is_file() for path in (features_path, sums_path)
+        )
 
     def measure(self) -> None:
         """Measure all systems and the reference over their common frames, with means over samples.
@@ -420,11 +436,11 @@ class _ClipJob:
                 })  # fmt: skip
                 if name == REFERENCE_NAME:
                     reference = analysed
-            assumed = [assumed_in(each) for each in readings[name].values()]
-            systems[name] = {**mean_of_samples(notes), "assumed": assumed}
+            assumed = [notable_assumptions(each) for each in readings[name].values()]
+            systems[name] = {**average_samples(notes), "assumed": assumed}
         self.record.parent.mkdir(parents=True, exist_ok=True)
         variations = _variations(self.request)
-        save_codes(self.record, motions, self.request.metrics, variations)
+        save_features(self.record, motions, self.request.metrics, variations)
         save_sums(self.record, self._sums(readings, motions, clips, shared["inputs"]))
         notes = {"frames": shortest, "systems": systems, "unread": unread}
         write_atomically(
@@ -450,7 +466,9 @@ class _ClipJob:
             for name, samples in motions.items():
                 varied = clips[name]
                 if variation != PLAIN:
-                    varied = [varied_clip(each, inputs, variation, recorded) for each in samples]
+                    varied = [
+                        make_varied_clip(each, inputs, variation, recorded) for each in samples
+                    ]
                 if name == REFERENCE_NAME:
                     recorded = varied[0]
                 sums[name, variation] = mean_sums([
@@ -517,7 +535,7 @@ def _origin_of(
     }
 
 
-def assumed_in(reading: ImportedMotion) -> dict[str, Any]:
+def notable_assumptions(reading: ImportedMotion) -> dict[str, Any]:
     """Return the assumptions on a file that differ from our format, and what it lacks."""
     assumptions = [each for each in reading.assumptions if not each.is_default]
     return {
@@ -526,7 +544,7 @@ def assumed_in(reading: ImportedMotion) -> dict[str, Any]:
     }
 
 
-def notes_on_sets(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> list[str]:
+def import_notes(systems: Iterable[str], numbers: Sequence[dict[str, Any]]) -> list[str]:
     """Return notes on all clips: what sets lack, how they differ, and their assumptions.
 
     Assumptions are the most frequent first, such as ``mine: up assumed to be z in 40 of 40 files``.

@@ -25,7 +25,7 @@ _SAMPLE = re.compile(
 )
 _FOLDER = re.compile(r"^(?:sample|seed|run)s?[_-]?(?P<sample>\d{1,4})$", re.I)
 _BARE = re.compile(r"^(?:(?:sample|seed|run)[_-]?)?(?P<sample>\d{1,4})$", re.I)
-Samples = dict[str, Path]
+SampleFiles = dict[str, Path]
 """Files of one clip by sample; the key of a single one is empty."""
 
 
@@ -39,7 +39,7 @@ class _PairedFile:
 
 def pair_files(
     folders: Mapping[str, tuple[Path, tuple[str, ...]]], recorded: Iterable[str] = ()
-) -> dict[str, dict[str, Samples]]:
+) -> dict[str, dict[str, SampleFiles]]:
     """Pair the files of several sets, by set, clip and sample.
 
     Args:
@@ -79,7 +79,7 @@ def pair_files(
     return {name: paths for name, (paths, _) in clips.items()}
 
 
-def no_common_clips(files: Mapping[str, Mapping[str, Samples]]) -> RunError:
+def no_common_clips_error(files: Mapping[str, Mapping[str, SampleFiles]]) -> RunError:
     """Return the error for sets without a common clip, naming some clips of each."""
     some = "; ".join(
         f"{name} has {', '.join(sorted(clips)[:3]) or 'none'}" for name, clips in files.items()
@@ -89,7 +89,7 @@ def no_common_clips(files: Mapping[str, Mapping[str, Samples]]) -> RunError:
     )
 
 
-def first_sample(samples: Samples) -> Path:
+def first_sample_file(samples: SampleFiles) -> Path:
     """Return the file of the first sample."""
     return samples[min(samples, key=lambda sample: (len(sample), sample))]
 
@@ -161,9 +161,9 @@ def _number(pattern: re.Pattern[str], text: str) -> str:
 
 def _clips(
     files: list[_PairedFile], depth: int
-) -> tuple[dict[str, Samples], tuple[Path, Path] | None]:
+) -> tuple[dict[str, SampleFiles], tuple[Path, Path] | None]:
     """Return clips by names of ``depth`` parts, and two files that these do not distinguish."""
-    clips: dict[str, Samples] = {}
+    clips: dict[str, SampleFiles] = {}
     for each in files:
         clip = str(PurePosixPath(*each.parts[-depth:]))
         samples = clips.setdefault(clip, {})

@@ -49,8 +49,8 @@ def _at_15_fps(motion: Motion) -> Motion:
 class Variation:
     """Change of the rule of which the effect is measured."""
 
-    motion: Callable[[Motion], Motion] = lambda motion: motion
-    scale: float = 1.0
+    transform: Callable[[Motion], Motion] = lambda motion: motion
+    skeleton_scale: float = 1.0
     """Size of the skeleton."""
 
 
@@ -61,7 +61,7 @@ VARIATIONS: Mapping[str, Variation] = {
     "without translation": Variation(
         lambda motion: replace(motion, trans=np.zeros_like(motion.trans))
     ),
-    "skeleton 10 % larger": Variation(scale=TALLER),
+    "skeleton 10 % larger": Variation(skeleton_scale=TALLER),
 }
 
 
@@ -76,14 +76,14 @@ def _pairs_of(name: str) -> list[tuple[str, str]]:
     ]
 
 
-def varied(motion: Motion, name: str) -> tuple[Motion, RestSkeleton]:
+def apply_variation(motion: Motion, name: str) -> tuple[Motion, RestSkeleton]:
     """Return the motion and the skeleton of a variation."""
-    bones, scale = open_body_skeleton(), VARIATIONS[name].scale
+    bones, scale = open_body_skeleton(), VARIATIONS[name].skeleton_scale
     skeleton = RestSkeleton(bones.rest_joints * scale, bones.tip_offsets * scale)
-    return VARIATIONS[name].motion(motion), skeleton
+    return VARIATIONS[name].transform(motion), skeleton
 
 
-def varied_clip(
+def make_varied_clip(
     motion: Motion, inputs: ProtocolInputs, variation: str, recorded: Clip | None = None
 ) -> Clip:
     """Make the clip of a motion under a variation of the rule.
@@ -91,7 +91,7 @@ def varied_clip(
     Args:
         recorded: clip of the recorded motion under the same variation.
     """
-    here, skeleton = varied(motion, variation)
+    here, skeleton = apply_variation(motion, variation)
     return inputs.make_clip(here, track_points(here, skeleton), recorded)
 
 
@@ -144,12 +144,14 @@ class PublishedMetrics:
                     sums[key] = sums.get(key, 0.0) + drawn
                     self.clips[where] = self.clips.get(where, 0) + (key == next(iter(sums)))
 
-    def values(self, protocol: str, system: str, variation: str = PLAIN) -> dict[str, np.ndarray]:
+    def bootstrap_values(
+        self, protocol: str, system: str, variation: str = PLAIN
+    ) -> dict[str, np.ndarray]:
         """Return the value of all clips and those of the draws, by name; NaN for an empty draw."""
         draws = [self._evaluate(protocol, system, variation, k) for k in range(len(self._draws))]
         return {key: np.array([each.get(key, np.nan) for each in draws]) for key in draws[0]}
 
-    def value(self, protocol: str, system: str, variation: str) -> dict[str, float]:
+    def values(self, protocol: str, system: str, variation: str) -> dict[str, float]:
         """Return the value of all clips by name."""
         return self._evaluate(protocol, system, variation, 0)
 
@@ -164,7 +166,7 @@ class PublishedMetrics:
         for protocol, record in PROTOCOLS.items():
             if record.is_own:
                 continue
-            values = {name: self.values(protocol, name) for name in systems}
+            values = {name: self.bootstrap_values(protocol, name) for name in systems}
             for key, unit in (record.value_units or {}).items():
                 values_of_metric = {name: each[key] for name, each in values.items() if key in each}
                 clips = {name: self.clips[PLAIN, protocol, name] for name in values_of_metric}
@@ -200,7 +202,7 @@ def _interval(values: Float[np.ndarray, " draws"]) -> tuple[float, float, float]
     return limits.mean, limits.low, limits.high
 
 
-def rule_lines(
+def protocol_comparison_lines(
     systems: Sequence[str],
     values: Mapping[tuple[str, str, str, str], float],
     expected: Expected,

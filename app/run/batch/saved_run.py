@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.batch.archives import UnpackLimits, is_packed, unpack_archive
+from app.run.batch.archives import UnpackLimits, is_archive, unpack_archive
 from app.run.batch.speech_batch import clip_requests, run_batch
 from app.run.callbacks import RunCallbacks
 from app.run.output.run_folder import (
@@ -31,7 +31,7 @@ from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
 
-LIMITS = UnpackLimits(files=2_000, total_bytes=10**9, reserve_bytes=10**9)
+LIMITS = UnpackLimits(max_files=2_000, max_total_bytes=10**9, min_free_bytes=10**9)
 """Limits of a visitor's archive."""
 ENDINGS = (".json", ".npz", ".wav")
 ALL_ENDINGS = (*ENDINGS, ".frames", ".csv", ".md", ".tex", ".png", ".svg", ".pdf", ".mp4", ".jpg")
@@ -43,7 +43,7 @@ SPEECH_FOLDER = "form"
 """Folder next to the results with the speech files of several clips."""
 
 
-def run_in_folder(request: AnyRun, callbacks: RunCallbacks) -> None:
+def run_request(request: AnyRun, callbacks: RunCallbacks) -> None:
     """Run a request, also one for a run's zip, or for several clips in the folder of the form.
 
     The motions in a zip are measured again. No list of paths is read, as it might name any file.
@@ -58,8 +58,8 @@ def run_in_folder(request: AnyRun, callbacks: RunCallbacks) -> None:
     out, speech = request.output.out, request.speech.path
     pool = JobPool(1)
     if isinstance(request, DiagnoseRequest):
-        if is_saved_run(request.motions.motions):
-            requests = {**opened(request, out.with_name(OPENED))}
+        if is_saved_run_zip(request.motions.motions):
+            requests = {**reopen_requests(request, out.with_name(OPENED))}
     elif speech == out.with_name(SPEECH_FOLDER):
         requests = {**clip_requests(request)}
         paths = [each.speech.path for each in requests.values() if each.speech.path]
@@ -73,18 +73,18 @@ def run_in_folder(request: AnyRun, callbacks: RunCallbacks) -> None:
         raise RunError(next(iter(done.failed.values())))
 
 
-def is_saved_run(motions: Sequence[Path]) -> bool:
+def is_saved_run_zip(motions: Sequence[Path]) -> bool:
     """Check whether the motions are a single zip of a run, or of those of several clips."""
     return len(motions) == 1 and is_run_zip(motions[0])
 
 
-def opened(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseRequest]:
+def reopen_requests(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseRequest]:
     """Return requests for the motions of a run's zip, by clip, or under "" for a single run.
 
     Args:
         into: folder to unpack into, which must not exist.
     """
-    runs = runs_in(run_folder(request.motions.motions[0], into))
+    runs = runs_in(find_run_folder(request.motions.motions[0], into))
     limit = request.motions.max_frames
     share = replace_fields(request, max_frames=limit and limit // len(runs))
     return {
@@ -113,7 +113,7 @@ def _of_run(request: DiagnoseRequest, folder: Path) -> DiagnoseRequest:
     )
 
 
-def run_folder(
+def find_run_folder(
     path: Path, into: Path, endings: Sequence[str] = ENDINGS, limits: UnpackLimits = LIMITS
 ) -> Path:
     """Return the folder of a run, or of those of several clips, unpacking a zip.
@@ -122,7 +122,7 @@ def run_folder(
         RunError: as `unpack_archive`, or if there is none.
     """
     folders = [path]
-    if is_packed(path):
+    if is_archive(path):
         into.mkdir(parents=True)
         _unpack_runs(path, into, endings, limits)
         folders = [into, *into.iterdir()]
@@ -135,8 +135,8 @@ def run_folder(
 
 def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackLimits) -> None:
     """Unpack each ``run.json`` of a zip, and then the files that they name."""
-    most = min(limits.total_bytes, MAX_CLIPS * MAX_RUN_BYTES)
-    unpack_archive(path, into, (RUN_ENDING,), replace(limits, total_bytes=most), _is_run)
+    most = min(limits.max_total_bytes, MAX_CLIPS * MAX_RUN_BYTES)
+    unpack_archive(path, into, (RUN_ENDING,), replace(limits, max_total_bytes=most), _is_run)
     names: set[str] = set()
     for run in into.rglob(RUN):
         below, record = run.parent.relative_to(into), read_run(run.parent)
@@ -159,7 +159,7 @@ def copy_run(path: Path, into: Path) -> Path:
     Raises:
         RunError: if there is no run, or one is damaged.
     """
-    folder = run_folder(path, into / "unpacked", ALL_ENDINGS, UnpackLimits())
+    folder = find_run_folder(path, into / "unpacked", ALL_ENDINGS, UnpackLimits())
     for file in files_of(folder):
         copy = into / "results" / file.relative_to(folder)
         copy.parent.mkdir(parents=True, exist_ok=True)

@@ -69,7 +69,7 @@ def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
             "A reference or a transcript belongs to a single speech; remove it from a run over "
             "several. To compare with recordings, use `python -m app diagnose`."
         )
-    speeches = find_speeches(request.speech.path)
+    speeches = find_speech_files(request.speech.path)
     plans, request = _plans(request.planning.plan, speeches), with_paths(request, Path.absolute)
     return {
         clip: replace_fields(
@@ -158,7 +158,7 @@ def run_jobs(
     return num_done, {name: _sentence(error) for name, error in failed.items()}
 
 
-def find_speeches(source: Path) -> dict[str, Path]:
+def find_speech_files(source: Path) -> dict[str, Path]:
     """Return the speech files by name, without hidden ones such as macOS's ``._a.wav``.
 
     Args:
@@ -243,13 +243,13 @@ def _stamp(request: AnyRun) -> str:
     return inputs_digest(files if body is None else files | {"body": body}, fields)
 
 
-def inputs_digest(files: Mapping[str, Path], transcript: object) -> str:
+def inputs_digest(files: Mapping[str, Path], settings: object) -> str:
     """Return the digest of a request and its files, by name, size and modification time."""
     of_files = {}
     for name, path in files.items():
         stat = path.stat()
         of_files[name] = [path.name, stat.st_size, stat.st_mtime_ns]
-    digest_input = json.dumps({"said": transcript, "files": of_files}, default=str, sort_keys=True)
+    digest_input = json.dumps({"said": settings, "files": of_files}, default=str, sort_keys=True)
     return hashlib.sha256(digest_input.encode()).hexdigest()
 
 

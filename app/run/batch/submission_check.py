@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from app.errors import RunError
-from app.run.batch.archives import stem_of, unpack_archives
-from app.run.batch.pairing import Samples, pair_files, shorten_list
+from app.run.batch.archives import archive_stem, unpack_archives
+from app.run.batch.pairing import SampleFiles, pair_files, shorten_list
 from app.run.output.result_folder import ResultFolder
 from conventions.names import REFERENCE_NAME, printable
 from conventions.rates import FPS
@@ -34,7 +34,7 @@ class SubmissionReport:
 
     messages: list[str]
     """Sentences for the user, the most severe first, or one if there is no problem."""
-    listed: list[str]
+    missing_and_extra: list[str]
     """Missing and surplus clips."""
     is_valid: bool
 
@@ -70,7 +70,7 @@ def check_sets(
         lines = ["# Check against the rules of the GENEA leaderboard", ""]
         for each in checks.values():
             lines += [f"- {line}" for line in each.messages] + [
-                f"  - {clip}" for clip in each.listed
+                f"  - {clip}" for clip in each.missing_and_extra
             ]
         results.path("check.md").write_text("\n".join(lines) + "\n", "utf-8")
         results.publish()
@@ -78,10 +78,10 @@ def check_sets(
 
 
 def _name_of(path: Path) -> str:
-    return printable(stem_of(path) if path.is_file() else path.resolve().name)
+    return printable(archive_stem(path) if path.is_file() else path.resolve().name)
 
 
-def _of_test_split(clips: Mapping[str, Samples], folder: Path) -> dict[str, Path]:
+def _of_test_split(clips: Mapping[str, SampleFiles], folder: Path) -> dict[str, Path]:
     """Return the recorded clips of the test split; without one, all."""
     split = next((each for each in (folder, folder.parent) if (each / SPLIT).is_file()), None)
     wanted = {clip: next(iter(samples.values())) for clip, samples in clips.items()}
@@ -133,7 +133,7 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
     )
 
 
-def _wrong_files(folder: Path, samples: Samples, recorded: Path) -> dict[str, str]:
+def _wrong_files(folder: Path, samples: SampleFiles, recorded: Path) -> dict[str, str]:
     frames = read_any_motion(recorded).motion.num_frames
     wrong: dict[str, str] = {}
     names_by_digest: dict[str, str] = {}

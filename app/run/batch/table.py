@@ -47,7 +47,7 @@ HEADER = (
 )
 
 
-def mean_of_samples(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def average_samples(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Average the samples of a clip: means, standard deviations (``spread``) and common findings.
 
     Common findings are those of at least half of the samples.
@@ -74,7 +74,7 @@ def mean_of_samples(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def interval(values: Sequence[float]) -> tuple[float, float, float]:
+def mean_with_interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Compute the mean over clips with its 95 % bootstrap interval, which a single clip lacks."""
     from model.evaluation.tables import bootstrap
 
@@ -126,7 +126,7 @@ def write_tables(
         "notes": list(notes),
         "left_out": dict(left_out),
     } | ({} if origin is None else {"provenance": dict(origin)})
-    means = cells_of(systems, results["measures"])
+    means = format_cells(systems, results["measures"])
     sheet = [
         *_sheet(systems, results, means),
         *_worst_lines(results["worst"]),
@@ -259,7 +259,7 @@ def _rows(of_systems: ClipsBySystem, speeds: BeatSpeeds) -> Iterator[Row]:
             if not len(finite):
                 continue
             head, protocol = (measure.key, measure.unit, name), protocol_of(measure.key, speeds)
-            yield (*head, len(finite), *interval(finite.tolist()), *[""] * 4, protocol)
+            yield (*head, len(finite), *mean_with_interval(finite.tolist()), *[""] * 4, protocol)
             for other in list(values)[place + 1 :]:
                 pairs = own - values[other]
                 pairs = pairs[~np.isnan(pairs)]
@@ -271,12 +271,12 @@ def _rows(of_systems: ClipsBySystem, speeds: BeatSpeeds) -> Iterator[Row]:
                         "",
                         "",
                         other,
-                        *interval(pairs.tolist()),
+                        *mean_with_interval(pairs.tolist()),
                         protocol,
                     )
 
 
-def cells_of(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
+def format_cells(systems: list[str], rows: list[dict[str, Any]]) -> Cells:
     """Format means with their intervals, and stars as explained by `star_legend`.
 
     Values of different protocols are never in one row; the title names all but the workbench's own.
@@ -341,7 +341,7 @@ LEAST_CLIPS = 5
 """Minimum number of clips of a distribution figure."""
 
 
-def draw_spread(
+def draw_distribution_figure(
     out: Path, systems: list[str], numbers: list[dict[str, Any]], speeds: BeatSpeeds = "own"
 ) -> tuple[tuple[Path, ...], list[str]]:
     """Draw ``distributions.png`` in all formats, and return the files with notes.

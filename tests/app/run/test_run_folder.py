@@ -13,7 +13,7 @@ import pytest
 
 from app.errors import Cancelled, DiskFullError, RunError
 from app.findings.metric_table import JERK, TITLES
-from app.run.batch.saved_run import LIMITS, copy_run, opened, run_folder
+from app.run.batch.saved_run import LIMITS, copy_run, find_run_folder, reopen_requests
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.frame_packets import HEADER
 from app.run.output.run_folder import (
@@ -338,7 +338,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
     packed = zip_run(results, tmp_path / "x.zip")
     assert is_run_zip(packed)
     asked = diagnose_request(motions=(packed,), out=tmp_path / "again", has_figures=False)
-    anew = opened(asked, tmp_path / "opened")[""]
+    anew = reopen_requests(asked, tmp_path / "opened")[""]
     assert anew.motions.names == ("gan/5",)
     assert (
         anew.motions.source_run is not None
@@ -387,7 +387,7 @@ def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_i
     assert not is_run_zip(tmp_path / "none.zip") and not is_run_zip(results / RUN)
     hollow = diagnose_request(motions=(packed("hollow.zip", RUN),), out=tmp_path / "out")
     with pytest.raises(RunError, match="it has no motion"):
-        opened(hollow, tmp_path / "hollow")
+        reopen_requests(hollow, tmp_path / "hollow")
     for number, own in enumerate((results, zip_run(results, tmp_path / "own.zip"))):
         copy = copy_run(own, tmp_path / str(number))
         assert read_run(copy) == read_run(results)
@@ -409,12 +409,12 @@ def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -
                 archive.writestr(f"{clip}bomb.npz", bytes(10**6))
                 archive.writestr(f"{clip}other/deep/deeper/{RUN}", bytes(10**6))
         into = tmp_path / f"into {len(clips)}"
-        run_folder(path, into)
+        find_run_folder(path, into)
         there = {each.relative_to(into).as_posix() for each in into.rglob("*") if each.is_file()}
         assert there == {clip + name for clip in clips for name in (RUN, "a.npz")}
-    assert LIMITS.reserve_bytes > 0
+    assert LIMITS.min_free_bytes > 0
     with pytest.raises(DiskFullError):
-        run_folder(path, tmp_path / "full", limits=replace(LIMITS, reserve_bytes=2**60))
+        find_run_folder(path, tmp_path / "full", limits=replace(LIMITS, min_free_bytes=2**60))
 
 
 def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ class Own:
     """The tab for motion of one's own, over a diagnose and sets of the test's."""
 
     def __init__(self, folder: Path, diagnose: Any, measure_sets: Any = None) -> None:
-        does = {"run_in_folder": diagnose, "measure_sets": measure_sets}
+        does = {"run_request": diagnose, "measure_sets": measure_sets}
         services = fakes.made_services(folder, does, config=AppConfig())
         with gr.Blocks():
             self.parts = ResultParts()
@@ -90,7 +90,7 @@ def test_numbers_figures_and_downloads_of_the_run_are_shown(tmp_path):
 
 def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, speech):
     failing = make_generate(late_error=RunError("The disk is full."))
-    services = made_services(tmp_path, {"run_in_folder": failing})
+    services = made_services(tmp_path, {"run_request": failing})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -101,14 +101,14 @@ def test_a_run_that_fails_keeps_the_motion_that_it_has_and_says_why(tmp_path, sp
     assert row["available"]["num_ready"] == 30 and not last["player"]["running"]
     assert "globaldiff-local.npz" in saved(last["downloads"])
     early = make_generate(error=RunError("No such system."))
-    services = made_services(tmp_path / "early", {"run_in_folder": early})
+    services = made_services(tmp_path / "early", {"run_request": early})
     runner = GenerateRunner(services, form, parts)
     assert updates_of(runner, parts, *values, None)[-1] == {"error": "No such system."}
 
 
 def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp_path, speech):
     figures = threading.Event()
-    services = made_services(tmp_path, {"run_in_folder": make_generate(before_figures=figures)})
+    services = made_services(tmp_path, {"run_request": make_generate(before_figures=figures)})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -132,7 +132,7 @@ def test_the_button_is_free_while_figures_are_drawn_and_what_it_begins_waits(tmp
 
 
 def test_a_run_that_finds_no_place_in_the_queue_leaves_no_line_that_it_waits(tmp_path, speech):
-    services = made_services(tmp_path, {"run_in_folder": make_generate(error=RunError("No."))})
+    services = made_services(tmp_path, {"run_request": make_generate(error=RunError("No."))})
     with gr.Blocks():
         form, parts = build_form(services), ResultParts()
     runner = GenerateRunner(services, form, parts)
@@ -292,7 +292,7 @@ def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
     with gr.Blocks():
         form = FormParts({}, gr.Button(), gr.Button())
         results = ResultParts("live-")
-    does = {"run_in_folder": make_generate(), "draw_videos_in_background": make_draw()}
+    does = {"run_request": make_generate(), "draw_videos_in_background": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
     return LiveRunner(services, form, results)

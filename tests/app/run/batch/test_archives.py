@@ -104,19 +104,19 @@ def test_limits_hold_before_a_byte_is_unpacked_and_for_all_archives_together(
     path = _packed(tmp_path / name, **{"a.npz": zeros, "b.npz": zeros})
     assert path.stat().st_size < 20_000
     for limits, said in (
-        (UnpackLimits(file_bytes=2**20), r"'a.npz' of 3 MiB; the limit for a file is 1 MiB"),
-        (UnpackLimits(files=10, total_bytes=5 * 2**20), r"extract to"),
-        (UnpackLimits(files=1), r"the limit is 1"),
+        (UnpackLimits(max_file_bytes=2**20), r"'a.npz' of 3 MiB; the limit for a file is 1 MiB"),
+        (UnpackLimits(max_files=10, max_total_bytes=5 * 2**20), r"extract to"),
+        (UnpackLimits(max_files=1), r"the limit is 1"),
     ):
         with pytest.raises(RunError, match=said):
             unpack_archive(path, folder, NPZ, limits)
     assert not _all_below(folder)
     unread = _packed(tmp_path / "unread.tar.gz", **{"a.txt": zeros, "b.npz": b"b"})
     with pytest.raises(RunError, match="would extract to over 1 MiB"):
-        unpack_archive(unread, folder, NPZ, UnpackLimits(files=10, total_bytes=2**20))
+        unpack_archive(unread, folder, NPZ, UnpackLimits(max_files=10, max_total_bytes=2**20))
     within = _zip(tmp_path / "within.zip", (name, path.read_bytes()), ("c.npz", zeros))
     with pytest.raises(RunError, match=rf"{name} would extract to"):
-        unpack_archive(within, folder, NPZ, UnpackLimits(files=10, total_bytes=8 * 2**20))
+        unpack_archive(within, folder, NPZ, UnpackLimits(max_files=10, max_total_bytes=8 * 2**20))
 
 
 @pytest.mark.parametrize("comment", [b"", b"a comment"])
@@ -128,7 +128,7 @@ def test_a_list_of_too_many_files_is_not_even_read(comment, folder, tmp_path, mo
             archive.writestr(f"{place:0100}.npz", b"")
     monkeypatch.setattr("zipfile.ZipInfo", None)  # of an entry that is read
     with pytest.raises(RunError, match="more than 10 files"):
-        unpack_archive(path, folder, NPZ, UnpackLimits(files=10))
+        unpack_archive(path, folder, NPZ, UnpackLimits(max_files=10))
 
 
 def test_a_file_of_another_size_than_it_says_is_refused(folder: Path, tmp_path: Path):

@@ -14,8 +14,8 @@ from app.findings.metric_table import FGD_EMAGE
 from app.run.batch.frechet_distances import (
     distance_rows,
     feature_encoders,
-    least_codes,
-    save_codes,
+    min_num_codes,
+    save_features,
 )
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
@@ -72,7 +72,7 @@ def test_distances_are_those_of_all_codes_and_of_each_draw(weights: Path, tmp_pa
     for seed, (clip, length) in enumerate(FRAMES.items()):
         motions = _motions(length, seed)
         record = tmp_path / f"{clip}.json"
-        save_codes(record, {name: [motion] for name, motion in motions.items()}, metrics)
+        save_features(record, {name: [motion] for name, motion in motions.items()}, metrics)
         records.append(record)
         for name, motion in motions.items():
             codes[name] += [emage_codes(encoder, motion)] * (length >= 32)
@@ -113,7 +113,7 @@ def _asked(top: Path, weights: Path) -> AnyRun:
 
 @pytest.mark.usefixtures("few_draws")
 def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
-    monkeypatch.setattr("app.run.batch.frechet_distances.least_codes", lambda numbers: 8)
+    monkeypatch.setattr("app.run.batch.frechet_distances.min_num_codes", lambda numbers: 8)
     _save_sets(tmp_path)
     request = _asked(tmp_path, weights)
     diagnose_folders(request)
@@ -134,7 +134,7 @@ def test_tables_tell_them_and_codes_are_kept(weights, tmp_path, monkeypatch):
 
 
 def test_too_few_codes_are_told(weights: Path, tmp_path: Path):
-    assert least_codes(CODE_DIM) == CODE_DIM + 1
+    assert min_num_codes(CODE_DIM) == CODE_DIM + 1
     _save_sets(tmp_path)
     result = diagnose_folders(_asked(tmp_path, weights))
     assert any("have 8 codes" in note and "at least 241" in note for note in result.notes)

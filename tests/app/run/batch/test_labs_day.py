@@ -65,7 +65,10 @@ def test_a_labs_day(tmp_path: Path) -> None:
             for key in one:
                 assert np.array_equal(one[key], other[key]), (clip, system, key)
         one, other = (read_run(out / clip) for out in (apart, here))
-        assert one.whole and (one.whole, one.numbers) == (other.whole, other.numbers)
+        assert one.inputs_sha256 and (one.inputs_sha256, one.numbers) == (
+            other.inputs_sha256,
+            other.numbers,
+        )
     for table in ("batch.csv", "batch.json", "summary.md"):
         assert (apart / table).read_bytes() == (here / table).read_bytes()
 

@@ -13,11 +13,11 @@ from app.commands.cli import main
 from app.errors import RunError
 from app.findings.metric_table import format_value
 from app.run.batch.leaderboard import (
-    Entry,
+    LeaderboardEntry,
     MetricValue,
-    entries_of,
     leaderboard_html,
     merge_entries,
+    read_entries,
     read_leaderboard,
     write_leaderboard,
 )
@@ -28,8 +28,8 @@ from tests.app.requests import diagnose_request
 from tests.helpers import smooth_motion_example
 
 
-def entry(**changes: Any) -> Entry:
-    told = Entry(
+def entry(**changes: Any) -> LeaderboardEntry:
+    told = LeaderboardEntry(
         "ours", "a test", "f" * 64, 2, "2026-01-02T00:00:00+00:00", "abc",
         {"joint_jerk_m_s3": MetricValue(3.0, 2.0, 4.0, "m/s³", 2)}, {"jerk": 1}, "first",
     )  # fmt: skip
@@ -53,15 +53,15 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_same_clips_measured_again_are_the_same_test(measured: Path) -> None:
-    board = entries_of(measured / "both", "a note")
+    board = read_entries(measured / "both", "a note")
     assert [each.system for each in board] == ["calm", "other", "reference"]
     assert len({each.test for each in board}) == 1 and board[2].note == ""
     assert board[0].measures["joint_jerk_m_s3"].clips == 2
-    again = entries_of(measured / "one")
+    again = read_entries(measured / "one")
     put = merge_entries([board, again])
     notes = [("calm", "a note"), ("other", "a note"), ("reference", "")]
     assert [(one.system, one.note) for one in put] == notes
-    chosen = entries_of(measured / "both", names=["other"])
+    chosen = read_entries(measured / "both", names=["other"])
     assert [one.system for one in chosen] == ["other", "reference"]
 
 
@@ -71,8 +71,8 @@ def test_another_recorded_clip_is_another_test(measured: Path, tmp_path: Path) -
         save_motion(smooth_motion_example(70, seed=clip), tmp_path / "recorded" / f"clip{clip}.npz")
     motions, reference = (measured / "calm",), tmp_path / "recorded"
     diagnose_folders(diagnose_request(motions=motions, out=tmp_path / "out", reference=reference))
-    (calm, _) = entries_of(tmp_path / "out")
-    (known, *_) = entries_of(measured / "one")
+    (calm, _) = read_entries(tmp_path / "out")
+    (known, *_) = read_entries(measured / "one")
     assert calm.test != known.test and calm.files == known.files
 
 
@@ -113,17 +113,17 @@ def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path
 def test_results_without_a_recorded_set_are_refused(measured: Path, tmp_path: Path) -> None:
     diagnose_folders(diagnose_request(motions=(measured / "calm",), out=tmp_path / "alone"))
     with pytest.raises(RunError, match="without a recorded set"):
-        entries_of(tmp_path / "alone")
+        read_entries(tmp_path / "alone")
     with pytest.raises(RunError, match=r"no 'nobody'; it has calm"):
-        entries_of(measured / "one", names=["nobody"])
+        read_entries(measured / "one", names=["nobody"])
     with pytest.raises(RunError, match="could not be read"):
-        entries_of(tmp_path)
+        read_entries(tmp_path)
 
 
 def test_results_with_their_former_name_are_read(measured: Path, tmp_path: Path) -> None:
     shutil.copy(measured / "one" / "batch.json", tmp_path / "many.json")
-    assert [each.key for each in entries_of(tmp_path)] == [
-        each.key for each in entries_of(measured / "one")
+    assert [each.key for each in read_entries(tmp_path)] == [
+        each.key for each in read_entries(measured / "one")
     ]
 
 
@@ -142,7 +142,7 @@ def test_results_of_another_version_are_refused_with_a_sentence(measured, tmp_pa
     ):
         (tmp_path / "batch.json").write_text(json.dumps(told))
         try:
-            entries_of(tmp_path)
+            read_entries(tmp_path)
         except RunError as error:
             assert "another version of this program; measure the set again" in str(error)
         else:

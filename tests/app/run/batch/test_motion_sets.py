@@ -12,7 +12,12 @@ import pytest
 from app.errors import RunError
 from app.findings.metric_table import FGD, METRICS, SPEED
 from app.run.batch.motion_sets import diagnose_folders
-from app.run.batch.table import LEAST_CLIPS, cells_of, draw_spread, interval
+from app.run.batch.table import (
+    LEAST_CLIPS,
+    draw_distribution_figure,
+    format_cells,
+    mean_with_interval,
+)
 from app.run.pipeline import run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun
@@ -93,7 +98,9 @@ def test_clips_are_paired_told_and_kept(folders: Path, measured: Path, tmp_path:
     assert paper.count("\\\\\n") == 1 + len({row["measure"] for row in rows})
     assert "starred only with 10 clips or more" in paper and "{*}" not in paper
     measures = json.loads((tmp_path / "batch.json").read_text())["measures"]
-    of_ten = cells_of(["lively", "same", "reference"], [{**row, "clips": 10} for row in measures])
+    of_ten = format_cells(
+        ["lively", "same", "reference"], [{**row, "clips": 10} for row in measures]
+    )
     assert of_ten["Tracked point: Speed (m/s)"][0].endswith("*")
     kept = tmp_path / "clips" / "b.json"
     before = kept.stat().st_mtime_ns
@@ -220,9 +227,9 @@ def test_results_as_others_name_them_are_paired_at_any_depth(folders, measured, 
 
 
 def test_an_interval_holds_the_mean():
-    mean, low, high = interval([1.0, 2.0, 3.0, 4.0])
+    mean, low, high = mean_with_interval([1.0, 2.0, 3.0, 4.0])
     assert mean == 2.5 and 1.0 <= low < mean < high <= 4.0
-    assert interval([2.0]) == (2.0, 2.0, 2.0)
+    assert mean_with_interval([2.0]) == (2.0, 2.0, 2.0)
 
 
 def numbers(clips: int, systems: list[str]) -> list[dict]:
@@ -235,8 +242,11 @@ def numbers(clips: int, systems: list[str]) -> list[dict]:
 
 def test_few_clips_have_no_figure(tmp_path: Path):
     systems = ["a", REFERENCE_NAME]
-    assert draw_spread(tmp_path, systems, numbers(LEAST_CLIPS - 1, systems)) == ((), [])
-    files, said = draw_spread(tmp_path, systems, numbers(LEAST_CLIPS, systems))
+    assert draw_distribution_figure(tmp_path, systems, numbers(LEAST_CLIPS - 1, systems)) == (
+        (),
+        [],
+    )
+    files, said = draw_distribution_figure(tmp_path, systems, numbers(LEAST_CLIPS, systems))
     assert [path.name for path in files] == [
         f"distributions.{e}" for e in ("png", "svg", "pdf", "txt")
     ]
@@ -249,5 +259,5 @@ def test_few_clips_have_no_figure(tmp_path: Path):
 
 def test_systems_beyond_the_styles_are_named(tmp_path: Path):
     systems = [f"system {k}" for k in range(12)] + [REFERENCE_NAME]
-    files, said = draw_spread(tmp_path, systems, numbers(LEAST_CLIPS, systems))
+    files, said = draw_distribution_figure(tmp_path, systems, numbers(LEAST_CLIPS, systems))
     assert files and "system 11" in said[0]

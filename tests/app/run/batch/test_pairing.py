@@ -211,7 +211,7 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
     good, bad = found.values()
     assert good.is_valid and not bad.is_valid
     assert good.messages == ["good: all 3 clips meet the leaderboard's rules, 5 samples of each."]
-    assert bad.listed == [f"Missing: {clips[2]}", "Extra: 2_scott_0_9_9"]
+    assert bad.missing_and_extra == [f"Missing: {clips[2]}", "Extra: 2_scott_0_9_9"]
     for words in (
         f"{clips[1]} have fewer samples than other clips, which have 3",
         "3 samples per clip; a probabilistic system must submit 5",
@@ -221,7 +221,7 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
     ):
         assert any(words in line for line in bad.messages), words
     report = (tmp_path / "out" / "check.md").read_text()
-    assert all(sentence in report for sentence in (*bad.messages, *bad.listed))
+    assert all(sentence in report for sentence in (*bad.messages, *bad.missing_and_extra))
     with pytest.raises(RunError, match="also give these"):
         check_sets(folders, None, tmp_path / "none")
     save_motion(smooth_motion_example(9, 0), tmp_path / "bad" / "2_scott_0_9_9_output.npz")

@@ -12,7 +12,7 @@ from torch import nn
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.batch.leaderboard import entries_of, leaderboard_html
+from app.run.batch.leaderboard import leaderboard_html, read_entries
 from app.run.batch.motion_sets import diagnose_folders
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MetricOptions, parse_expected
@@ -145,7 +145,7 @@ def test_values_of_different_protocols_are_in_different_rows_of_tables(results: 
     assert "BeatAlign (0 to 1) · beats/workbench-emage |" in sheet
     for name in ("beats/emage", "beats/evaltools", "beats/raggesture"):
         assert f"| {name}/beat_align (0 to 1) |" in sheet
-    lively, calm, *_ = entries_of(results.output.out)
+    lively, calm, *_ = read_entries(results.output.out)
     other = {key: replace(each, protocol="x/y") for key, each in calm.measures.items()}
     page = leaderboard_html([lively, replace(calm, measures=other)])
     assert page.count("Slide on the ground <small>cm/s</small>") <= 1

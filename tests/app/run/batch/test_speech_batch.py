@@ -12,8 +12,8 @@ from app.errors import Cancelled, RunError
 from app.findings.comparison import values_by_metric
 from app.findings.metric_table import JERK
 from app.run import pipeline
-from app.run.batch.saved_run import SPEECH_FOLDER, copy_run, run_in_folder
-from app.run.batch.speech_batch import clip_requests, find_speeches, is_batch_input, run_batch
+from app.run.batch.saved_run import SPEECH_FOLDER, copy_run, run_request
+from app.run.batch.speech_batch import clip_requests, find_speech_files, is_batch_input, run_batch
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, Progress, RunCallbacks, RunEvent
 from app.run.output.console import ProgressBars
 from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
@@ -165,18 +165,18 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     elsewhere.write_text(f"{speeches / 'a.wav'}\n")
     for speech in (elsewhere, tmp_path):
         with pytest.raises(SpeechError):  # whoever's files it names
-            run_in_folder(replace_fields(asked, speech=speech, out=tmp_path / "0"), NO_CALLBACKS)
+            run_request(replace_fields(asked, speech=speech, out=tmp_path / "0"), NO_CALLBACKS)
     with pytest.raises(SpeechError, match=r"b\.wav"):
-        run_in_folder(asked, NO_CALLBACKS)
+        run_request(asked, NO_CALLBACKS)
     write_wav(speeches / "b.wav", made_waveform(16_000, 1))
     with pytest.raises(
         RunError, match=r"last 0\.0\d? minutes in total; the limit of a run is 0\.02"
     ):
-        run_in_folder(replace_fields(asked, max_speech_s=1.2), NO_CALLBACKS)
+        run_request(replace_fields(asked, max_speech_s=1.2), NO_CALLBACKS)
     with pytest.raises(Cancelled):
-        run_in_folder(asked, RunCallbacks(should_cancel=lambda: True))
+        run_request(asked, RunCallbacks(should_cancel=lambda: True))
     events: list[RunEvent] = []
-    run_in_folder(asked, RunCallbacks(events.append))
+    run_request(asked, RunCallbacks(events.append))
     motion = [each for each in events if isinstance(each, Progress) and each.stage == "motion"]
     assert {each.clip for each in motion} == {"2 clips"}
     assert [each.fraction for each in motion] == pytest.approx([0.5, 1.0])
@@ -193,7 +193,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     again = diagnose_request(
         motions=(packed,), out=tmp_path / "anew/results", has_figures=False, is_incremental=True
     )
-    run_in_folder(again, NO_CALLBACKS)
+    run_request(again, NO_CALLBACKS)
     measured = [
         values_by_metric(
             {name: of["raw"] for name, of in read_run(run).numbers.items()}
@@ -242,9 +242,9 @@ def test_a_list_names_files_relative_to_itself_or_is_refused(speeches, tmp_path)
         and is_batch_input(speeches)
         and not is_batch_input(speeches / "a.wav")
     )
-    found = find_speeches(listed)
+    found = find_speech_files(listed)
     assert list(found) == ["c", "a"] and all(path.is_absolute() for path in found.values())
-    assert list(find_speeches(speeches)) == ["a", "b", "c"]
+    assert list(find_speech_files(speeches)) == ["a", "b", "c"]
     for content, words in (
         ("# nothing\n", "lists no audio files"),
         ("speech/a.wav\nspeech/z.wav\n", "lists 1 files that do not exist"),
@@ -252,10 +252,10 @@ def test_a_list_names_files_relative_to_itself_or_is_refused(speeches, tmp_path)
     ):
         listed.write_text(content)
         with pytest.raises(RunError, match=words):
-            find_speeches(listed)
+            find_speech_files(listed)
     os.makedirs(tmp_path / "empty")
     with pytest.raises(RunError, match="contains no audio files"):
-        find_speeches(tmp_path / "empty")
+        find_speech_files(tmp_path / "empty")
 
 
 def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, weights, tmp_path):
@@ -264,7 +264,7 @@ def test_results_stay_in_their_folder_and_hidden_files_are_no_clips(speeches, we
     for name in (".wav", "..wav", "...wav"):
         (speeches / name).write_bytes(whole)
     (speeches / "folder.wav").mkdir()
-    assert list(find_speeches(speeches)) == ["a", "b", "c"]
+    assert list(find_speech_files(speeches)) == ["a", "b", "c"]
     listed, out = tmp_path / "list.txt", tmp_path / "out"
     listed.write_text("speech/...wav\n")  # whoever names it means it
     runs = run_batch(clip_requests(request_of(listed, out, weights, has_figures=False)), HERE)
