@@ -277,7 +277,7 @@ def _stamp(one: ClipEvaluator, names: Sequence[str], cast: EvaluationModels) -> 
         "matching": cast.matching_classifier and cast.matching_classifier.sha256,
         "seeds": one.seeds,
         "guidance": _guidance_by_system(cast.systems, one.sampling),
-        "few": asdict(one.few),
+        "few": asdict(one.speaker_comparison),
         "speaker_judge": judge and np.round(judge.weights, 6).tolist(),
     }
     return hashlib.sha256(json.dumps(stamp, sort_keys=True).encode()).hexdigest()[:16]

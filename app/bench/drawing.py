@@ -11,12 +11,12 @@ from renderer.body.skinning import VertexNormals
 from renderer.draw.offscreen import OffscreenRenderer
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera_setup import select_frames
-from renderer.scene.studio import FramePreparer, Subject
+from renderer.scene.studio import PosedFrameBuilder, Subject
 from renderer.video.baseline import draw_baseline
 from renderer.video.compose import compose_videos
 from renderer.video.encoder import VideoWriter
 from renderer.video.render import RenderSettings, camera_setup_for, select_panel_mesh
-from renderer.video.workers import RenderJob, run_render_jobs
+from renderer.video.workers import MotionRenderJob, run_render_jobs
 
 SIZE_PX = 512
 NAIVE_FRAMES = 30
@@ -36,11 +36,11 @@ def measure_video_rates(motion: BodyMotion, folder: Path) -> list[BenchResult]:
         ("five videos side by side, 320 x 480 each", 5, RenderSettings(320, 480), 35),
     ):
         jobs = {
-            f"bench{i}": RenderJob(motion, folder / f"bench{i}.mp4", settings=settings)
+            f"bench{i}": MotionRenderJob(motion, folder / f"bench{i}.mp4", settings=settings)
             for i in range(count)
         }
 
-        def draw(jobs: dict[str, RenderJob] = jobs) -> None:
+        def draw(jobs: dict[str, MotionRenderJob] = jobs) -> None:
             run_render_jobs(jobs)
             if len(jobs) > 1:
                 paths = [folder / f"{name}.mp4" for name in jobs]
@@ -76,7 +76,7 @@ def measure_render_stages(motion: BodyMotion, folder: Path) -> list[BenchResult]
     frames = list(chain.from_iterable(chunks))
     normals_of = VertexNormals(body.faces, body.num_vertices)
     timed("normals", lambda: [normals_of(each) for each in frames])
-    prepare = FramePreparer(body.faces, body.num_vertices, stage)
+    prepare = PosedFrameBuilder(body.faces, body.num_vertices, stage)
     timed(
         "ground shadow",
         lambda: [prepare.ground.texture(prepare.ground.shadow(each)) for each in frames],

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 from app.config import BUNDLED_WEIGHTS, EXAMPLES, PROJECT
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
+from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.experiments.speech_effect import measure_speech_effect
 from app.run.experiments.step_sweep import measure_step_sweep
 from app.run.models import get_system
@@ -129,7 +129,8 @@ def time_generation(clip: Path) -> list[BenchResult]:
 def time_training() -> list[BenchResult]:
     """Measure training at the demo's size, without compilation, which takes minutes."""
     rates = {
-        name: measure_training_rate(name, BUNDLED_WEIGHTS) for name in representatives("training")
+        name: measure_training_windows_per_s(name, BUNDLED_WEIGHTS)
+        for name in representatives("training")
     }
     title = "training, {}, demo size, not compiled"
     return [BenchResult(title.format(name), rate, "windows/s") for name, rate in rates.items()]
@@ -186,7 +187,7 @@ def time_figures(clip: Path, folder: Path) -> list[BenchResult]:
         def watch(
             event: RunEvent, cpu_at: list[float] = cpu_at, of_figures: list[int] = of_figures
         ) -> None:
-            if isinstance(event, Progress) and event.stage == "figure":
+            if isinstance(event, StageProgress) and event.stage == "figure":
                 of_figures.append(len(cpu_at))
             cpu_at.append(cpu_time_s())
 
@@ -263,7 +264,7 @@ def measure_memory(folder: Path) -> list[BenchResult]:
     ]
 
 
-def measure_training_rate(system: str, helpers: Path, config_name: str = "demo") -> float:
+def measure_training_windows_per_s(system: str, helpers: Path, config_name: str = "demo") -> float:
     """Measure training of a system in windows per second, in one process, on synthetic data.
 
     Args:

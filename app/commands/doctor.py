@@ -126,7 +126,7 @@ def _video_rate() -> CheckResult:
     """Measure the speed of rendering a video (frames per second), without its start."""
     from conventions.joints import JOINT_INDEX
     from renderer.body.body import BodyMotion
-    from renderer.video.workers import RenderJob, run_render_jobs
+    from renderer.video.workers import MotionRenderJob, run_render_jobs
 
     motion = BodyMotion.zero_pose(RATE_FRAMES)
     turn = np.sin(np.linspace(0.0, 4.0 * np.pi, RATE_FRAMES))
@@ -135,7 +135,7 @@ def _video_rate() -> CheckResult:
     times: list[tuple[float, float]] = []
     try:
         with tempfile.TemporaryDirectory(prefix="doctor-") as folder:
-            job = RenderJob(motion, Path(folder) / "rate.mp4")
+            job = MotionRenderJob(motion, Path(folder) / "rate.mp4")
             run_render_jobs({"rate": job}, lambda share: times.append((time.perf_counter(), share)))
     except Exception as error:
         advice = "see the results for OpenGL above and ffmpeg below"

@@ -121,9 +121,11 @@ def _attribution(diagnostics: Diagnostics) -> str:
     if not sentences:
         effect = f"reduces the jerk of the {point} by less than {least}"
         return f"Filtering a single joint {effect} in {join_names(without)}."
-    few = f"; in {join_names(without)}, no joint reduces it by {least} or more" if without else ""
+    few = ""
+    if without:
+        few = f"; in {join_names(without)}, filtering any one joint reduces it by less than {least}"
     joints = join_names(sentences)
-    return f"Joint that, if filtered, reduces the jerk of the {point} most: {joints}{few}."
+    return f"Filtering one joint reduces the jerk of the {point} most for: {joints}{few}."
 
 
 def _seams(diagnostics: Diagnostics, raw: Table) -> str:

@@ -46,7 +46,7 @@ def merge_plans(
     """
     events: dict[str, list[Any]] = {name: [] for name in PLAN_LISTS}
     for frame, ahead in plans:
-        from_s, zero_s = frame / FPS, ahead.origin / FPS
+        from_s, zero_s = frame / FPS, ahead.zero_frame / FPS
         for name in PLAN_LISTS:
             planned = [_shifted(one, zero_s) for one in getattr(ahead.condition, name)]
             new = [one for one in planned if one.end_s > from_s or one.start_s >= from_s]
@@ -170,8 +170,8 @@ NORMAL_BACKLOG_S = 2.0
 
 EARLIER = "Only the last {kept:.0f} s are stored; the {first:.1f} s before them were discarded."
 BEHIND = (
-    "{kept:.1f} s were saved. The last {behind:.1f} s of speech had no motion yet when you saved "
-    "or the session ended, because this machine was too slow."
+    "The saved run ends {behind:.1f} s before the end of your speech: the server was too slow to "
+    "generate the motion in time."
 )
 TOO_SLOW = (
     "This machine is too slow for {visitors}: the motion is {behind:.0f} s late. Try again later, "
@@ -357,7 +357,7 @@ def recording_note(recording: SessionRecording, spoken_s: float) -> str:
     if recording.first_frame:
         reasons.append(EARLIER.format(kept=remaining_s, first=made_s - remaining_s))
     if spoken_s - made_s > NORMAL_BACKLOG_S:
-        reasons.append(BEHIND.format(behind=spoken_s - made_s, kept=remaining_s))
+        reasons.append(BEHIND.format(behind=spoken_s - made_s))
     return " ".join(reasons)
 
 
@@ -393,7 +393,7 @@ def planned_events_json(streamed: StreamedPlan, first_frame: int) -> dict[str, A
     Args:
         first_frame: frame of the session; an event that continues there is included.
     """
-    plan, zero_s, from_s = streamed.condition, streamed.origin / FPS, first_frame / FPS
+    plan, zero_s, from_s = streamed.condition, streamed.zero_frame / FPS, first_frame / FPS
 
     def span(event: Any) -> list[float]:
         return [round(event.start_s + zero_s, 3), round(event.end_s + zero_s, 3)]

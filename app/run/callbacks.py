@@ -14,7 +14,7 @@ RUN_STAGES: tuple[RunStage, ...] = ("speech", "motion", "numbers", "video", "com
 
 
 @dataclass(frozen=True)
-class Progress:
+class StageProgress:
     """Progress of one stage."""
 
     stage: RunStage
@@ -33,7 +33,7 @@ class FolderUpdated:
     folder: Path
 
 
-RunEvent = Progress | FolderUpdated
+RunEvent = StageProgress | FolderUpdated
 
 
 class RunCallbacks:
@@ -54,7 +54,7 @@ class RunCallbacks:
         self.should_cancel = should_cancel
 
     def report_progress(self, stage: RunStage, fraction: float, detail: str = "") -> None:
-        self.on_event(Progress(stage, fraction, detail))
+        self.on_event(StageProgress(stage, fraction, detail))
 
     def progress_callback(
         self, stage: RunStage, part: float = 1.0, before: float = 0.0

@@ -212,8 +212,8 @@ def _videos(study: ExportedStudy) -> Iterator[str]:
             spread = (largest - least - _SIZE_CHANCE[what]) / max(least, 1)
             if spread > most:
                 yield (
-                    f"{what}: the videos of clip {clip!r} differ by {100 * spread:.2g} %; at most "
-                    f"{100 * most:g} % is allowed."
+                    f"{what}: the videos of clip {clip!r} differ by {100 * spread:.3g} % beyond "
+                    f"chance; at most {100 * most:g} % is allowed."
                 )
     for what in ("size", "bit rate", "filling"):
         step = _SIZE_CHANCE[what]
@@ -250,15 +250,19 @@ def _lists(study: ExportedStudy) -> Iterator[str]:
         for place, blind in enumerate(shown):
             video = study.key.videos.get(blind)
             if video is None:
-                yield f"JSON: a list shows {str(blind)!r}, which is not a video of the study."
+                yield (
+                    f"JSON: a participant's list of trials contains {str(blind)!r}, which is not a "
+                    "video of the study."
+                )
                 continue
             cells = excess.setdefault((video.system, video.is_matched), [])
             cells.append((place == 0) - 1 / len(shown))
     for (system, _), cells in sorted(excess.items()):
         if abs(sum(cells)) > 1 + _MAX_FIRST_SHARE_ERROR * len(cells):
+            num_first = sum(cell > 0 for cell in cells)
             yield (
-                f"order on the screen: {system!r} is first in {sum(c > 0 for c in cells)} of "
-                f"{len(cells)} trials; {sum(c > 0 for c in cells) - sum(cells):.1f} is balanced."
+                f"order on the screen: {system!r} is first in {num_first} of {len(cells)} trials; "
+                f"a balanced order has about {num_first - sum(cells):.0f}."
             )
 
 

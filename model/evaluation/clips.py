@@ -284,7 +284,7 @@ class ClipEvaluator:
     cast: Callable[[], EvaluationModels]
     seeds: int
     sampling: Sampling
-    few: SpeakerComparisonClips
+    speaker_comparison: SpeakerComparisonClips
     speaker_classifier: SpeakerClassifier | None
     mean_speed: np.ndarray
     """Mean speeds (m/s) of the joints with beats, over all clips."""
@@ -300,7 +300,7 @@ class ClipEvaluator:
         in_silence = silence_speed_ratio(motion, voiced_frames(context.mel_features[0]))
         of_recordings = (
             in_silence
-            | self.few.recorded_measures(self.folder, name)
+            | self.speaker_comparison.recorded_measures(self.folder, name)
             | self._speaker_metrics([motion], name)
         )
         rows = {RECORDED: context.row([motion], more=of_recordings)}
@@ -314,7 +314,7 @@ class ClipEvaluator:
             )
             motions = generate_motion(system, speech, options)
             elsewhere = generate_motion(system, foreign, options)
-            more = self.few.measures(system, name, speech, sampling)
+            more = self.speaker_comparison.measures(system, name, speech, sampling)
             more |= self._speaker_metrics(motions, name)
             rows[system.name] = context.row(motions, elsewhere, more)
         save_rows(out, rows)

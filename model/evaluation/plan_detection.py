@@ -241,18 +241,18 @@ def _duration_statistics(clips: Sequence[Sequence[tuple[int, float]]]) -> dict[s
 
 
 def evaluate_detection(
-    folder: Path, clips: int | None, fits: bool
+    folder: Path, clips: int | None, trains_first: bool
 ) -> Iterator[dict[str, dict[str, float]]]:
     """Run the protocol; yields the results of all clips so far by metric after each clip.
 
     Args:
         folder: a corpus with annotated plans.
-        fits: True to train the network first.
+        trains_first: True to train the network first.
     """
     total: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     speakers: defaultdict[str, DetectionCounts] = defaultdict(DetectionCounts)
     split = read_split(folder)
-    if fits:
+    if trains_first:
         learned = [name for name, of in split.items() if of == "train"][::FIT_EVERY]
         train_phase_network(folder, learned, WEIGHTS)
     for name in [name for name, of in split.items() if of == "test"][:clips]:

@@ -144,7 +144,7 @@ def posture_deviation_deg(analysed: AnalysedMotion) -> float:
     return float(np.degrees(np.sqrt((off**2).sum(axis=-1).mean())))
 
 
-def mean_angular_speed_deg_s(analysed: AnalysedMotion) -> float:
+def upper_body_angular_speed_deg_s(analysed: AnalysedMotion) -> float:
     """Return the mean angular speed of the upper body's local rotations (degrees/s)."""
     return float(analysed.raw.rotations.joint_angular_speed_deg_s[list(UPPER_BODY)].mean())
 
@@ -185,7 +185,7 @@ SPEED = RangeCheck(
     "speed",
     "mean angular speed of the upper body's joints",
     "°/s",
-    mean_angular_speed_deg_s,
+    upper_body_angular_speed_deg_s,
     long_clips=NaturalRange(19.0, 37.0, 1.9, 15.0, 46.0, LONG),
     short_clips=NaturalRange(16.0, 48.0, 1.9, 12.5, 58.0, SHORT),
     low_message="Little movement",

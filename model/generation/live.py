@@ -21,7 +21,7 @@ from torch import Tensor
 from model.generation.base import ConditionStream, MotionConstraint, SpeechWindow, System, Window
 from model.generation.windows import (
     GenerateOptions,
-    PiecewiseMotion,
+    MotionAssembler,
     WindowChain,
     first_window_spec,
 )
@@ -66,7 +66,7 @@ class LiveMotion:
         if system.condition_type is not None:
             self._stream = system.condition_stream(first_window_spec(system, options))
             self._constraint = system.make_constraint(None)
-        self._motion = PiecewiseMotion(system, constraint=self._constraint)
+        self._motion = MotionAssembler(system, constraint=self._constraint)
         self._speech: Float[Tensor, "kept dim"] = torch.zeros(0, system.encoder.dim)
         self._first = 0
         """Frame at which the stored speech begins."""

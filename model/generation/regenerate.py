@@ -18,7 +18,7 @@ from torch import Tensor
 from model.generation.base import SpeechWindow, System, Window, fade_weights, num_windows
 from model.generation.windows import (
     GenerateOptions,
-    PiecewiseMotion,
+    MotionAssembler,
     WindowChain,
     first_window_spec,
     single_threaded,
@@ -93,7 +93,7 @@ def regenerate(
         windows: list[Window] = []
         fresh: list[range] = []
         pieces: list[Motion] = []
-        regenerated: PiecewiseMotion | None = None
+        regenerated: MotionAssembler | None = None
         leads_here, left = False, speech.num_frames
         for k in range(count):
             where = k * cut.advance, cut.frames, cut.context
@@ -119,7 +119,7 @@ def regenerate(
                 fresh.append(range(k * cut.advance, min(stop, speech.num_frames)))
             joined = chain.join(windows[-1])
             origin = (windows if previous is None else previous.windows)[0]
-            regenerated = regenerated or PiecewiseMotion(system, origin.root[:, :1], constraint)
+            regenerated = regenerated or MotionAssembler(system, origin.root[:, :1], constraint)
             length = min(left, joined.root.shape[1] if k == count - 1 else cut.advance)
             if length:  # a last window may hold only frames beyond the speech
                 pieces += regenerated.append(joined.part(slice(length)))

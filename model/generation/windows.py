@@ -174,7 +174,7 @@ def _generate_pieces(
     num_frames = cut.frames + (count - 1) * cut.advance
     features = system.conditioning(speech.waveform, num_frames, first_window_spec(system, options))
     constraint = system.make_constraint(options.conditions[0]) if options.conditions else None
-    pieces, chain = PiecewiseMotion(system, constraint=constraint), WindowChain(system, options)
+    pieces, chain = MotionAssembler(system, constraint=constraint), WindowChain(system, options)
     left = speech.num_frames
     for index in range(count):
         if should_cancel is not None and should_cancel():
@@ -229,7 +229,7 @@ class WindowChain:
         return joined
 
 
-class PiecewiseMotion:
+class MotionAssembler:
     """Converter of windows to motion, piece after piece, in one world frame.
 
     Args:

@@ -86,7 +86,7 @@ def _jaw(motion: Motion) -> Float[np.ndarray, " T"]:
     return np.linalg.norm(motion.poses[:, jaw : jaw + 3], axis=-1)
 
 
-TRACKS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
+TRACK_FUNCTIONS: Mapping[str, Callable[[Motion], np.ndarray | None]] = {
     "arms": arm_speed,
     "head": lambda motion: _smooth(head_speed(motion)),
     "brows": _brows,
@@ -139,7 +139,7 @@ def speech_and_noise_shares(motions: Grid) -> dict[str, CorrelationShares]:
             f"{shortest / FPS:.1f} s."
         )
     shares = {}
-    for part, track_of in TRACKS.items():
+    for part, track_of in TRACK_FUNCTIONS.items():
         tracks = [(key, track_of(motion)) for key, motion in motions.items()]
         available = [(key, track) for key, track in tracks if track is not None]
         if len(available) == len(tracks):

@@ -193,7 +193,7 @@ def raise_gesture(plan: GesturePlan, gesture: Gesture, by_m: float) -> PlanResul
     return _with_goals(plan, gesture, lambda goal: (goal[0], goal[1] + by_m, goal[2]))
 
 
-def speed_up_gesture(plan: GesturePlan, gesture: Gesture, speed: float) -> PlanResult:
+def scale_gesture_speed(plan: GesturePlan, gesture: Gesture, speed: float) -> PlanResult:
     """Change the speed of preparation and strokes by a factor; holds and strokes' end stay."""
     if not 0.2 <= speed <= 5:
         raise PlanError(f"The speed factor must be from 0.2 to 5; got {speed:g}.")

@@ -231,8 +231,8 @@ class StreamedPlan:
     """A plan around some frames of live speech."""
 
     condition: GesturePlan
-    """Plan with second 0 at the frame ``origin``; earlier events have negative times."""
-    origin: int
+    """Plan with second 0 at the frame ``zero_frame``; earlier events have negative times."""
+    zero_frame: int
     planted: tuple[FootContact, ...]
     """Foot contacts from the first frame of all on."""
 

@@ -29,7 +29,7 @@ from model.plan.editing import (
     move_gesture,
     raise_gesture,
     scale_gesture,
-    speed_up_gesture,
+    scale_gesture_speed,
     stroke_time_on_word,
 )
 from model.plan.kinds import BIMANUAL_TOLERANCE_S, REST_POSITION, gesture_spans
@@ -116,7 +116,7 @@ def with_style(plan: GesturePlan, style: Style, words: Sequence[Interval] = ()) 
     now = style_of(plan)
     if _differs(style.stroke_s, now.stroke_s):
         speed = float(np.clip(now.stroke_s / style.stroke_s, 0.2, 5))
-        plan = _each(plan, lambda each, gesture: speed_up_gesture(each, gesture, speed))
+        plan = _each(plan, lambda each, gesture: scale_gesture_speed(each, gesture, speed))
     if _differs(style.size_m, now.size_m):
         size = float(np.clip(style.size_m / now.size_m, 0.1, 4))
         plan = _each(plan, lambda each, gesture: scale_gesture(each, gesture, size))

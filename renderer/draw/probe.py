@@ -84,11 +84,11 @@ def draw_and_name_driver(backend: Backend) -> str:
     from renderer.body.body import load_body
     from renderer.scene.camera import fit_camera
     from renderer.scene.camera_setup import CameraSetup, PanelCamera
-    from renderer.scene.studio import FramePreparer, Subject
+    from renderer.scene.studio import PosedFrameBuilder, Subject
 
     body = load_body()
     camera = fit_camera(body.template)
-    prepare = FramePreparer(
+    prepare = PosedFrameBuilder(
         body.faces, body.num_vertices, CameraSetup((PanelCamera("front", camera),), floor_m=-1.0)
     )
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())

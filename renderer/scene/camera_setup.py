@@ -166,7 +166,7 @@ class PanelCamera:
     """Camera; if it follows, relative to the point that it follows."""
     smoothing_sigma_frames: float | None = None
     """Smoothing of following (frames); None for a static camera."""
-    followed_path: Float[np.ndarray, "T 3"] | None = None
+    followed_path_override: Float[np.ndarray, "T 3"] | None = None
     """Positions (T, 3) of the tracked point, metres; None follows the drawn motion."""
 
     @property
@@ -214,8 +214,8 @@ class CameraSetup:
         positions = None
         tracks = []
         for panel_camera in self.panel_cameras:
-            if panel_camera.followed_path is not None:
-                tracks.append(panel_camera.followed_path)
+            if panel_camera.followed_path_override is not None:
+                tracks.append(panel_camera.followed_path_override)
             elif panel_camera.smoothing_sigma_frames is None:
                 tracks.append(np.zeros((motion.num_frames, 3)))
             else:
@@ -230,7 +230,7 @@ class CameraSetup:
     ) -> "CameraSetup":
         """Return the stage with cameras that follow these positions, whatever is drawn."""
         panel_cameras = [
-            replace(panel_camera, followed_path=path)
+            replace(panel_camera, followed_path_override=path)
             for panel_camera, path in zip(self.panel_cameras, followed_positions, strict=True)
         ]
         return replace(self, panel_cameras=tuple(panel_cameras))

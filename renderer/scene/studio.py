@@ -150,7 +150,7 @@ class Subject:
     """Texture of a character, which its colours are multiplied by."""
 
 
-class FramePreparer:
+class PosedFrameBuilder:
     """Converter of vertices to ``PosedFrame``. Holds no OpenGL state: any thread may run it."""
 
     def __init__(

@@ -21,7 +21,7 @@ from renderer.scene.camera_setup import (
     make_camera_setup,
     select_frames,
 )
-from renderer.scene.studio import FramePreparer, PosedFrame, Subject
+from renderer.scene.studio import PosedFrame, PosedFrameBuilder, Subject
 from renderer.video.encoder import DEFAULT_CRF, check_video_size
 from renderer.video.overlays import OverlayPainter, Overlays, heat_colors
 
@@ -136,7 +136,7 @@ def draw_frames(
     colors = [
         heat_colors(mesh, heat.normalized_jerk[frames]) if heat else repeat(None) for mesh in meshes
     ]
-    prepare = [FramePreparer(m.faces, m.num_vertices, stage, m.texture) for m in meshes]
+    prepare = [PosedFrameBuilder(m.faces, m.num_vertices, stage, m.texture) for m in meshes]
     corners = prepare[0].ground.corners()
     whole = np.full(settings.picture_shape, _LINE, np.uint8)
     with OffscreenRenderer(settings.backend or choose_backend()) as renderer:

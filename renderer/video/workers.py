@@ -41,7 +41,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True)
-class RenderJob:
+class MotionRenderJob:
     """Job of drawing one motion, with settings, stage and marks, to a video, stills, or both."""
 
     motion: BodyMotion
@@ -62,7 +62,7 @@ class RenderJob:
 
 
 def run_render_jobs(
-    jobs: Mapping[Key, RenderJob],
+    jobs: Mapping[Key, MotionRenderJob],
     on_progress: Callable[[float], None] = lambda share: None,
     on_done: Callable[[Key], None] = lambda name: None,
     should_cancel: Callable[[], bool] = lambda: False,
@@ -115,7 +115,7 @@ def run_render_jobs(
     return done
 
 
-def _resolved_job(job: RenderJob) -> RenderJob:
+def _resolved_job(job: MotionRenderJob) -> MotionRenderJob:
     """Return the job with a backend and absolute paths, for a process in another folder."""
     # Chosen here, where the result is cached: each new process would have to probe the drivers.
     backend = job.settings.backend or choose_backend()
@@ -140,7 +140,7 @@ class _Worker:
     def is_alive(self) -> bool:
         return self._child.is_alive()
 
-    def start_job(self, job: RenderJob) -> None:
+    def start_job(self, job: MotionRenderJob) -> None:
         self._out, self._share, self.stills = job.out, 0.0, None
         self._child.clear_log()
         self._child.send(job)
@@ -205,7 +205,7 @@ def main() -> int:
             tell("failed", error)
 
 
-def _done(job: RenderJob, tell: Callable[[float], None]) -> UInt8[np.ndarray, "N H W C"]:
+def _done(job: MotionRenderJob, tell: Callable[[float], None]) -> UInt8[np.ndarray, "N H W C"]:
     """Draw a job frame by frame, so that memory does not grow with the length of a video."""
     body, settings = load_body(job.body_path, job.look), job.settings
     check_frames(job.still_frames, job.motion)

@@ -24,7 +24,7 @@ from app.page.visitors.characters import Characters
 from app.page.visitors.job_folders import Jobs
 from app.page.worker import Task, Worker
 from app.run.bodies import TrackedPoint
-from app.run.callbacks import NO_CALLBACKS, FolderUpdated, Progress, RunCallbacks
+from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, StageProgress
 from app.run.generated_motions import row_names
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, read_run
@@ -241,7 +241,7 @@ def make_generate(
 
 def diagnose(request: AnyRun, callbacks: RunCallbacks) -> None:
     """Measures nothing, and leaves what the real one does of a motion of its own."""
-    callbacks.on_event(Progress("numbers", 0.5))
+    callbacks.on_event(StageProgress("numbers", 0.5))
     with open_run_writer(
         request.output.out,
         record_of(request),
@@ -280,7 +280,7 @@ def make_draw(
                         raise Cancelled
                 video = folder.path(f"{safe_file_stem(name)}.mp4")
                 write_video(video, seconds)
-                callbacks.on_event(Progress("video", (i + 1) / len(names)))
+                callbacks.on_event(StageProgress("video", (i + 1) / len(names)))
                 add_file(run, video, name, "video")
                 callbacks.on_event(FolderUpdated(run))
             comparison = folder.path("comparison.mp4")

@@ -1,6 +1,6 @@
 """Callbacks that record the progress of a task, and can cancel it."""
 
-from app.run.callbacks import Progress, RunCallbacks, RunEvent, RunStage
+from app.run.callbacks import RunCallbacks, RunEvent, RunStage, StageProgress
 
 
 class RecordedCallbacks(RunCallbacks):
@@ -14,12 +14,12 @@ class RecordedCallbacks(RunCallbacks):
             stage: stage of these events; None counts all.
         """
         super().__init__(self.take, self.should_stop)
-        self.events: list[Progress] = []
+        self.events: list[StageProgress] = []
         self._stage = stage
         self._stop_at, self._count = stop_at, count
 
     def take(self, event: RunEvent) -> None:
-        if isinstance(event, Progress):
+        if isinstance(event, StageProgress):
             self.events.append(event)
 
     def should_stop(self) -> bool:

@@ -78,7 +78,7 @@ def heading(title: str, explanation: str = "") -> str:
     return f'<div class="part"><h2>{escape(title)}</h2>{below}</div>'
 
 
-def table_head(labels: Mapping[str, str]) -> str:
+def header_cells(labels: Mapping[str, str]) -> str:
     """Format the header cells of a table, with full names as tooltips."""
     return "".join(
         f'<th scope="col" title="{escape(name)}">{escape(label)}</th>'

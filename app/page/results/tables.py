@@ -316,7 +316,7 @@ def clips_html(runs: Mapping[str, RunRecord]) -> str:
         for number, (clip, run) in enumerate(runs.items(), 1)
     ]
     cells = [format_mean_with_interval(*numbers, format_number) for numbers in means.values()]
-    head = markup.table_head({name: names[name] for name in jerk})
+    head = markup.header_cells({name: names[name] for name in jerk})
     title = f"{point_title(first.point)} jerk by clip (m/s³, as generated)"
     foot = f"<tfoot>{markup.table_row(text.CLIPS_MEAN, cells)}</tfoot>"
     is_done = all(run.state == "done" for run in runs.values())
@@ -384,7 +384,7 @@ def _worst(worst: Sequence[Mapping[str, Any]]) -> str:
 
 def _sets_table(rows: Sequence[Mapping[str, Any]], systems: Sequence[str], clips: int) -> str:
     firsts = {row.key for row in METRICS if row.is_primary} | {FGD}
-    head = markup.table_head({name: name for name in systems})
+    head = markup.header_cells({name: name for name in systems})
 
     def table(chosen: list[Mapping[str, Any]]) -> str:
         cells_by_name = format_cells(list(systems), [dict(row) for row in chosen])

@@ -108,13 +108,13 @@ def install_guard(
 
     X-Forwarded-Host is trusted with a proxy if it is one of the page's names.
     """
-    trusts_proxy_host = has_proxy or bool(os.environ.get("SPACE_HOST"))
+    trusts_forwarded_headers = has_proxy or bool(os.environ.get("SPACE_HOST"))
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         inner = app.middleware_stack or app.build_middleware_stack()
         app.middleware_stack = Guard(
-            PageCache(inner, app), app, names, security_headers(embedders), trusts_proxy_host
+            PageCache(inner, app), app, names, security_headers(embedders), trusts_forwarded_headers
         )
         yield
 
@@ -129,7 +129,7 @@ class Guard:
     app: Any
     names: HostNames
     security_headers: Sequence[tuple[bytes, bytes]]
-    trusts_proxy_host: bool
+    trusts_forwarded_headers: bool
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -187,9 +187,9 @@ class Guard:
         def is_good(name: bytes, value: bytes) -> bool:
             if name == b"x-forwarded-host":
                 host = value.decode("latin-1").split(",")[0].strip()
-                return self.trusts_proxy_host and host in self.names
+                return self.trusts_forwarded_headers and host in self.names
             if name == b"x-forwarded-proto":
-                return self.trusts_proxy_host or is_https
+                return self.trusts_forwarded_headers or is_https
             return name != b"x-gradio-server"
 
         scope["headers"] = [

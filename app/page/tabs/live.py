@@ -23,7 +23,7 @@ from model.systems.registry import family_of, representatives
 _MAX_TOKEN = 100
 
 
-class LiveRunner(MotionRunner):
+class LiveRecordingRunner(MotionRunner):
     """Runner that makes a run of the last minute of a live session."""
 
     tab = "live"
@@ -68,7 +68,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
             text.CANCEL, visible=False, elem_id="live-cancel", scale=0, min_width=110
         )
     results = ResultParts("live-", SAVE_HELP)
-    runner = LiveRunner(services, FormParts({}, keep, cancel), results)
+    runner = LiveRecordingRunner(services, FormParts({}, keep, cancel), results)
     runner.wire(page, [token], js=_TOKEN_OF_PAGE)
     return results
 

@@ -28,7 +28,7 @@ from app.page.tabs.stage import BackgroundVideos
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import cookie_of, equal_in_constant_time, visitor_of
 from app.run.batch.saved_run import OPENED, run_request
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent, RunStage
+from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, RunStage, StageProgress
 from app.run.output.run_folder import end_run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest
@@ -51,7 +51,7 @@ class RunProgress:
     def html(self, events: Sequence[RunEvent]) -> str:
         """Update the progress with events, and format it as HTML."""
         for event in events:
-            if isinstance(event, Progress):
+            if isinstance(event, StageProgress):
                 self.clip = event.clip
                 self.fractions[event.stage] = event.fraction
                 self.details[event.stage] = event.detail

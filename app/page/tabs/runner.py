@@ -30,7 +30,7 @@ from app.page.visitors.characters import Characters
 from app.page.visitors.job_folders import Job, Jobs
 from app.page.visitors.visitors import CHECKS, RUNS, TokenStore, cookie_of, visitor_of
 from app.page.worker import Task, Worker
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
+from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.display import Display
 from app.run.requests.convert import all_names, request_from
 from app.run.upload_check import Upload, UploadKind, rejection_reason
@@ -183,7 +183,7 @@ def _batch(events: queue.SimpleQueue[RunEvent | None]) -> tuple[list[RunEvent], 
 
 def last_fraction(events: Sequence[RunEvent]) -> float | None:
     """Return the fraction done of a run with one stage; None without any progress event."""
-    shares = [event.fraction for event in events if isinstance(event, Progress)]
+    shares = [event.fraction for event in events if isinstance(event, StageProgress)]
     return shares[-1] if shares else None
 
 

@@ -286,8 +286,8 @@ class _Archive:
         shown = printable(path[:80])
         if not is_usual:
             raise RunError(
-                f"{self._name} contains {shown!r}, which is a link or device, and was not "
-                "extracted. Pack the files themselves."
+                f"{self._name} was not extracted, because {shown!r} in it is a link or device. "
+                "Pack the files themselves."
             )
         parts = path.removesuffix("/").split("/")
         is_plain = (

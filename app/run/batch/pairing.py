@@ -82,7 +82,8 @@ def pair_files(
 def no_common_clips_error(files: Mapping[str, Mapping[str, SampleFiles]]) -> RunError:
     """Return the error for sets without a common clip, naming some clips of each."""
     some = "; ".join(
-        f"{name} has {', '.join(sorted(clips)[:3]) or 'none'}" for name, clips in files.items()
+        f"{name} has for example {', '.join(sorted(clips)[:3])}" if clips else f"{name} has none"
+        for name, clips in files.items()
     )
     return RunError(
         f"No clip is in all of {', '.join(files)}. Clips are paired by file name: {some}."

@@ -18,13 +18,13 @@ from app.errors import RunError, message_for_user
 from app.findings.verdict import make_verdict
 from app.run.batch.pairing import has_suffix
 from app.run.batch.table import write_tables
-from app.run.callbacks import NO_CALLBACKS, Progress, RunCallbacks, RunEvent, RunStage
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks, RunEvent, RunStage, StageProgress
 from app.run.output.result_folder import lock_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
 from app.run.requests.convert import flat_json, replace_fields, with_paths
 from app.run.requests.requests import AnyRun, GenerateRequest
 from app.run.upload_check import SOUNDS
-from conventions.names import REFERENCE_NAME, safe_file_stem
+from conventions.names import REFERENCE_NAME, pluralise, safe_file_stem
 from processes.job import Job
 from processes.pool import JobPool
 
@@ -129,10 +129,10 @@ def _mean_progress(callbacks: RunCallbacks, num_clips: int) -> Callable[[str, Ru
     fractions: dict[tuple[RunStage, str], float] = {}
 
     def on_event(clip: str, event: RunEvent) -> None:
-        if isinstance(event, Progress):
+        if isinstance(event, StageProgress):
             fractions[event.stage, clip] = event.fraction
             done = sum(each for (stage, _), each in fractions.items() if stage == event.stage)
-            event = Progress(event.stage, done / num_clips, clip=f"{num_clips} clips")
+            event = StageProgress(event.stage, done / num_clips, clip=f"{num_clips} clips")
         callbacks.on_event(event)
 
     return on_event
@@ -195,9 +195,8 @@ def _listed(source: Path) -> list[Path]:
         raise RunError(f"{source} lists no audio files; write one path per line.")
     missing = [path for path in paths if not path.is_file()]
     if missing:
-        raise RunError(
-            f"{source} lists {len(missing)} files that do not exist; the first is {missing[0]}."
-        )
+        others = f", and {pluralise(len(missing) - 1, 'other')}" if len(missing) > 1 else ""
+        raise RunError(f"{source} lists a file that does not exist: {missing[0]}{others}.")
     return paths
 
 

@@ -297,7 +297,10 @@ def star_legend(systems: Sequence[str], clips: int) -> str:
     """Return the explanation of stars; with few clips there are none."""
     if clips < MIN_CLIPS_FOR_CLAIM:
         return f"Differences are starred only with {MIN_CLIPS_FOR_CLAIM} clips or more."
-    return f"* The 95 % interval of the paired difference to {systems[-1]} excludes 0."
+    return (
+        f"* Differs from {systems[-1]}: the 95 % confidence interval of the paired difference "
+        "excludes 0."
+    )
 
 
 def _cell(rows: list[dict[str, Any]], name: str, last: str) -> str:

@@ -240,16 +240,19 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
     elif high < 0:
         verdict = "Arm motion depends more on the noise seed than on the speech."
     else:
-        verdict = "The difference is not significant; use more speeches and seeds."
+        verdict = (
+            "The difference between speech and noise seed is not significant; use more speeches "
+            "and seeds."
+        )
     sentence = (
         f"{system}: the speech accounts for {_percent(arms['by_speech'])} of the arm-speed "
         f"correlation and the noise seed for {_percent(arms['by_noise'])}, a difference of "
         f"{_points(lead)} percentage points (95 % interval over pairs of motions {_points(low)} to "
-        f"{_points(high)}). With the same noise and different speech, arm rotations correlate with "
-        f"r = {numbers['arm_rotations_same_noise']:.2f}."
+        f"{_points(high)}). {verdict} With the same noise and different speech, arm rotations "
+        f"correlate with r = {numbers['arm_rotations_same_noise']:.2f}."
     )
     if "speakers" not in numbers:
-        return f"{sentence} {verdict}"
+        return sentence
     both = numbers["speakers"]
     calm, manner = both["calm"], both["manner"]
     return (
@@ -258,7 +261,7 @@ def _effect_sentence(system: str, numbers: Mapping[str, Any]) -> str:
         "speech, their arm rotations correlate with r = "
         f"{manner['arm_rotations_same_noise']:.2f}, "
         f"and {calm}'s wrists move {both['calm_over_lively']:.2f} times as fast as "
-        f"{both['lively']}'s. {verdict}"
+        f"{both['lively']}'s."
     )
 
 

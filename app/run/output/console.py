@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from app import text
-from app.run.callbacks import Progress, RunEvent
+from app.run.callbacks import RunEvent, StageProgress
 from conventions.names import printable
 
 
@@ -51,7 +51,7 @@ class ProgressBars:
         bar.refresh()
 
     def on_event(self, event: RunEvent) -> None:
-        if isinstance(event, Progress):
+        if isinstance(event, StageProgress):
             self.update(text.STAGE_NAMES[event.stage], event.fraction)
 
 

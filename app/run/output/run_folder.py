@@ -308,7 +308,7 @@ class RunRecord(_Strict):
 
     @property
     def result_files(self) -> list[str]:
-        """All files except those that only a player uses, and the record itself."""
+        """``run.json`` and all files except those that only the viewer uses."""
         return [RUN, *(name for name in self.files if "/" not in name)]
 
     @property

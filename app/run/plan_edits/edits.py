@@ -337,7 +337,7 @@ KINDS: Mapping[str, EditKind] = {
     "end": _kind(_end, side=Side, ends=_Second, at=_Second),
     "size": _kind(_of_both(editing.scale_gesture, "size"), **_one, size=_within(0.1, 4)),
     "height": _kind(_of_both(editing.raise_gesture, "by"), **_one, by=_within(-1, 1)),
-    "speed": _kind(_of_both(editing.speed_up_gesture, "speed"), **_one, speed=_within(0.2, 5)),
+    "speed": _kind(_of_both(editing.scale_gesture_speed, "speed"), **_one, speed=_within(0.2, 5)),
     "nod": _kind(
         lambda plan, values, *_: editing.with_event(
             plan, Nod(values["at"], values.get("depth", NOD_DEG))),

@@ -84,7 +84,8 @@ def parse_steps(value: str) -> int | dict[str, int] | None:
         return {name.strip(): int(count) for name, count in pairs}
     except ValueError:
         raise RunError(
-            f"Steps are a number, or numbers by system such as globaldiff/full=20; got {value!r}."
+            "The number of steps must be a whole number, or one per system, such as "
+            f"globaldiff/full=20,gan/5=10; got {value!r}."
         ) from None
 
 

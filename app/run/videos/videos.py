@@ -43,13 +43,13 @@ from renderer.video.render import (
     projected_joints,
     stack_pictures,
 )
-from renderer.video.workers import RenderJob, run_render_jobs
+from renderer.video.workers import MotionRenderJob, run_render_jobs
 
 FileCallback = Callable[..., None]
 """Callback with the signature of `app.run.run_writer.RunWriter.add_files`."""
 PictureKey = tuple[str, View]
 """Name of a motion, and view."""
-Jobs = dict[PictureKey, RenderJob]
+Jobs = dict[PictureKey, MotionRenderJob]
 Draw = Callable[..., dict[PictureKey, np.ndarray]]
 """Function with the parameters of `renderer.video.workers.run_render_jobs`."""
 
@@ -138,7 +138,7 @@ def draw_videos(
         how = render_settings(video, view, (layouts or {}).get(name), **settings)
         if how not in cameras:
             cameras[how] = camera_setup_for(body, posed, how)
-        jobs[name, view] = RenderJob(
+        jobs[name, view] = MotionRenderJob(
             **looks[name],
             out=out(name, view),
             speech_wav=speech,

@@ -32,7 +32,7 @@ from renderer.video.compose import (
     compose_videos,
     label_band_height,
 )
-from renderer.video.workers import RenderJob
+from renderer.video.workers import MotionRenderJob
 
 NAME = "stage.mp4"
 NO_LINES = "Skeletons and joint axes are only shown in the viewer, not in the video."
@@ -151,7 +151,9 @@ def _move_cameras(jobs: Jobs, raw: dict[str, BodyMotion], body: Body, viewer: Vi
     return jobs
 
 
-def _laid_on(first: RenderJob, second: RenderJob, raw: BodyMotion) -> tuple[RenderJob, BodyMotion]:
+def _laid_on(
+    first: MotionRenderJob, second: MotionRenderJob, raw: BodyMotion
+) -> tuple[MotionRenderJob, BodyMotion]:
     """Move the second job of a pair and its raw motion horizontally to the pelvis of the first."""
     frames = np.minimum(np.arange(raw.num_frames), first.motion.num_frames - 1)
     shift = first.motion.trans[frames] - second.motion.trans

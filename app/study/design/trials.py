@@ -231,7 +231,7 @@ class Balance:
 
     appearances_spread: int
     """Spread over trials of the number of lists with the trial."""
-    position_spread: int
+    trial_position_spread: int
     """Spread over trials and positions."""
     follows_spread: int
     """Spread over ordered pairs of trials of how often one directly follows the other."""
@@ -281,7 +281,7 @@ def measure_balance(design: Design) -> Balance:
     follows.update(followed)
     return Balance(
         appearances_spread=_spread(pages.trial.value_counts()),
-        position_spread=_spread(
+        trial_position_spread=_spread(
             pd.Series(pd.crosstab(pages.trial, pages.place).to_numpy().ravel())
         ),
         follows_spread=_spread(pd.Series(follows)),

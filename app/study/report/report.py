@@ -173,7 +173,7 @@ def headline(result: QuestionResult) -> str:
     best, *others = order
     beaten = [other for other in others if lead(best, other) > 0]
     if beaten == others:
-        return f"{name}{best} was significantly better than every other system."
+        return f"{name}{best} is significantly better than {join_names(others)}."
     ahead_of_best = [other for other in others if lead(best, other) < 0]
     alike = [best, *(other for other in others if lead(best, other) == 0)]
     lines = []

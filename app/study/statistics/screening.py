@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from app.study.design.key import ExpectedAnswer, Key
 from app.study.statistics.answers import TIE, Answer, Participant, is_number
-from conventions.names import join_names, pluralise
+from conventions.names import pluralise
 
 SHORTEST_VIDEO_S = 0.5
 """Shortest video (s), used if the key does not have their duration."""
@@ -119,7 +119,7 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
         are_copies = all(_content(one) == _content(first) for one in others)
         for one in others if are_copies else (first, *others) if others else ():
             other = others[0] if one is first else first
-            reasons[one.id] = f"the same link was also used by {other.source}"
+            reasons[one.id] = f"its link was also used for {other.source}"
     return reasons
 
 
@@ -188,7 +188,7 @@ def _implausibility(participant: Participant, key: Key) -> str | None:
             if hasty
             else []
         )
-        return f"always the same position chosen, and {join_names(evidence)}"
+        return f"the same answer by position in every trial, and also {', '.join(evidence)}"
     return None
 
 

@@ -93,8 +93,9 @@ PROTOCOLS: Mapping[str, Protocol] = {
         ),
         Protocol(
             "beats/raggesture",
-            "BeatAlign of RAG-Gesture. It uses the first 10 s of a clip, without a third of a "
-            "second at both ends. Its speed threshold is 0.3 times the published mean speeds.",
+            "BeatAlign of RAG-Gesture. It uses the first 10 s of a clip and leaves out a third "
+            "of a second at each end. A joint's speed threshold is 0.3 times its mean speed as "
+            "published by EMAGE.",
             _UPPER,
             "frames 10 to 290 of each clip, or up to 10 frames before its end; mean over clips, "
             "weighted by length",

@@ -161,7 +161,7 @@ def _load(folder: Path, sha256: str) -> FaceModel:
 
 
 @dataclass(frozen=True)
-class BodyWindow(Window):
+class SeedingWindow(Window):
     """A window with the input of the next one."""
 
     clean: Float[Tensor, "B n C"]
@@ -172,7 +172,7 @@ class BodyWindow(Window):
 class FaceFirstSystem(System):
     """System with the face of the expression network, which is sampled before the body."""
 
-    window_type: ClassVar[type[Window]] = BodyWindow
+    window_type: ClassVar[type[Window]] = SeedingWindow
     config: BranchConfig
     """Shape of the body's network."""
     normaliser: Normaliser
@@ -190,7 +190,7 @@ class FaceFirstSystem(System):
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
         spec: WindowSpec,
-    ) -> BodyWindow:
+    ) -> SeedingWindow:
         """Sample the body of one window.
 
         Args:
@@ -200,9 +200,11 @@ class FaceFirstSystem(System):
             seed: normalised motion of the first frames; None at the start of a clip.
         """
 
-    def window(self, speech: SpeechWindow, before: Window | None, spec: WindowSpec) -> BodyWindow:
+    def window(
+        self, speech: SpeechWindow, before: Window | None, spec: WindowSpec
+    ) -> SeedingWindow:
         """Generate a window (`System.window`): the face, for all samples, then the body."""
-        assert before is None or isinstance(before, BodyWindow)
+        assert before is None or isinstance(before, SeedingWindow)
         frames = self.windowing.frames
         speech_window = speech.with_context(self.face.config.speech_context, frames)
         face = self.face.window(

@@ -13,7 +13,7 @@ from model.motion.packing import rotations
 from model.motion.spaces import ROOT_DIM
 from model.networks.branch import mask_expression
 from model.networks.trained import TrainedWeights
-from model.systems.face.face import BodyWindow, FaceFirstSystem, face_first_fields
+from model.systems.face.face import FaceFirstSystem, SeedingWindow, face_first_fields
 from model.systems.gan.config import FAMILY, GeneratorConfig
 from model.systems.gan.network import Generator, ddim_step, diffusion_times, posterior
 
@@ -32,7 +32,7 @@ class GanSystem(FaceFirstSystem):
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
         spec: WindowSpec,
-    ) -> BodyWindow:
+    ) -> SeedingWindow:
         """Sample the body from posteriors as trained, or by DDIM."""
         config, size = self.config, spec.samples
         seed_poses = (
@@ -63,7 +63,7 @@ class GanSystem(FaceFirstSystem):
             mean, deviation = posterior(x, x_0, to, at)
             x = mean + deviation * again
         vectors = self.normaliser.restore(x)
-        return BodyWindow(
+        return SeedingWindow(
             rotmat=rotations(vectors, "axis-angle"),
             root=vectors[..., -ROOT_DIM:],
             expression=expression.expand(size, -1, -1),

@@ -23,7 +23,7 @@ from model.networks.trained import TrainedWeights
 from model.sampling.flow import ClassifierFreeGuidance, sample
 from model.sampling.prior import GaussianPrior
 from model.sampling.samplers import FLOW_SAMPLERS
-from model.systems.face.face import BodyWindow, FaceFirstSystem, face_first_fields
+from model.systems.face.face import FaceFirstSystem, SeedingWindow, face_first_fields
 from model.systems.globaldiff.config import FAMILY, NetworkConfig
 
 
@@ -118,7 +118,7 @@ class GlobalDiffSystem(FaceFirstSystem):
         expression: Float[Tensor, "T E"],
         seed: Float[Tensor, "B S C"] | None,
         spec: WindowSpec,
-    ) -> BodyWindow:
+    ) -> SeedingWindow:
         """Sample the body, with in-painting of the seed early in the flow.
 
         Until `INPAINT_UNTIL`, the seed frames replace the prediction of the first frames; later the
@@ -160,7 +160,7 @@ class GlobalDiffSystem(FaceFirstSystem):
         rotmat, root = rotations(vectors, config.rotation_space), vectors[..., -ROOT_DIM:]
         if config.rotation_space != "axis-angle":  # rows of any length become those of a rotation
             vectors = join_channels(rot6d_from_matrix(rotmat), root)
-        return BodyWindow(
+        return SeedingWindow(
             rotmat=rotmat,
             root=root,
             expression=expression.expand(size, -1, -1),

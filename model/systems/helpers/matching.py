@@ -87,7 +87,7 @@ def remove_mean(x: Float[Tensor, "B T C"]) -> Float[Tensor, "B T C"]:
     return x - x.mean(1, keepdim=True)
 
 
-def arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
+def log_arm_speed(tracks: Float[Tensor, "B T tracks"]) -> Float[Tensor, "B T2 1"]:
     """Compute the arms' log speed from normalised `motion_tracks`, centred, at the towers' rate."""
     mean = tracks[..., PREDICTED].mean(-1, keepdim=True).transpose(1, 2)
     return remove_mean(F.avg_pool1d(mean, STRIDE, ceil_mode=True).transpose(1, 2))
@@ -197,7 +197,7 @@ class SpeechMotionMatcher:
         """Compute the arms' centred log speed, of the motion and predicted from speech."""
         tracks = self.normaliser.normalise(motion_tracks(poses))
         speeds = self.network.speed(self.network.encode_speech(speech)["arms"])
-        return arm_speed(tracks), speeds
+        return log_arm_speed(tracks), speeds
 
 
 def load_matcher(folder: Path, name: str) -> SpeechMotionMatcher:

@@ -22,7 +22,7 @@ from model.systems.helpers.matching import (
     PARTS,
     MatchingNetwork,
     agreement,
-    arm_speed,
+    log_arm_speed,
     motion_tracks,
 )
 from model.training import losses
@@ -168,7 +168,7 @@ class MatchingTask(SingleNetworkTask):
             agreements = agreement(speech_tracks[part].float(), motion_tracks_encoded[part].float())
             terms[part] = contrastive_loss(scale * agreements)
             shares[f"{part}_share_right"] = matching_accuracy(agreements.detach())
-        wanted = arm_speed(pieces(tracks))
+        wanted = log_arm_speed(pieces(tracks))
         error = (speed.float() - wanted).square().mean() / wanted.square().mean().clamp_min(1e-6)
         terms["arm_speed"] = config.arm_speed_weight * error
         return StepLoss(terms, shares)

@@ -103,7 +103,7 @@ class FootLock:
 
     planted: Sequence[FootContact]
     """Times at which feet stand, from a plan. A foot without any is not changed."""
-    initial_placements: Mapping[FootContact, FootPlacement] = field(default_factory=dict)
+    earlier_placements: Mapping[FootContact, FootPlacement] = field(default_factory=dict)
     """Footings from an earlier version, which stay."""
     placements: dict[FootContact, FootPlacement] = field(default_factory=dict, init=False)
     """Footings of all feet that have landed so far."""
@@ -168,7 +168,7 @@ class FootLock:
             if first in frames:
                 at = first - frames.start
                 here = FootPlacement(float(path[at, 0]), float(path[at, 1]), float(turn[at]))
-                self.placements[event] = self.initial_placements.get(event, here)
+                self.placements[event] = self.earlier_placements.get(event, here)
             if event not in self.placements:
                 continue
             footing = self.placements[event]

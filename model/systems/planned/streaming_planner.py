@@ -93,7 +93,7 @@ class StreamingPlanner:
         self, features: Float[Tensor, "n speech_dim"], streamed: StreamedPlan, first: int
     ) -> Float[Tensor, "n input_dim"]:
         """Return the motion network's input for frames from ``first`` on."""
-        return self._planner.conditioning(features, streamed.condition, first - streamed.origin)
+        return self._planner.conditioning(features, streamed.condition, first - streamed.zero_frame)
 
     def _draw(
         self, speech: Callable[[int, int], Float[Tensor, "T speech_dim"]], final: int, stop: int

@@ -12,7 +12,7 @@ from model.storage.cards import BUNDLED_WEIGHTS, CheckpointError
 from renderer.body.body import load_body
 from renderer.draw.offscreen import OffscreenRenderer
 from renderer.draw.probe import choose_backend
-from renderer.scene.studio import FramePreparer, Subject
+from renderer.scene.studio import PosedFrameBuilder, Subject
 from renderer.video.baseline import draw_baseline
 from renderer.video.render import RenderSettings, camera_setup_for
 from tests.renderer.scene.test_camera import waving_motion
@@ -23,10 +23,10 @@ pytestmark = pytest.mark.slow
 def test_training_rate_counts_the_windows_of_the_timed_steps(monkeypatch, weights):
     clock = iter([100.0, 102.0])  # as if the steps after the warm-up had taken two seconds
     monkeypatch.setattr(bench, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    rate = bench.measure_training_rate("globaldiff/global", BUNDLED_WEIGHTS, "smoke")
+    rate = bench.measure_training_windows_per_s("globaldiff/global", BUNDLED_WEIGHTS, "smoke")
     assert rate == bench.TIMED_STEPS * bench.BATCH / 2.0
     with pytest.raises(CheckpointError, match="motion-vae"):  # what L_m needs
-        bench.measure_training_rate("globaldiff/full", weights, "smoke")
+        bench.measure_training_windows_per_s("globaldiff/full", weights, "smoke")
 
 
 @pytest.mark.gl
@@ -34,7 +34,7 @@ def test_the_naive_loop_draws_the_same_body():
     body, motion = load_body(), waving_motion(2)
     stage = camera_setup_for(body, [motion], RenderSettings(drawing.SIZE_PX, drawing.SIZE_PX))
     frames = next(iter(body.vertices(motion, 2)))
-    prepare = FramePreparer(body.faces, body.num_vertices, stage)
+    prepare = PosedFrameBuilder(body.faces, body.num_vertices, stage)
     subject = Subject(body.faces, body.vertex_colors, prepare.ground.corners())
     with OffscreenRenderer(choose_backend()) as renderer:
         canvas = renderer.make_canvas(subject, drawing.SIZE_PX, drawing.SIZE_PX)

@@ -83,7 +83,7 @@ def test_numbers_stand_beside_each_other_as_generated_and_smoothed() -> None:
 
 
 def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
-    start = "Joint that, if filtered, reduces the jerk of the right middle fingertip most: in"
+    start = "Filtering one joint reduces the jerk of the right middle fingertip most for: in"
     few = (
         "Filtering a single joint reduces the jerk of the right middle fingertip by less than 5 % "
         "in a."
@@ -98,7 +98,8 @@ def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
         assert told("attribution", a=a) == words
         if words == few:
             words = (
-                f"{start} b the right elbow (by 30 %); in a, no joint reduces it by 5 % or more."
+                f"{start} b the right elbow (by 30 %); in a, filtering any one joint reduces it by "
+                "less than 5 %."
             )
             assert told("attribution", a=a, b=b) == words
 

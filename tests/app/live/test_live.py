@@ -205,7 +205,7 @@ def test_what_is_missing_of_what_was_spoken_is_said(session, clock):
     made_s = minute.motion.num_frames / 30
     assert recording_note(minute, made_s + 1.9) == ""
     told = recording_note(minute, made_s + 2.5)
-    assert told.startswith(f"{made_s:.1f} s were saved. The last 2.5 s of speech had no motion yet")
+    assert told.startswith("The saved run ends 2.5 s before the end of your speech")
     later = replace(minute, first_frame=45)
     assert recording_note(later, made_s).startswith(
         f"Only the last {made_s:.0f} s are stored; the 1.5 s"

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.errors import RunError
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
+from app.run.callbacks import FolderUpdated, RunCallbacks, StageProgress
 from app.run.output.result_folder import require_free_space
 
 
@@ -20,7 +20,7 @@ def carry_on(request: str, *_: Any) -> str:
 
 
 def leave(path: Path, callbacks: RunCallbacks) -> Path:
-    callbacks.on_event(Progress("numbers", 0.5))
+    callbacks.on_event(StageProgress("numbers", 0.5))
     path.touch()
     callbacks.on_event(FolderUpdated(path.parent))
     return path

@@ -17,7 +17,7 @@ from app.page.parts.markup import Updates
 from app.page.tabs.runner import TabRunner, stream_updates
 from app.page.visitors.job_folders import Job, Jobs, sweep
 from app.page.visitors.quota import Quota
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
+from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from tests.app import fakes
 from tests.app.page.made import browser
 from tests.app.requests import generate_request
@@ -45,7 +45,7 @@ class Runner(TabRunner):
         self.begun.append((job.cookie, values))
 
         def shares(events: list[RunEvent]) -> Updates:
-            found = [event.fraction for event in events if isinstance(event, Progress)]
+            found = [event.fraction for event in events if isinstance(event, StageProgress)]
             return {self.status: found} if events else {}
 
         def do(*_: object) -> str:
@@ -67,7 +67,7 @@ def jobs(tmp_path: Path) -> Jobs:
 
 
 def half_done(callbacks: RunCallbacks) -> str:
-    callbacks.on_event(Progress("numbers", 0.5))
+    callbacks.on_event(StageProgress("numbers", 0.5))
     return "done"
 
 
@@ -149,7 +149,7 @@ def test_news_come_in_order_then_the_result_and_files_outlive_the_run_that_stops
             while True:
                 next(following)
         assert FolderUpdated in {type(event) for event in events}
-        last = {event.stage: event.fraction for event in events if isinstance(event, Progress)}
+        last = {event.stage: event.fraction for event in events if isinstance(event, StageProgress)}
         assert set(last.values()) == {1.0} and not job.is_cancelled()
         shutil.rmtree(asked.output.out)
     assert job.is_cancelled(), "whatever still works for it stops"

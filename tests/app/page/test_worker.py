@@ -11,7 +11,7 @@ import pytest
 from app import text
 from app.errors import Cancelled, RunError, WorkerError, message_for_user, visitor_message
 from app.page.worker import Limits, Worker
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
+from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from processes import exit_report
 from tests.app.page import ends
 from tests.processes.made import kill, run_out_of_memory
@@ -35,7 +35,7 @@ def test_a_process_is_kept_and_gives_what_tasks_give_their_files_sentences_and_f
 ):
     events: list[RunEvent] = []
     assert worker.do(ends.leave, tmp_path / "left", RunCallbacks(events.append)).is_file()
-    assert events == [Progress("numbers", 0.5), FolderUpdated(tmp_path)]
+    assert events == [StageProgress("numbers", 0.5), FolderUpdated(tmp_path)]
     first = pid_of(worker)
     with pytest.raises(RunError, match=r"^It is no <good>\.$"):
         worker.do(ends.say_no, "")

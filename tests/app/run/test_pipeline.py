@@ -15,7 +15,7 @@ from PIL import Image
 from app.errors import Cancelled, RunError, message_for_user
 from app.findings.metric_table import JERK
 from app.run.bodies import root_transform_of
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks, RunEvent
+from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.frame_packets import HEADER, frames_message
 from app.run.models import get_system, warm_up_steps
 from app.run.output.run_folder import RunRecord, read_run
@@ -117,7 +117,9 @@ def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(who
 def test_a_whole_run_tells_how_far_it_is_and_of_numbers_before_pictures(whole: Whole) -> None:
     result, events = whole
     for stage in ("speech", "motion", "numbers", "video", "comparison", "figure"):
-        fractions = [e.fraction for e in events if isinstance(e, Progress) and e.stage == stage]
+        fractions = [
+            e.fraction for e in events if isinstance(e, StageProgress) and e.stage == stage
+        ]
         assert fractions == sorted(fractions) and fractions[-1] == 1.0, stage
     told = [event for event in events if isinstance(event, RunRecord)]
     has = [
@@ -330,7 +332,9 @@ def _frames(record: RunRecord, name: str) -> int:
     [
         lambda events: True,
         lambda events: any(isinstance(e, RunRecord) and _frames(e, WORLD) == 104 for e in events),
-        lambda events: any(isinstance(e, Progress) and e.stage == "numbers" for e in events[:-1]),
+        lambda events: any(
+            isinstance(e, StageProgress) and e.stage == "numbers" for e in events[:-1]
+        ),
     ],
     ids=["at once", "amid the windows", "amid the numbers"],
 )
@@ -344,7 +348,7 @@ def test_a_run_that_is_cancelled_leaves_nothing(
     assert not asked.output.out.exists()
     is_whole = any(isinstance(e, RunRecord) and "motion" in str(e.rows) for e in events)
     assert is_whole == ("numbers" in request.node.callspec.id)
-    shares = [e.fraction for e in events if isinstance(e, Progress) and e.stage == "numbers"]
+    shares = [e.fraction for e in events if isinstance(e, StageProgress) and e.stage == "numbers"]
     assert max(shares, default=0.0) < 1.0
 
 
@@ -353,7 +357,7 @@ def test_cancelling_ends_the_children_that_draw(ask: Asks) -> None:
     request, told, seen = ask(has_video=True, size=256), [], []
 
     def should_cancel() -> bool:
-        if any(isinstance(e, Progress) and e.stage in ("numbers", "video") for e in told):
+        if any(isinstance(e, StageProgress) and e.stage in ("numbers", "video") for e in told):
             seen.extend(children_that_draw())
         return bool(seen)
 

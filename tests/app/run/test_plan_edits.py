@@ -84,7 +84,7 @@ def test_size_height_speed_and_hold_are_what_editing_makes_of_them(plan):
     for told, made in (
         ({"do": "size", "size": 1.3}, editing.scale_gesture(plan, first, 1.3)),
         ({"do": "height", "by": 0.1}, editing.raise_gesture(plan, first, 0.1)),
-        ({"do": "speed", "speed": 0.8}, editing.speed_up_gesture(plan, first, 0.8)),
+        ({"do": "speed", "speed": 0.8}, editing.scale_gesture_speed(plan, first, 0.8)),
         ({"do": "hold", "hold": 1.0}, editing.set_hold(plan, first, 1.0)),
     ):
         assert done(plan, told | FIRST) == made

@@ -19,7 +19,7 @@ from app.run.bodies import (
     picture_motions,
     root_transform_of,
 )
-from app.run.callbacks import NO_CALLBACKS, Progress, RunCallbacks
+from app.run.callbacks import NO_CALLBACKS, RunCallbacks, StageProgress
 from app.run.display import MAX_SHOWN, Mode, ViewerBody, ViewerPanel, ViewerSettings, ViewerState
 from app.run.examples import CLEAN
 from app.run.output.result_folder import ResultFolder
@@ -38,7 +38,7 @@ from renderer.body.body import load_body
 from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.compose import label_band_height
 from renderer.video.render import RenderSettings, camera_setup_for, draw_frames
-from renderer.video.workers import RenderJob
+from renderer.video.workers import MotionRenderJob
 from tests.app.fakes import made_motion
 from tests.app.requests import diagnose_request, generate_request
 from tests.helpers import smooth_motion_example
@@ -321,7 +321,7 @@ def test_a_pair_stands_pelvis_on_pelvis(tmp_path: Path, mode: Mode) -> None:
 def test_the_second_of_a_pair_stands_where_the_first_is_drawn() -> None:
     first, second = with_arms_down(6), with_arms_down(9)
     second.trans[:, 0] = np.arange(9)
-    jobs = [RenderJob(body_motion(motion)) for motion in (first, second)]
+    jobs = [MotionRenderJob(body_motion(motion)) for motion in (first, second)]
     laid = viewer_recording._laid_on(*jobs, jobs[1].motion)[0].motion.trans
     assert np.allclose(laid[:, [0, 2]], first.trans[0, [0, 2]]), "also where the first has ended"
     assert np.array_equal(laid[:, 1], second.trans[:, 1]), "but not in height"
@@ -365,7 +365,7 @@ def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_p
     told: list[object] = []
     with pytest.raises(Cancelled):
         draw_viewer_video(asked(tmp_path, GRID), RunCallbacks(told.append, lambda: bool(told)))
-    assert told == [Progress("video", 0.0)] and not (tmp_path / "out" / NAME).exists()
+    assert told == [StageProgress("video", 0.0)] and not (tmp_path / "out" / NAME).exists()
 
 
 def test_of_more_than_fit_the_first_sample_of_each_and_the_reference_stand_side_by_side() -> None:

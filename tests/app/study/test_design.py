@@ -80,12 +80,12 @@ def test_the_balance_of_lists_is_told_as_it_is():
         return measure_balance(Design((), (), lists))
 
     fair = balance((first, check, Page(1, (four, three))), (second, Page(0, (two, one))))
-    assert fair.position_spread == fair.follows_spread == fair.appearances_spread == 0
+    assert fair.trial_position_spread == fair.follows_spread == fair.appearances_spread == 0
     assert fair.first_place_spread_within_trial == 0
     assert fair.first_place_unfairness == 0.0
     assert fair.first_place_shares == {"one": 0.5, "two": 0.5}
     unfair = balance((first, second), (first, second))
-    assert unfair.position_spread == unfair.follows_spread == 2
+    assert unfair.trial_position_spread == unfair.follows_spread == 2
     assert unfair.first_place_spread_within_trial == 2
     assert unfair.first_place_unfairness == 1.0
     assert unfair.first_place_shares == {"one": 1.0, "two": 0.0}
@@ -129,7 +129,12 @@ def test_lists_are_balanced_in_order_and_side(tmp_path):
         _, design = design_of(tmp_path, protocol)
         balance = measure_balance(design)
         # 36 participants are whole squares of 18, 12 and 3 trials.
-        assert balance.position_spread == balance.follows_spread == balance.appearances_spread == 0
+        assert (
+            balance.trial_position_spread
+            == balance.follows_spread
+            == balance.appearances_spread
+            == 0
+        )
         assert balance.first_place_spread_within_trial == 0
         assert balance.first_place_unfairness <= 1.0
         fair = 0.25 if protocol in ("ranking", "rating") else 0.5

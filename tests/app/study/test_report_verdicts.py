@@ -92,8 +92,6 @@ def test_no_two_sentences_of_a_report_contradict_each_other(
     if won:
         for other in re.findall("|".join(SYSTEMS), won[2]):
             assert (won[1], other) in apart, (first, apart)
-    if whole := re.search(r": (\w+) was significantly better than every other", first):
-        assert {(whole[1], name) for name in SYSTEMS if name != whole[1]} <= apart
     if apart and alike:
         assert {name for pair in apart for name in pair} - set(
             re.findall("|".join(SYSTEMS), alike[1])

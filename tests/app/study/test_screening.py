@@ -258,7 +258,10 @@ def test_impossible_answers_are_set_aside() -> None:
         ),
         (lambda who: replace(who, finished=who.started + timedelta(seconds=60)), "only 60 s from"),
         (lambda who: replace(who, answers=who.answers[::-1]), "a different order"),
-        (always(left, num_failed=1), "same position chosen, and 1 attention check failed"),
+        (
+            always(left, num_failed=1),
+            "every trial, and also 1 attention check failed",
+        ),
         (
             left_and_hasty_once,
             "and 1 of 18 trials answered before the videos could",

@@ -6,7 +6,7 @@ import torch
 
 from model.generation.base import SpeechWindow
 from model.generation.live import LiveMotion, Pace
-from model.generation.windows import GenerateOptions, PiecewiseMotion, WindowChain
+from model.generation.windows import GenerateOptions, MotionAssembler, WindowChain
 from model.motion.motion import concatenate
 from model.systems.globaldiff.config import PRIORFLOW
 
@@ -44,7 +44,7 @@ def test_the_stream_equals_windows_of_the_same_hops_and_draws(loaded, name):
     system, num_frames, sizes = loaded(name), 120, [3, 14, 6] * 5 + [5]
     live = LiveMotion(system, OPTIONS, Pace(hop=9, look_ahead=11))
     pieces = streamed(live, FEATURES[:num_frames].split(sizes))
-    chain, motion = WindowChain(system, OPTIONS), PiecewiseMotion(system)
+    chain, motion = WindowChain(system, OPTIONS), MotionAssembler(system)
     cut, start, offline = system.windowing, 0, []
     for arrived in np.cumsum(sizes).tolist():
         hop = min(arrived - 11 - start, cut.advance)

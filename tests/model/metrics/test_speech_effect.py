@@ -8,7 +8,7 @@ import pytest
 from conventions.joints import JOINT_INDEX
 from model.metrics.speech_effect import (
     LEAST_FRAMES,
-    TRACKS,
+    TRACK_FUNCTIONS,
     arm_rotation_correlation,
     arm_speed,
     silence_speed_ratio,
@@ -47,7 +47,7 @@ def grid(share: float) -> dict:
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 def test_shares_are_those_that_were_planted(share):
     found = speech_and_noise_shares(grid(share))
-    assert set(found) == set(TRACKS)
+    assert set(found) == set(TRACK_FUNCTIONS)
     for part, told in found.items():
         assert told.by_speech == pytest.approx(share, abs=0.12), part
         assert told.by_noise == pytest.approx(1 - share, abs=0.12), part
@@ -75,7 +75,7 @@ def test_rotations_of_arms_alone_are_compared():
 
 def test_a_motion_in_other_units_has_no_brows():
     flame = {key: replace(m, expression_basis="flame100") for key, m in grid(0.5).items()}
-    assert set(speech_and_noise_shares(flame)) == set(TRACKS) - {"brows"}
+    assert set(speech_and_noise_shares(flame)) == set(TRACK_FUNCTIONS) - {"brows"}
 
 
 def test_what_cannot_be_compared_is_refused():

@@ -20,8 +20,8 @@ from model.plan.editing import (
     other_hand_phase_end,
     raise_gesture,
     scale_gesture,
+    scale_gesture_speed,
     set_hold,
-    speed_up_gesture,
     stroke_time_on_word,
     with_event,
 )
@@ -128,7 +128,7 @@ def test_a_hold_before_a_stroke_belongs_to_its_gesture():
     assert told(delete_gesture(HELD, gesture).plan) == [("rest", 0, 6)]
     moved = told(move_gesture(HELD, gesture, 3.7).plan)
     assert moved[1:4] == [("preparation", 2, 3), ("hold", 3, 3.5), ("stroke", 3.5, 3.7)]
-    slower = told(speed_up_gesture(HELD, gesture, 0.5).plan)
+    slower = told(scale_gesture_speed(HELD, gesture, 0.5).plan)
     assert slower[:3] == [("preparation", 0, 1.9), ("hold", 1.9, 2.5), ("stroke", 2.5, 2.7)]
 
 
@@ -146,7 +146,7 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         USUAL_STROKE_ENDS["offer"][1] + 0.2
     )
     for speed, start_s in ((1.3, round(4.5 - 0.31 / 1.3, 3)), (0.5, 3.88), (5.0, 4.3)):
-        fast = speed_up_gesture(BUSY, MIDDLE, speed)
+        fast = scale_gesture_speed(BUSY, MIDDLE, speed)
         assert ("stroke", start_s, 4.5) in told(fast.plan)
     assert "The stroke now lasts 0.20 s, the shortest possible." in fast.notes
     high = raise_gesture(BUSY, MIDDLE, 0.9)
@@ -178,7 +178,7 @@ def test_size_height_and_speed_change_and_what_no_arm_can_is_mended_and_told():
         (lambda p: set_hold(p, MIDDLE, -1.0), "0 s or longer; got -1 s"),
         (lambda p: scale_gesture(p, MIDDLE, 9.0), "0.1 to 4; got 9"),
         (lambda p: raise_gesture(p, MIDDLE, 2.0), "at most 1 m"),
-        (lambda p: speed_up_gesture(p, MIDDLE, 0.0), "0.2 to 5; got 0"),
+        (lambda p: scale_gesture_speed(p, MIDDLE, 0.0), "0.2 to 5; got 0"),
         (lambda p: with_event(p, Nod(11.0, 3.0)), "within the speech, 0 to 10.00 s"),
         (
             lambda p: move_phase_end(p, "right", 4.0, 4.2),
@@ -236,7 +236,7 @@ def edited(plan: GesturePlan, edit: tuple[str, float, str, str, float]) -> PlanR
         "hold": lambda: set_hold(plan, gesture, by),
         "size": lambda: scale_gesture(plan, gesture, by),
         "raise": lambda: raise_gesture(plan, gesture, by - 1.3),
-        "speed": lambda: speed_up_gesture(plan, gesture, by),
+        "speed": lambda: scale_gesture_speed(plan, gesture, by),
     }[what]()
 
 

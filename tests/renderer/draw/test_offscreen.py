@@ -13,7 +13,7 @@ from renderer.draw.offscreen import Backend, GLError, OffscreenRenderer, load_op
 from renderer.draw.probe import choose_backend
 from renderer.scene.camera import Camera
 from renderer.scene.camera_setup import CameraSetup, PanelCamera
-from renderer.scene.studio import FramePreparer, PosedFrame, Subject
+from renderer.scene.studio import PosedFrame, PosedFrameBuilder, Subject
 from renderer.video.render import RenderSettings
 from tests.golden.regenerate import PICTURES, posed
 from tests.renderer.drawn import render_stills
@@ -53,7 +53,7 @@ def draw() -> Callable[..., list[np.ndarray]]:
     ) -> list[np.ndarray]:
         if colors is None:
             colors = np.tile(np.array(RED, np.float32), (len(vertices[0]), 1))
-        prepare = FramePreparer(faces, len(vertices[0]), STAGE)
+        prepare = PosedFrameBuilder(faces, len(vertices[0]), STAGE)
         subject = Subject(faces, colors, prepare.ground.corners())
         with OffscreenRenderer(backend) as renderer:
             canvas = renderer.make_canvas(subject, *SIZE)
@@ -147,7 +147,7 @@ def test_a_second_backend_needs_a_process_of_its_own():
 
 def make_subject() -> tuple[Subject, PosedFrame]:
     vertices, faces = box((-0.5, 0.5, 0.0), (0.0, 1.0, 0.3))
-    prepare = FramePreparer(faces, len(vertices), STAGE)
+    prepare = PosedFrameBuilder(faces, len(vertices), STAGE)
     colors = np.full(vertices.shape, 0.5, np.float32)
     return Subject(faces, colors, prepare.ground.corners()), prepare(vertices)
 

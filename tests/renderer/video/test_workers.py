@@ -17,7 +17,7 @@ from renderer.draw.offscreen import GLError
 from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.encoder import VideoError
 from renderer.video.render import RenderSettings
-from renderer.video.workers import RenderJob, run_render_jobs, worker_error
+from renderer.video.workers import MotionRenderJob, run_render_jobs, worker_error
 from tests.renderer.drawn import children_that_draw, render_stills
 from tests.renderer.scene.test_camera import waving_motion
 from tests.renderer.video.test_encoder import (
@@ -50,8 +50,8 @@ def check_nothing_is_left(folder: Path) -> None:
     wait_for(lambda: not processes_that_mention(folder))  # a child's child is killed, not awaited
 
 
-def long_job(tmp_path: Path) -> RenderJob:
-    return RenderJob(waving_motion(1500), tmp_path / "v.mp4", settings=settings())
+def long_job(tmp_path: Path) -> MotionRenderJob:
+    return MotionRenderJob(waving_motion(1500), tmp_path / "v.mp4", settings=settings())
 
 
 def once_drawing(act: Callable[[int], None]) -> Callable[[float], None]:
@@ -78,7 +78,9 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
     body, motion, far = load_body(), waving_motion(8), waving_motion(8, walk_m=4.0)
     stage = make_camera_setup(body, [motion, far])
     write_wav(tmp_path / "s.wav", tone(0.4))
-    first = RenderJob(motion, Path("0.mp4"), Path("s.wav"), settings(crf=8), still_frames=(3, 0))
+    first = MotionRenderJob(
+        motion, Path("0.mp4"), Path("s.wav"), settings(crf=8), still_frames=(3, 0)
+    )
     jobs = {
         0: replace(first, stage=stage),
         1: replace(first, out=Path("1.mp4"), settings=settings(view="side", crf=8)),
@@ -119,14 +121,16 @@ def test_several_jobs_at_once_equal_the_same_in_this_process(tmp_path, monkeypat
     ],
 )
 def test_errors_come_back_as_they_were_raised_and_end_the_others(tmp_path, changes, error, message):
-    bad = RenderJob(waving_motion(2), tmp_path / "b.mp4", settings=settings(), still_frames=(1,))
+    bad = MotionRenderJob(
+        waving_motion(2), tmp_path / "b.mp4", settings=settings(), still_frames=(1,)
+    )
     with pytest.raises(error, match=message):
         run_render_jobs({"long": long_job(tmp_path), "bad": replace(bad, **changes)})
     check_nothing_is_left(tmp_path)
 
 
 def test_a_crash_is_an_error_here_and_one_while_idle_is_made_good(tmp_path):
-    good = RenderJob(waving_motion(2), settings=settings(), still_frames=(1,))
+    good = MotionRenderJob(waving_motion(2), settings=settings(), still_frames=(1,))
 
     def end_it(name: str) -> None:
         (child,) = children_that_draw()

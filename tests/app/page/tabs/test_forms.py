@@ -24,7 +24,7 @@ from app.page.tabs.own_motion import (
 )
 from app.page.tabs.runner import Services
 from app.page.tabs.study import STUDY_PRESETS, build_study_tab, collect_files, study_plan_toml
-from app.run.callbacks import Progress
+from app.run.callbacks import StageProgress
 from app.run.display import Display
 from app.run.generated_motions import row_names
 from app.run.requests.requests import DiagnoseRequest, GenerateRequest
@@ -139,7 +139,7 @@ def test_every_field_of_the_form_reaches_the_run(form):
         ({"seed": 2**31}, "got 2147483648"),
         ({"samples": 0}, "from 1 to 8; got 0"),
         ({"samples": 7}, "2 systems with 7 samples each give 15 bodies"),
-        ({"steps": "many"}, "Steps are a number, or numbers by system"),
+        ({"steps": "many"}, "must be a whole number, or one per system"),
         ({"start_frame": -1}, "got -1"),
         ({"figure_frames": "0,x"}, "'0,x' is not a list of 1 to 7 frames"),
         ({"guidance": 11.0}, "0 to 10; got 11"),
@@ -199,7 +199,7 @@ def test_several_clips_are_one_run_over_the_folder_that_they_are_laid_in(form, t
     ):
         with pytest.raises(RunError, match=words):
             read(form, **{**alone, "speech": first, **changes})
-    line = RunProgress().html([Progress("speech", 0.5, clip="2 clips")])
+    line = RunProgress().html([StageProgress("speech", 0.5, clip="2 clips")])
     assert f"2 clips: {text.STAGE_NAMES['speech']}" in line
 
 
@@ -217,7 +217,9 @@ def test_what_a_form_offers_and_says_of_the_run(tmp_path):
     assert [each.name for each in copy.parent.iterdir()] == ["example.wav"]
     line = RunProgress()
     assert text.STARTING_SYSTEMS in line.html([])
-    told = line.html([Progress("speech", 1.0), Progress("motion", 0.5, "globaldiff/local")])
+    told = line.html(
+        [StageProgress("speech", 1.0), StageProgress("motion", 0.5, "globaldiff/local")]
+    )
     assert text.STAGE_NAMES["motion"] in told and "50 %" in told
 
 

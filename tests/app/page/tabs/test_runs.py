@@ -23,7 +23,7 @@ from app.page.parts.markup import Updates
 from app.page.results.result_parts import ResultParts
 from app.page.results.saved_runs import SavedRuns, add_owner_run
 from app.page.routes.media import SharedFolders
-from app.page.tabs.live import LiveRunner, live_choices
+from app.page.tabs.live import LiveRecordingRunner, live_choices
 from app.page.tabs.motion import FormParts, build_form
 from app.page.tabs.motion_run import GenerateRunner, PageLoader
 from app.page.tabs.own_motion import ClipRunner, DiagnoseRunner, build_own_form
@@ -32,7 +32,7 @@ from app.page.tabs.study import NO_COOKIE, PlanRunner, StudyRunner, build_study_
 from app.page.visitors.job_folders import Job
 from app.run.batch.archives import UNPACKED
 from app.run.batch.saved_run import OPENED
-from app.run.callbacks import Progress, RunCallbacks
+from app.run.callbacks import RunCallbacks, StageProgress
 from app.run.output.run_folder import RUN, zip_run
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import DiagnoseRequest
@@ -185,7 +185,7 @@ class Measured:
 
     def __call__(self, request: DiagnoseRequest, callbacks: RunCallbacks) -> SetResults:
         self.asked.append(request)
-        callbacks.on_event(Progress("numbers", 0.5))
+        callbacks.on_event(StageProgress("numbers", 0.5))
         request.output.out.mkdir()
         table = request.output.out / "batch.csv"
         table.write_text("0")
@@ -288,14 +288,14 @@ def live(weights: Path) -> ByHand:
 
 
 @pytest.fixture
-def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRunner:
+def keeps(live: ByHand, weights: Path, tmp_path: Path) -> LiveRecordingRunner:
     with gr.Blocks():
         form = FormParts({}, gr.Button(), gr.Button())
         results = ResultParts("live-")
     does = {"run_request": make_generate(), "draw_videos_in_background": make_draw()}
     config = AppConfig(weights=weights, temp=tmp_path)
     services = made_services(tmp_path, does, config=config, live=live)
-    return LiveRunner(services, form, results)
+    return LiveRecordingRunner(services, form, results)
 
 
 def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why_it_kept_less(
@@ -336,8 +336,7 @@ def test_sound_and_motion_of_the_minute_lie_in_the_jobs_folder_and_keep_says_why
     updates = list(keeps.run(browser("mine", "me"), own))
     (line,) = [each[keeps.status] for each in updates if "Done in" in str(each)]
     kept_s = motion.num_frames / 30
-    less = f"The last {5.5 - kept_s:.1f} s of speech had no motion yet"
-    assert f"{kept_s:.1f} s were saved. {less}" in line
+    assert f"The saved run ends {5.5 - kept_s:.1f} s before the end of your speech" in line
 
 
 def test_what_is_usual_stands_first_and_what_needs_all_of_the_speech_is_not_offered():
@@ -382,7 +381,7 @@ def test_a_study_that_is_cancelled_leaves_nothing_though_its_process_writes_unti
     private, may_end = tmp_path / "private", threading.Event()
 
     def export(asked: ExportRequest, callbacks: RunCallbacks) -> None:
-        callbacks.on_event(Progress("motion", 0.5))
+        callbacks.on_event(StageProgress("motion", 0.5))
         wait_for(callbacks.should_cancel)
         assert may_end.wait(60)
         for path in (asked.output.out, *asked.zips):

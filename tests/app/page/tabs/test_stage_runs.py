@@ -12,7 +12,7 @@ from app.errors import RunError
 from app.page.results.result_parts import ResultParts
 from app.page.tabs.stage import EditMessage, EditRunner, ViewerVideoRunner
 from app.page.visitors.job_folders import Job
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
+from app.run.callbacks import FolderUpdated, RunCallbacks, StageProgress
 from app.run.display import Display, ViewerState
 from app.run.output.run_folder import EditInfo, edit_record, read_run
 from app.run.plan_edits.edits import EditResult, PlanEditRequest, parse_edits
@@ -109,7 +109,7 @@ class Stage:
 
 
 def draw(request: ViewerVideoRequest, callbacks: RunCallbacks) -> ViewerVideo:
-    callbacks.on_event(Progress("video", 0.43))
+    callbacks.on_event(StageProgress("video", 0.43))
     request.out.mkdir()
     video = request.out / "stage.mp4"
     video.write_bytes(bytes(2_100_000))

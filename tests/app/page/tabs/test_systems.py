@@ -14,7 +14,7 @@ from app.page.tabs.systems import (
     StepCurveRunner,
     ablations_html,
 )
-from app.run.callbacks import FolderUpdated, Progress, RunCallbacks
+from app.run.callbacks import FolderUpdated, RunCallbacks, StageProgress
 from app.run.examples import FIRST_MOTION
 from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
 from app.run.output.run_folder import RunRecord, edit_record
@@ -46,7 +46,7 @@ class Measured:
 
     def measure(self, request: Any, callbacks: RunCallbacks) -> None:
         self.asked.append(request)
-        callbacks.on_event(Progress("numbers", 0.5))
+        callbacks.on_event(StageProgress("numbers", 0.5))
         record = RunRecord(kind="generated", point="right_middle")
         with open_run_writer(request.output.out, record) as run:
             run.add_notes("<b> hears.")
@@ -117,7 +117,7 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
         asked.append(request)
         made_run(request.output.out.parent, jerk=dict.fromkeys((*NAMES, WITHOUT_NOISE), 1.0))
         callbacks.on_event(FolderUpdated(request.output.out))
-        callbacks.on_event(Progress("numbers", 0.5))
+        callbacks.on_event(StageProgress("numbers", 0.5))
         with edit_record(request.output.out) as record:
             record.notes, record.message = ["Moved by <1> cm."], "Noise of 0.05 rad."
 

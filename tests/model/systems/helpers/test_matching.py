@@ -16,7 +16,7 @@ from model.systems.helpers.matching import (
     MatchingNetwork,
     SpeechMotionMatcher,
     agreement,
-    arm_speed,
+    log_arm_speed,
     motion_tracks,
 )
 from model.systems.helpers.task import contrastive_loss, make_task, matching_accuracy
@@ -93,7 +93,7 @@ def test_the_arms_speed_is_that_of_shoulders_and_elbows_at_half_the_rate():
     tracks = torch.zeros(1, 31, len(TRACKS))
     tracks[..., TRACKS.index("left_elbow")] = torch.arange(31.0)
     tracks[..., TRACKS.index("left_wrist")] = torch.randn(31)
-    found = arm_speed(tracks)[0, :, 0]
+    found = log_arm_speed(tracks)[0, :, 0]
     assert found.shape == (16,) and found.mean().abs() < 1e-5
     torch.testing.assert_close(found.diff()[:-1], torch.full((14,), 0.5))
 
