@@ -47,13 +47,13 @@ header th:first-child { text-align: left; white-space: normal; }
 .lockstep .more-box > button, .lockstep .fold { display: none; } /* these ask a server */
 """  # noqa: E501
 _SCRIPT = """
-const kept = JSON.parse(document.getElementById("kept").textContent);
+const bundle = JSON.parse(document.getElementById("bundle").textContent);
 const ask = window.fetch.bind(window);
 async function unpacked(text) {
   const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
 }
-window.fetch = async (url, options) => (Object.hasOwn(kept.files, url) ? new Response(await unpacked(kept.files[url])) : ask(url, options));
+window.fetch = async (url, options) => (Object.hasOwn(bundle.files, url) ? new Response(await unpacked(bundle.files[url])) : ask(url, options));
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const follow = () => document.body.classList.toggle("dark", dark.matches);
 dark.addEventListener("change", follow);
@@ -62,15 +62,15 @@ follow();
 _START = f"""
 import {{ mountPlayer }} from "web/{ENTRY_MODULE}";
 const props = {{ value: {{}} }};
-let told = () => {{}};
+let update = () => {{}};
 async function choose(run) {{
-  const {{ audio, ...value }} = kept.runs[run];
+  const {{ audio, ...value }} = bundle.runs[run];
   props.value = value;
-  if (audio) value.audio = URL.createObjectURL(new Blob([await unpacked(kept.files[audio])], {{ type: "audio/wav" }}));
-  told();
+  if (audio) value.audio = URL.createObjectURL(new Blob([await unpacked(bundle.files[audio])], {{ type: "audio/wav" }}));
+  update();
 }}
 await choose(0);
-mountPlayer(document.body, props, (name, tell) => {{ told = tell; }});
+mountPlayer(document.body, props, (name, callback) => {{ update = callback; }});
 document.querySelector("header select")?.addEventListener("change", ({{ target }}) => choose(target.selectedIndex));
 """  # noqa: E501
 
@@ -129,7 +129,7 @@ def standalone_html(folder: Path) -> str:
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f'<style>{style}{_STYLE}</style></head><body class="columns folded">',
             f'<header>{head}</header><div class="lockstep" hidden></div>',
-            f'<script type="application/json" id="kept">{_in_html(content)}</script>',
+            f'<script type="application/json" id="bundle">{_in_html(content)}</script>',
             f"<script>{_SCRIPT}</script>",
             f'<script type="importmap">{_in_html({"imports": modules})}</script>',
             f'<script type="module">{_START}</script>',

@@ -102,7 +102,7 @@ def coarse(picture: np.ndarray) -> np.ndarray:
 
 def away(canvas: np.ndarray, video: np.ndarray, page: Page) -> float:
     """Mean difference in grey levels of the pictures of all bodies, without their names."""
-    told = json.loads(page.evaluate(f"{PLAYER}.seen()"))
+    told = json.loads(page.evaluate(f"{PLAYER}.viewState()"))
     width, height = told["size"]
     columns = min(told["columns"], len(told["shown"])) if told["mode"] == "grid" else 1
     seen = canvas[TAG_PX : TAG_PX + round(height), : round(columns * width)]
@@ -167,7 +167,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
     expect(page.locator("#own-seen")).to_contain_text("2 bodies, 0.3 s")
     page.evaluate(
         f"""() => {{
-            const told = JSON.parse({PLAYER}.seen());
+            const told = JSON.parse({PLAYER}.viewState());
             told.camera[2] = 99;
             {PLAYER}.seen = () => JSON.stringify(told);
         }}"""

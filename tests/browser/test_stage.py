@@ -169,7 +169,7 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(page: 
 
     # What the browser tells of it is what the server reads.
     page.evaluate(f"{LOOK}.set('trailFrames', 12)")
-    seen = ViewerState.parse(page.evaluate("document.querySelector('.lockstep').seen()"))
+    seen = ViewerState.parse(page.evaluate("document.querySelector('.lockstep').viewState()"))
     assert seen.mode == "wipe" and seen.look.display.trail_frames == 12
     assert [[panel.view for panel in each] for each in seen.panels] == 2 * [[None, "face"]]
     assert (seen.look.build, seen.look.tone, seen.look.is_whole) == ("broad", "dark", True)
@@ -363,7 +363,7 @@ def test_tiers_are_read_lit_chosen_by_mouse_and_keys_and_found_where_none_was_pl
     page.locator('#player .lane[data-name="globaldiff/global"] .name').click()
     expect(bodies).to_have_value("globaldiff/global")
     lanes = page.locator("#player .tier-lane:visible")
-    expect(lanes.first).to_have_attribute("data-origin", "found")
+    expect(lanes.first).to_have_attribute("data-origin", "detected")
     expect(why).to_have_text("")
     bodies.select_option(SYSTEMS[0])
     expect(lanes.first).to_have_attribute("data-origin", "planned")

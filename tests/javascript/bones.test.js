@@ -10,7 +10,7 @@ import { Mesh } from "../../app/page/web/stage/mesh.js";
 
 const CAMERA = { axes: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], eye: [0, 0, 4] };
 const MATRIX = lens(CAMERA, 1, { yfov: Math.PI / 2, near: 0.1 });
-const seen = (world, told = {}) => ({ world: Float32Array.from(world), matrix: MATRIX, size: [200, 200], shift: [0, 0, 0], ...told });
+const panelBody = (world, overrides = {}) => ({ world: Float32Array.from(world), matrix: MATRIX, size: [200, 200], shift: [0, 0, 0], ...overrides });
 const AT = (x, y, z) => [1, 0, 0, x, 0, 1, 0, y, 0, 0, 1, z];
 const EACH = 6 * 5; // numbers of one line's corners
 
@@ -22,24 +22,24 @@ function middle(corners, first) {
 
 test("a bone lies between its joints, and goes along with what is shifted", () => {
   const world = [...AT(-1, 0, 0), ...AT(1, 0, 0), ...AT(1, 2, 0)];
-  const corners = boneCorners(seen(world), [-1, 0, 1]);
+  const corners = boneCorners(panelBody(world), [-1, 0, 1]);
   assert.equal(corners.length, 2 * 2 * EACH, "two bones, each with its edge");
   assert.ok(Math.hypot(...middle(corners, 0)) < 1e-9);
   const [x, y] = middle(corners, EACH);
   assert.ok(Math.abs(x - 0.25) < 1e-6 && Math.abs(y - 0.25) < 1e-6, `${[x, y]}`);
-  const shifted = boneCorners(seen(world, { shift: [1, 0, 0] }), [-1, 0, 1]);
+  const shifted = boneCorners(panelBody(world, { shift: [1, 0, 0] }), [-1, 0, 1]);
   assert.ok(Math.abs(middle(shifted, 0)[0] - 0.25) < 1e-6);
-  assert.deepEqual(boneCorners(seen(world, { drawn: [1, 2] }), [-1, 0, 1]).slice(0, EACH), corners.slice(EACH, 2 * EACH));
+  assert.deepEqual(boneCorners(panelBody(world, { drawn: [1, 2] }), [-1, 0, 1]).slice(0, EACH), corners.slice(EACH, 2 * EACH));
 });
 
 test("axes point where the joint's own do, and a joint behind the camera has none", () => {
   const turned = [0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0]; // its x is the world's y
-  const corners = axisCorners(seen([...turned, ...AT(0, 0, 9)]), [false, false]);
+  const corners = axisCorners(panelBody([...turned, ...AT(0, 0, 9)]), [false, false]);
   assert.equal(corners.length, 3 * EACH);
   const [x, y] = middle(corners, 0);
   assert.ok(Math.abs(x) < 1e-6 && Math.abs(y - 0.07 / 8) < 1e-6, `${[x, y]}`);
   assert.deepEqual(corners.slice(2, 5), [0.86, 0.2, 0.16], "red");
-  const fine = axisCorners(seen(turned), [true]);
+  const fine = axisCorners(panelBody(turned), [true]);
   assert.ok(middle(fine, 0)[1] < middle(corners, 0)[1] / 3, "shorter where joints are close");
 });
 

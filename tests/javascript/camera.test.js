@@ -9,15 +9,15 @@ import { NUM_JOINTS } from "../../app/page/web/stage/motion.js";
 
 const LENS = { yfov: 0.6, near: 0.05, margin: 0.06 };
 const FRONT = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]; // right, up, backward
-const near = (found, wanted, message) => assert.ok(Math.abs(found - wanted) < 1e-9, `${message}: ${found}, not ${wanted}`);
+const near = (actual, expected, message) => assert.ok(Math.abs(actual - expected) < 1e-9, `${message}: ${actual}, not ${expected}`);
 
 test("all points are inside the picture, and one touches its margin", () => {
   const points = [-0.4, 0, 0.1, 0.7, 1.8, -0.2, 0, 0.9, 0.3, 0.2, -0.1, 0];
   for (const aspect of [0.5, 1, 2]) {
     const eye = framePoints(points, [0, 0, 0, 0], FRONT, aspect, LENS);
     const matrix = lens({ axes: FRONT, eye }, aspect, LENS);
-    const seen = [0, 3, 6, 9].map((at) => projected(matrix, points.slice(at, at + 3)));
-    const edges = seen.flatMap(([x, y]) => [x, 1 - x, y, 1 - y]);
+    const projections = [0, 3, 6, 9].map((at) => projected(matrix, points.slice(at, at + 3)));
+    const edges = projections.flatMap(([x, y]) => [x, 1 - x, y, 1 - y]);
     near(Math.min(...edges), LENS.margin / 2, `the least room at ${aspect}`);
   }
 });
@@ -54,7 +54,7 @@ const FACTS = {
 };
 
 /** How high a body stands in its picture at a frame, as a share, and where its pelvis is in it. */
-function seenAt(framing, places, number, frame) {
+function heightAndPelvis(framing, places, number, frame) {
   const { axes, eye } = framing.body("front", 0.6, false);
   const matrix = lens({ axes, eye: eye.map((part, k) => part + (framing.isFollowing ? framing.track(number)[3 * frame + k] : 0)) }, 0.6, LENS);
   const [pelvis, head] = [0, 1].map((joint) => projected(matrix, places.subarray(3 * (NUM_JOINTS * frame + joint))));
@@ -70,13 +70,13 @@ test("a body that goes far shrinks neither others nor itself, and its ground goe
     climb: (s) => [0, 2 * (s - 5), 0],
     circle: (s) => [3 * Math.sin(2 * s), 0, 3 * Math.cos(2 * s)],
   };
-  const alone = seenAt(new Framing(BODY, FACTS, [still]), still, 0, 150).height;
+  const alone = heightAndPelvis(new Framing(BODY, FACTS, [still]), still, 0, 150).height;
   for (const [name, way] of Object.entries(ways)) {
     const places = walker(way);
     const framing = new Framing(BODY, FACTS, [still, places]);
     for (const frame of [0, 75, 149, 151, 299]) {
-      assert.ok(seenAt(framing, still, 0, frame).height > 0.7 * alone, `${name} shrinks others: ${seenAt(framing, still, 0, frame).height} of ${alone}`);
-      const { height, pelvis } = seenAt(framing, places, 1, frame);
+      assert.ok(heightAndPelvis(framing, still, 0, frame).height > 0.7 * alone, `${name} shrinks others: ${heightAndPelvis(framing, still, 0, frame).height} of ${alone}`);
+      const { height, pelvis } = heightAndPelvis(framing, places, 1, frame);
       assert.ok(height > 0.5 * alone && pelvis.every((part) => part > 0 && part < 1), `${name}, frame ${frame}: ${height} of ${alone}, ${pelvis}`);
       const { centre, halfSize } = framing.ground(1, frame);
       assert.ok(halfSize === 2 && Math.hypot(centre[0] - way(frame / 30)[0], centre[1] - way(frame / 30)[2]) < 0.5, `${name}: the ground goes along`);
@@ -104,11 +104,11 @@ test("a quarter turn stands at the side, as far away", () => {
 
 test("an orbit tells of each move, keeps within its limits and goes back", () => {
   const orbit = new Orbit();
-  let told = 0;
-  orbit.addEventListener("change", () => (told += 1));
+  let numChanges = 0;
+  orbit.addEventListener("change", () => (numChanges += 1));
   orbit.turn(0, 9);
   orbit.nearer(1e6);
-  assert.equal(told, 2);
+  assert.equal(numChanges, 2);
   const [, pitch, zoom] = orbit.state;
   assert.ok(pitch < Math.PI / 2 && zoom <= 10);
   const other = new Orbit();

@@ -106,15 +106,15 @@ test("each display has a name of its own in an address", () => {
 
 test("sliders stay within their range, and nonsense changes nothing", () => {
   const look = new Look();
-  let told = 0;
-  look.addEventListener("change", () => (told += 1));
+  let numChanges = 0;
+  look.addEventListener("change", () => (numChanges += 1));
   look.set("factor", 1000);
   assert.equal(look.get("factor"), DISPLAYS.factor.range[1]);
   look.set("cutoff", -1);
   assert.equal(look.get("cutoff"), DISPLAYS.cutoff.range[0]);
   look.read(new URLSearchParams("x=no+number"));
   assert.equal(look.get("factor"), DISPLAYS.factor.range[1]);
-  assert.equal(told, 2);
+  assert.equal(numChanges, 2);
 });
 
 test("pictures that take too long become coarser, step by step, and no further than they must", () => {
@@ -132,8 +132,8 @@ test("pictures that take too long become coarser, step by step, and no further t
 });
 
 test("a trail is drawn where its point is, without what stands behind the camera", () => {
-  const told = { width: 200, height: 100, tip: 9, colors: [[0, 0, 1], [1, 0, 0]], spike: [1, 0, 1] };
-  const corners = trailCorners({ ...told, places: [[50, 50], [60, 50], null, [150, 25]], speeds: [0, 0, 0, 1], spikes: [false, false, false, true] });
+  const options = { width: 200, height: 100, tip: 9, colors: [[0, 0, 1], [1, 0, 0]], spike: [1, 0, 1] };
+  const corners = trailCorners({ ...options, places: [[50, 50], [60, 50], null, [150, 25]], speeds: [0, 0, 0, 1], spikes: [false, false, false, true] });
   const places = [];
   for (let at = 0; at < corners.length; at += 5) places.push([corners[at], corners[at + 1]]);
   const first = places.filter(([x]) => x < 0);
@@ -141,9 +141,9 @@ test("a trail is drawn where its point is, without what stands behind the camera
   const dot = places.filter(([x]) => x > 0);
   assert.ok(dot.length && dot.every(([x, y]) => Math.abs(x - 0.5) < 0.1 && Math.abs(y - 0.5) < 0.15));
   const away = (corner) => Math.hypot(100 * (corner[0] - 0.5), 50 * (corner[1] - 0.5));
-  const small = trailCorners({ ...told, tip: 1.1, places: [[150, 25]], speeds: [0], spikes: [true] });
+  const small = trailCorners({ ...options, tip: 1.1, places: [[150, 25]], speeds: [0], spikes: [true] });
   const corner = (at) => small.slice(at, at + 2);
   assert.ok(Math.max(...small.map((_, at) => (at % 5 ? 0 : away(corner(at))))) <= 1.1 + 1e-9, "no dot is larger than a fingertip");
-  const empty = trailCorners({ ...told, places: [null, null], speeds: [0, 0], spikes: [true, true] });
+  const empty = trailCorners({ ...options, places: [null, null], speeds: [0, 0], spikes: [true, true] });
   assert.equal(empty.length, 0);
 });

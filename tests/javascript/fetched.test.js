@@ -6,18 +6,18 @@ import test from "node:test";
 import { fetchedOnce } from "../../app/page/web/fetched.js";
 
 test("all calls share one answer", async () => {
-  let asked = 0;
-  const get = fetchedOnce(async (by) => (asked += by));
+  let numCalls = 0;
+  const get = fetchedOnce(async (by) => (numCalls += by));
   assert.deepEqual(await Promise.all([get(2), get(3)]), [2, 2]);
   assert.equal(await get(5), 2);
 });
 
 test("a failure is told to all who wait, and the next call asks again", async () => {
-  let asked = 0;
+  let numCalls = 0;
   const get = fetchedOnce(async () => {
-    asked += 1;
-    if (asked === 1) throw new Error("not there");
-    return asked;
+    numCalls += 1;
+    if (numCalls === 1) throw new Error("not there");
+    return numCalls;
   });
   const both = await Promise.allSettled([get(), get()]);
   assert.ok(both.every(({ status }) => status === "rejected"));

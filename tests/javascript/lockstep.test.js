@@ -101,12 +101,12 @@ test("a loop is played again and again, and begun where it begins", async () => 
   player.setLoop([1, 2]);
   await player.play();
   assert.equal(player.frame, 30);
-  const seen = new Set();
+  const frames = new Set();
   for (let k = 0; k < 25; k++) {
     await pass(0.1);
-    seen.add(player.frame);
+    frames.add(player.frame);
   }
-  assert.ok(player.isPlaying && Math.min(...seen) >= 30 && Math.max(...seen) < 60);
+  assert.ok(player.isPlaying && Math.min(...frames) >= 30 && Math.max(...frames) < 60);
   player.setLoop(null);
   await pass(3);
   assert.deepEqual([player.isPlaying, player.frame], [false, 89]);

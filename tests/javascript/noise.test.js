@@ -13,10 +13,10 @@ const bent = ([x, y, z, w]) => [x, y, z, w].map((part) => part / Math.hypot(x, y
 const motion = unpacked(message(FRAMES, (frame, joint) => bent([0.02 * Math.sin(frame / 9), 0, 0.03, 1 + joint / 50])));
 
 test("noise is the same at every call and normal", () => {
-  const found = normals(20000);
-  assert.deepEqual(found, normals(20000));
-  const mean = found.reduce((sum, each) => sum + each, 0) / found.length;
-  const square = found.reduce((sum, each) => sum + each ** 2, 0) / found.length;
+  const values = normals(20000);
+  assert.deepEqual(values, normals(20000));
+  const mean = values.reduce((sum, each) => sum + each, 0) / values.length;
+  const square = values.reduce((sum, each) => sum + each ** 2, 0) / values.length;
   assert.ok(Math.abs(mean) < 0.03 && Math.abs(square - 1) < 0.03, `${mean} ${square}`);
 });
 

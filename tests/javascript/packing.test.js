@@ -72,12 +72,12 @@ test("cells cover the stage once, up to twelve of them", () => {
 
 for (const [closeUp, number] of [["hands", 3], ["face", 2], ["both", 4], ["off", 1]]) {
   test(`a body and its close-ups (${closeUp}) share their cell`, () => {
-    const found = panels([10, 20, 240, 430], closeUp, SHOTS);
-    assert.equal(found.length, number);
-    assert.equal(found[0].view, null);
-    const inside = found.map(({ rect: [left, top, w, h] }) => [left - 10, top - 20, w, h]);
+    const packed = panels([10, 20, 240, 430], closeUp, SHOTS);
+    assert.equal(packed.length, number);
+    assert.equal(packed[0].view, null);
+    const inside = packed.map(({ rect: [left, top, w, h] }) => [left - 10, top - 20, w, h]);
     assert.ok(covered(inside, [240, 430]).every((times) => times === 1));
-    assert.ok(found[0].rect[3] >= 120, "the body has room");
+    assert.ok(packed[0].rect[3] >= 120, "the body has room");
 
     const [body, ...beside] = panels([0, 0, 900, 430], closeUp, SHOTS);
     assert.equal(beside.length, number - 1);
@@ -115,9 +115,9 @@ for (const starts of [[0, 52], [0, 1, 2, 111], [0, 59, 60, 61]]) {
     const file = turning(112, starts);
     same(unpacked(file), whole);
     const sizes = starts.map((start, i) => 20 + ((starts[i + 1] ?? 112) - start) * (12 + 440 + 2));
-    const asked = [];
+    const requests = [];
     const arrival = new Arrival("there", async (url, from, to) => {
-      asked.push([from, to]);
+      requests.push([from, to]);
       return file.slice(from, to);
     });
     let [bytes, motion] = [0, null];
@@ -128,8 +128,8 @@ for (const starts of [[0, 52], [0, 1, 2, 111], [0, 59, 60, 61]]) {
       assert.equal(motion.length, end, "all that has come");
     }
     same(motion, whole);
-    assert.equal(asked[0][0], 0);
-    asked.forEach(([from], i) => assert.equal(from, i ? asked[i - 1][1] : 0, "nothing is fetched twice"));
+    assert.equal(requests[0][0], 0);
+    requests.forEach(([from], i) => assert.equal(from, i ? requests[i - 1][1] : 0, "nothing is fetched twice"));
     assert.equal(await arrival.next({ bytes, end: 112, num_frames: 112, place: [0, 0, 0, 0] }, 112), null, "nothing new");
   });
 }

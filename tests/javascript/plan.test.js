@@ -3,10 +3,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { accentsOf, foundAgain, hasEnd, labelOf, sentenceOf, stretched, within, wordAt } from "../../app/page/web/player/plan.js";
+import { accentsOf, indexOfMatchingPhase, hasEnd, labelOf, sentenceOf, stretched, within, wordAt } from "../../app/page/web/player/plan.js";
 
 const phase = (start_s, end_s, name, kind = "", word = "") => ({ start_s, end_s, phase: name, goal: [0.2, -0.1, 0.3], kind, word });
-const SAID = {
+const SPEECH = {
   words: [[0.4, 0.7, "I"], [0.9, 1.4, "never"], [1.5, 1.9, "did"]],
   accents: [[1.1, 0.8]],
 };
@@ -22,11 +22,11 @@ const PLAN = {
   stands: [{ start_s: 0, end_s: 4, leg: "left" }],
   planted: [],
 };
-const say = (list, index, plan = PLAN, said = SAID) => sentenceOf(plan, { list, index }, said);
+const say = (list, index, plan = PLAN, speech = SPEECH) => sentenceOf(plan, { list, index }, speech);
 
 test("a stroke says its gesture, its hand, the word that it lands on and whether that is stressed", () => {
   assert.equal(say("right", 2), "Stroke (offer low) of the right hand on the stressed word “never”; 1.00 to 1.30 s, planned.");
-  const unstressed = { ...SAID, accents: [[1.7, 1]] };
+  const unstressed = { ...SPEECH, accents: [[1.7, 1]] };
   assert.match(say("right", 2, PLAN, unstressed), / on the word “never”;/);
   const wordless = { ...PLAN, right: [phase(1, 1.3, "stroke", "beat")] };
   assert.equal(say("right", 0, wordless), "Beat of the right hand; 1.00 to 1.30 s, planned.", "a plan that names no word is given none");
@@ -48,16 +48,16 @@ test("what leads to a stroke and follows it says so", () => {
 });
 
 test("what was found says so and takes the word of its time", () => {
-  const found = { ...PLAN, origin: "found", right: [phase(1.3, 1.8, "stroke")] };
-  assert.equal(say("right", 0, found), "Stroke of the right hand on the word “did”; 1.30 to 1.80 s, detected in the motion.");
-  assert.equal(say("right", 0, found, { words: [], accents: [] }), "Stroke of the right hand; 1.30 to 1.80 s, detected in the motion.");
+  const detected = { ...PLAN, origin: "detected", right: [phase(1.3, 1.8, "stroke")] };
+  assert.equal(say("right", 0, detected), "Stroke of the right hand on the word “did”; 1.30 to 1.80 s, detected in the motion.");
+  assert.equal(say("right", 0, detected, { words: [], accents: [] }), "Stroke of the right hand; 1.30 to 1.80 s, detected in the motion.");
 });
 
 test("head, face and legs are told in words", () => {
   assert.equal(say("nods", 0), "Nod of 6° on the stressed word “never”; at 1.10 s, planned.");
   assert.equal(say("nods", 1), "Nod of 2°; at 3.50 s, planned.");
   assert.match(say("looks", 0), /^Looks at the listener;/);
-  assert.match(say("looks", 0, { ...PLAN, origin: "found" }), /^Looks ahead;/);
+  assert.match(say("looks", 0, { ...PLAN, origin: "detected" }), /^Looks ahead;/);
   assert.match(say("looks", 1), /^Looks 20° right, 9° down;/);
   assert.match(say("brows", 0), /^Frown on the word “did”;/);
   assert.match(say("smiles", 0), /^Smile of 42 %;/);
@@ -66,10 +66,10 @@ test("head, face and legs are told in words", () => {
 });
 
 test("a word is that of the moment, the nearest of several", () => {
-  assert.equal(wordAt(SAID, 1.44).text, "never", "its end is nearer than where the next begins");
-  assert.equal(wordAt(SAID, 1.48).text, "did");
-  assert.equal(wordAt(SAID, 2.5), null);
-  assert.equal(wordAt(SAID, 1.0, "did"), null);
+  assert.equal(wordAt(SPEECH, 1.44).text, "never", "its end is nearer than where the next begins");
+  assert.equal(wordAt(SPEECH, 1.48).text, "did");
+  assert.equal(wordAt(SPEECH, 2.5), null);
+  assert.equal(wordAt(SPEECH, 1.0, "did"), null);
 });
 
 test("what lies within some seconds is found among many", () => {
@@ -82,9 +82,9 @@ test("what lies within some seconds is found among many", () => {
 });
 
 test("accents that somebody wrote down stand before those that were heard", () => {
-  const [written, heard] = [[[1, 0.5]], [[2, 0.5]]];
-  assert.equal(accentsOf({ accents: written, heard_accents: heard }), written);
-  assert.equal(accentsOf({ accents: [], heard_accents: heard }), heard);
+  const [written, detected] = [[[1, 0.5]], [[2, 0.5]]];
+  assert.equal(accentsOf({ accents: written, heard_accents: detected }), written);
+  assert.equal(accentsOf({ accents: [], heard_accents: detected }), detected);
 });
 
 test("an end that is moved takes from what follows; a way back goes on into the rest", () => {
@@ -111,9 +111,9 @@ test("the ends of hands' phases can be moved, but for the last", () => {
 
 test("a phase is found again in another plan by where it begins or ends", () => {
   const longer = stretched(PLAN.right, 4, 2.6, 4);
-  assert.equal(foundAgain(longer, PLAN.right[4]), 4);
-  assert.equal(foundAgain(longer.slice(2), PLAN.right[4]), 2);
-  assert.equal(foundAgain(longer, phase(3.2, 3.6, "stroke")), -1, "none is near");
-  assert.equal(foundAgain(longer, phase(1.2, 1.5, "beat")), -1, "another phase is not it");
-  assert.equal(foundAgain([], PLAN.right[4]), -1);
+  assert.equal(indexOfMatchingPhase(longer, PLAN.right[4]), 4);
+  assert.equal(indexOfMatchingPhase(longer.slice(2), PLAN.right[4]), 2);
+  assert.equal(indexOfMatchingPhase(longer, phase(3.2, 3.6, "stroke")), -1, "none is near");
+  assert.equal(indexOfMatchingPhase(longer, phase(1.2, 1.5, "beat")), -1, "another phase is not it");
+  assert.equal(indexOfMatchingPhase([], PLAN.right[4]), -1);
 });

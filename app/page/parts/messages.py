@@ -52,7 +52,7 @@ class PlayerRow(TypedDict):
     assumed: NotRequired[FileReading]
 
 
-EditableRow = TypedDict("EditableRow", {"of": str, "from": str, "told": str})
+EditableRow = TypedDict("EditableRow", {"of": str, "from": str, "editor": str})
 """Row whose plan can be edited: the original row of the run, the row whose plan was edited (or ""),
 and the URL of the `PlanEditorData`."""
 

@@ -128,7 +128,7 @@ class RunView:
                 editable[row.name] = {
                     "of": take.original_row,
                     "from": take.parent_row if row.edit else "",
-                    "told": self.address(editor),
+                    "editor": self.address(editor),
                 }
         return {"rows": self.planned_rows(), "editable": editable, **state}
 

@@ -48,7 +48,7 @@ INTRODUCTION = (
 )
 KEEP = "Save the last minute"
 SAVE_HELP = "Saves the last minute as a run with audio, video, figures, metrics and downloads."
-_TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.kept() ?? '']"
+_TOKEN_OF_PAGE = "() => [document.querySelector('.live')?.live?.stopForSaving() ?? '']"
 
 
 def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:

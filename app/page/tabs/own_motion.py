@@ -107,12 +107,12 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
         trigger_mode="once",
     )
     # Clicked by the assumption chips of a row, to change one assumption and measure again.
-    otherwise = gr.Button(elem_classes="otherwise-start told-elsewhere")
-    overrides_box = otherwise.click(
+    override_start = gr.Button(elem_classes="override-start told-elsewhere")
+    overrides_box = override_start.click(
         None,
         assume,
         assume,
-        js="(message) => document.querySelector('#own-player .lockstep').said(message)",
+        js="(message) => document.querySelector('#own-player .lockstep').addOverride(message)",
         api_visibility="private",
     )
     runner.wire(page, form.fields, (filled.then, overrides_box.then), api_name="own_motion")

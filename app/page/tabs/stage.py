@@ -144,7 +144,7 @@ class ViewerVideoRunner(TabRunner):
             parts.viewer_video_start.click,
             [gr.Textbox(visible=False)],  # which the script fills in
             outputs=outputs,
-            js=f"() => [document.querySelector('#{prefix}player .lockstep').seen()]",
+            js=f"() => [document.querySelector('#{prefix}player .lockstep').viewState()]",
             show_progress_on=parts.status,
         )
         self.cancel_on(parts.viewer_video_cancel, run, outputs)

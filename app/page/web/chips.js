@@ -1,11 +1,11 @@
 /** Chips of systems in groups, each ticked as a whole by its name, and what each is when a pointer rests on it. */
 
-import { found, make } from "./dom.js";
+import { make, whenPresent } from "./dom.js";
 
 /** Called by Gradio's component: its value says under which field, a sentence by label, and the labels of each group. */
 export async function mountChips(element, props) {
   const { field, about, groups } = props.value;
-  const box = await found(`#${field}`); // it may come later
+  const box = await whenPresent(`#${field}`); // it may come later
   const chipsOf = (labels) => /** @type {HTMLElement[]} */ ([...box.querySelectorAll("label")]).filter((chip) => labels.includes(chip.textContent.trim()));
   const tick = (labels) => {
     const isTicked = (chip) => chip.querySelector("input").checked;

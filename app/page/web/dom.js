@@ -58,8 +58,8 @@ export function wantsStillness() {
   return matchMedia("(prefers-reduced-motion: reduce)").matches;
 }
 
-/** The first such element, as soon as there is one; null after a minute. */
-export async function found(selector) {
+/** Wait for the first element of a selector; null if there is none after a minute. */
+export async function whenPresent(selector) {
   const until = performance.now() + 60_000;
   let element = document.querySelector(selector);
   while (!element && performance.now() < until) {

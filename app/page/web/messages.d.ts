@@ -263,7 +263,7 @@ export interface FileReading {
 export interface EditableRow {
   of: string;
   from: string;
-  told: string;
+  editor: string;
 }
 
 /** Alternative to an edit that was refused. */

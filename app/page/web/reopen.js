@@ -1,6 +1,6 @@
 /** A zip that is dropped anywhere on the page, but on a field for files, goes to the tab for motion of one's own: a run opens again. */
 
-import { found } from "./dom.js";
+import { whenPresent } from "./dom.js";
 
 const FIELD = "#own-motions input[type=file]";
 
@@ -23,15 +23,15 @@ function isOurs({ dataTransfer, target }) {
 
 async function open(file, tab) {
   press([...document.querySelectorAll("[role=tab]")].find((each) => each.textContent.trim() === tab));
-  await found("#own-motions");
+  await whenPresent("#own-motions");
   press(document.querySelector("#own-motions button[aria-label=Clear]"));
-  const input = await found(FIELD);
+  const input = await whenPresent(FIELD);
   if (!(input instanceof HTMLInputElement)) return;
-  const given = new DataTransfer();
-  given.items.add(file);
-  input.files = given.files;
+  const transfer = new DataTransfer();
+  transfer.items.add(file);
+  input.files = transfer.files;
   input.dispatchEvent(new Event("change", { bubbles: true }));
-  if (await found("#own-motions .file-preview")) press(await found("#own-start:not([disabled])"));
+  if (await whenPresent("#own-motions .file-preview")) press(await whenPresent("#own-start:not([disabled])"));
 }
 
 function press(element) {

@@ -8,10 +8,10 @@ for (const table of document.querySelectorAll("table")) {
 
   // Of each measure the nearest to the recorded motion.
   heads.forEach((_, column) => {
-    const known = rows().filter((row) => !row.classList.contains("recorded") && row.cells[column].dataset.apart !== undefined);
-    if (known.length < 2) return;
-    const least = Math.min(...known.map((row) => number(row, column, "apart")));
-    for (const row of known) row.cells[column].classList.toggle("best", number(row, column, "apart") === least);
+    const scored = rows().filter((row) => !row.classList.contains("recorded") && row.cells[column].dataset.apart !== undefined);
+    if (scored.length < 2) return;
+    const least = Math.min(...scored.map((row) => number(row, column, "apart")));
+    for (const row of scored) row.cells[column].classList.toggle("best", number(row, column, "apart") === least);
   });
 
   heads.forEach((head, column) => {

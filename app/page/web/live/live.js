@@ -1,7 +1,7 @@
 /**
  * The tab "Live": speak, and a body moves. Sound goes to the server in blocks; joint rotations come
  * back and move a body that is drawn here. The picture lives in the tab of one visitor; the server
- * keeps the last minute of it, which `kept` names.
+ * keeps the last minute of it, which `stopForSaving` names.
  */
 
 import { make } from "../dom.js";
@@ -29,7 +29,7 @@ const KEEPS_ITS_KEYS = "input, textarea, select";
 
 class Live {
   #root;
-  #told;
+  #choices;
   #look = new Look();
   #stage = null; // null where the browser draws no 3D graphics
   #refusal = null; // why
@@ -48,16 +48,16 @@ class Live {
   #doing = "";
   #feed = () => {}; // the stage, with what has come
 
-  constructor(root, told) {
+  constructor(root, choices) {
     this.#root = root;
-    this.#told = told;
+    this.#choices = choices;
     this.#build();
     this.#setStage();
     root.live = this; // for whoever wants to look at it from outside
   }
 
-  /** The session whose last minute can be kept; stops it. */
-  kept() {
+  /** Stop, and return the token of the session, whose last minute can then be saved. */
+  stopForSaving() {
     this.stop("Stopped. The last minute is being saved below.");
     return this.#token;
   }
@@ -75,7 +75,7 @@ class Live {
   // -------------------------------------------------------------- what is seen
 
   #build() {
-    const { systems, speakers, examples } = this.#told;
+    const { systems, speakers, examples } = this.#choices;
     const choice = (label, name, options) => {
       const select = make("select", { name }, ...options.map(([value, text]) => make("option", { value }, text)));
       return [make("label", {}, make("span", {}, label), select), select];
@@ -91,7 +91,7 @@ class Live {
     this.button = make("button", { class: "start", type: "button", onclick: () => (this.socket ? this.stop() : this.start()) }, "Start");
     this.level = make("meter", { min: 0, max: 1, value: 0, "aria-label": "Input level" });
     this.status = make("p", { role: "status", "aria-live": "polite" }, READY);
-    this.planned = new Planned((told) => this.socket?.readyState === WebSocket.OPEN && this.socket.send(told));
+    this.planned = new Planned((message) => this.socket?.readyState === WebSocket.OPEN && this.socket.send(message));
     this.picture = make("div", { class: "picture lockstep staged" });
     this.number = make("b", {}, "–");
     this.parts = make("small");
@@ -123,7 +123,7 @@ class Live {
       if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest(KEEPS_ITS_KEYS)) return;
       if (this.#bar.press(event.key.toLowerCase())) event.preventDefault();
     });
-    this.#showBodyOnceSeen();
+    this.#showBodyOnceVisible();
     own.addEventListener("change", () => {
       if (this.#rolling) this.#showBody(true).catch((error) => this.#say(error.message, true));
     });
@@ -181,13 +181,13 @@ class Live {
   }
 
   /** The body stands there before anything is started; what fails is told when it is. */
-  #showBodyOnceSeen() {
-    const seen = new IntersectionObserver(([entry]) => {
+  #showBodyOnceVisible() {
+    const observer = new IntersectionObserver(([entry]) => {
       if (!entry.isIntersecting) return;
-      seen.disconnect();
+      observer.disconnect();
       this.#showBody().catch(() => {});
     });
-    seen.observe(this.picture);
+    observer.observe(this.picture);
   }
 
   async #showBody(isOther = false) {
@@ -234,16 +234,16 @@ class Live {
       };
       socket.onmessage = ({ data }) => {
         if (data instanceof ArrayBuffer) return this.#onFrames(data);
-        const told = JSON.parse(data);
-        if ("end" in told) {
-          reject(new Error(told.end));
-          if (this.socket === socket) this.stop(told.end, true);
+        const message = JSON.parse(data);
+        if ("end" in message) {
+          reject(new Error(message.end));
+          if (this.socket === socket) this.stop(message.end, true);
           return;
         }
-        if ("plan" in told) return this.planned.take(told.plan);
-        this.#token = told.token;
-        this.#pace = told;
-        this.planned.begin(told.plans);
+        if ("plan" in message) return this.planned.take(message.plan);
+        this.#token = message.token;
+        this.#pace = message;
+        this.planned.begin(message.plans);
         resolve();
       };
       socket.onclose = () => {
@@ -291,9 +291,9 @@ class Live {
     const seconds = (ms) => `${(ms / 1000).toFixed(2)} s`;
     this.number.textContent = seconds(latency);
     this.#root.dataset.latency = latency.toFixed(0);
-    const heard = ((this.#pace.ahead + this.#pace.hop) * 1000) / 30;
-    const rest = Math.max(0, latency - heard - waitedMs - madeMs);
-    this.parts.textContent = `audio window ${seconds(heard)} · queue ${seconds(waitedMs)} · generation ${seconds(madeMs)} · network and rendering ${seconds(rest)}`;
+    const windowMs = ((this.#pace.ahead + this.#pace.hop) * 1000) / 30;
+    const rest = Math.max(0, latency - windowMs - waitedMs - madeMs);
+    this.parts.textContent = `audio window ${seconds(windowMs)} · queue ${seconds(waitedMs)} · generation ${seconds(madeMs)} · network and rendering ${seconds(rest)}`;
     this.#lateSince = latency > LATE_MS ? (this.#lateSince ?? time) : null;
     if (this.#lateSince !== null && time - this.#lateSince > LATE_FOR_MS) {
       const who = visitors > 1 ? ` (${visitors} live visitors)` : "";

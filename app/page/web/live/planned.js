@@ -72,8 +72,8 @@ export class Planned {
   /** Take what the server tells: it takes the place of all from its first moment on. */
   take({ from, left, right }) {
     for (const [side, phases] of Object.entries({ left, right })) {
-      const kept = this.#hands[side].filter(([start]) => start < phases[0][0] && start > from - BEFORE_S - 4);
-      this.#hands[side] = [...kept, ...phases];
+      const earlier = this.#hands[side].filter(([start]) => start < phases[0][0] && start > from - BEFORE_S - 4);
+      this.#hands[side] = [...earlier, ...phases];
     }
   }
 
@@ -84,7 +84,7 @@ export class Planned {
     const context = canvas.getContext("2d");
     const x = (at) => ((at - seconds + BEFORE_S) / (BEFORE_S + AFTER_S)) * canvas.width;
     context.clearRect(0, 0, canvas.width, canvas.height);
-    const said = [];
+    const labels = [];
     for (const [row, side] of /** @type {const} */ (["left", "right"]).entries()) {
       for (const [start, end, phase, kind] of this.#hands[side]) {
         const [from, to] = [x(start), x(end)];
@@ -92,13 +92,13 @@ export class Planned {
         context.globalAlpha = start > seconds ? 0.55 : 1; // it may still change
         context.fillStyle = COLORS[phase];
         context.fillRect(from, 4 + 30 * row, Math.max(1, to - from - 1), 26);
-        if (start <= seconds && end > seconds) said.push(`${side} hand: ${phase}${kind && phase !== "rest" ? ` (${kindName(kind)})` : ""}`);
+        if (start <= seconds && end > seconds) labels.push(`${side} hand: ${phase}${kind && phase !== "rest" ? ` (${kindName(kind)})` : ""}`);
       }
     }
     context.globalAlpha = 1;
     context.fillStyle = getComputedStyle(canvas).color;
     context.fillRect(x(seconds) - 1, 0, 2, canvas.height);
-    const words = said.join(" · ") || "Hands rest.";
+    const words = labels.join(" · ") || "Hands rest.";
     if (this.now.textContent !== words) this.now.textContent = words;
   }
 }

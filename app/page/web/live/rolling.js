@@ -4,7 +4,7 @@ import { Shown } from "../stage/displays.js";
 import { Framing } from "../stage/framing.js";
 import { joined, Motion, NUM_JOINTS } from "../stage/motion.js";
 
-const KEPT_FRAMES = 150;
+const BUFFER_FRAMES = 150;
 const WALK_FRAMES = 90; // in which the ground goes most of the way after the body
 const CLOSE_FRAMES = { face: 6, left_hand: 3, right_hand: 3 }; // the same of the cameras of close-ups
 const ROOM_M = 0.05; // around a hand, for what its camera lags behind
@@ -36,7 +36,7 @@ export class Rolling {
     if (!goesOn) [this.#motion, this.#centre, this.first] = [null, null, first];
     const centred = this.#centred(motion);
     const whole = this.#motion ? joined([this.#motion, centred]) : centred;
-    const from = Math.max(0, whole.length - KEPT_FRAMES);
+    const from = Math.max(0, whole.length - BUFFER_FRAMES);
     const before = goesOn ? this.#tracks : new Map();
     this.#motion = whole.part(from);
     this.shown = new Shown(this.#motion, this.#mesh, this.#maxTurn);
@@ -64,26 +64,26 @@ export class Rolling {
   }
 
   /** Go on with a track from what is known of it. */
-  #follow(view, joints, known) {
+  #follow(view, joints, previous) {
     const { places } = this.shown.version(false);
-    const found = new Float32Array(places.length / NUM_JOINTS);
-    found.set(known);
-    for (let frame = known.length / 3; frame < found.length / 3; frame++) {
+    const track = new Float32Array(places.length / NUM_JOINTS);
+    track.set(previous);
+    for (let frame = previous.length / 3; frame < track.length / 3; frame++) {
       for (let k = 0; k < 3; k++) {
         let middle = 0;
         for (const joint of joints) middle += places[3 * (NUM_JOINTS * frame + joint) + k] / joints.length;
-        const before = frame ? found[3 * (frame - 1) + k] : middle;
-        found[3 * frame + k] = before + lagging(CLOSE_FRAMES[view]) * (middle - before);
+        const before = frame ? track[3 * (frame - 1) + k] : middle;
+        track[3 * frame + k] = before + lagging(CLOSE_FRAMES[view]) * (middle - before);
       }
     }
-    this.#tracks.set(view, { joints, places: found });
+    this.#tracks.set(view, { joints, places: track });
   }
 }
 
 /** Cameras for a motion that nobody knows yet: framed for all that it hardly leaves, and along with it. */
 export class Following extends Framing {
   #rolling;
-  #nowhere = new Float32Array(3 * KEPT_FRAMES); // the ground goes along
+  #nowhere = new Float32Array(3 * BUFFER_FRAMES); // the ground goes along
 
   /**
    * @param {import("../stage/mesh.js").Mesh} mesh

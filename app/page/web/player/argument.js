@@ -6,7 +6,7 @@ const DEGREES = 180 / Math.PI;
 
 export class Argument {
   #stage;
-  #isAsked = false;
+  #isScheduled = false;
 
   constructor(stage) {
     this.#stage = stage;
@@ -33,10 +33,10 @@ export class Argument {
     if (!this.#stage || !(rad > 0)) return;
     this.input.value = String(rad);
     this.output.textContent = `${(DEGREES * rad).toFixed(1)}°`;
-    if (this.#isAsked) return;
-    this.#isAsked = true;
+    if (this.#isScheduled) return;
+    this.#isScheduled = true;
     requestAnimationFrame(() => {
-      this.#isAsked = false;
+      this.#isScheduled = false;
       this.#stage.setNoise(Number(this.input.value));
     });
   }

@@ -36,8 +36,8 @@ export class Displays {
     });
     this.element = make("div", { class: "group displays" }, make("label", { class: "slider", title: "Amplifies motion above the cutoff frequency" }, tremble), factor,
       this.#toggle("Trail", "hasTrail", "Trajectory of the tracked point, coloured by speed"), this.#toggle("Jerk", "hasHeat", "Colour the bodies by jerk"));
-    const rarer = Object.entries(DISPLAYS).filter(([name, told]) => (told.slider || told.choice || told.toggle) && !without.includes(name));
-    const controls = rarer.map(([name, told]) => this.#control(name, told));
+    const rarer = Object.entries(DISPLAYS).filter(([name, display]) => (display.slider || display.choice || display.toggle) && !without.includes(name));
+    const controls = rarer.map(([name, display]) => this.#control(name, display));
     const smoothed = this.#checkbox("Filtered", () => currentFilter() === "savgol", (is) => setFilter(is ? "savgol" : "raw")); // of the whole page
     smoothed.title = SMOOTHED;
     controls.splice(1 + rarer.findLastIndex(([, { toggle }]) => toggle), 0, smoothed);
@@ -79,7 +79,7 @@ export class Displays {
     return make("label", {}, this.#input({ type: "checkbox" }, "checked", get, set), make("span", {}, label));
   }
 
-  /** @type {(name: string, told: import("../stage/look.js").Display) => any} */
+  /** @type {(name: string, display: import("../stage/look.js").Display) => any} */
   #control(name, { range, slider, choice, toggle }) {
     const get = () => this.#look.get(name);
     const set = (value) => this.#look.set(name, value);

@@ -7,7 +7,7 @@
 import { allow, drag, make, popUp, wantsStillness } from "../dom.js";
 import { PhaseEnd } from "./ends.js";
 import { GesturePalette } from "./gestures.js";
-import { capital, foundAgain, kindName, SIDES } from "./plan.js";
+import { capital, indexOfMatchingPhase, kindName, SIDES } from "./plan.js";
 
 const NUDGE_S = 0.1;
 const HOLD_S = 0.3;
@@ -48,18 +48,18 @@ export class Editing {
   #beside = null;
   #redo = [];
   /** @type {import("../messages").PlanEditorData | null} */
-  #told = null;
-  #toldUrl = null;
+  #editorData = null;
+  #editorUrl = null;
   #chosen = null; // a gesture {side, lands}, or {list, at}
   #picked = null; // the phase that was chosen on the time line {list, event}, as it will be
   #queue = [];
-  #asked = null; // what is being done
+  #request = null; // what is being done
   #isBusy = false;
   #coming = null; // the take that is being made
   isOpen = false;
 
   /**
-   * `send` has the server take up `asked`; `onShown` is called when other rows are to be seen, `onExpected` with where
+   * `send` has the server take up `request`; `onShown` is called when other rows are to be seen, `onExpected` with where
    * hands are to be, [side, place] each.
    */
   constructor(player, timeline, { send, onShown, onExpected }) {
@@ -86,7 +86,7 @@ export class Editing {
     const button = (label, onclick, title = label) => make("button", { type: "button", title, onclick }, label);
     this.toggle = make("button", { type: "button", class: "toggle", "aria-expanded": "false", onclick: () => this.#open(!this.isOpen) }, "Edit the gestures");
     this.#timeline.tiersHead.append(this.toggle);
-    this.said = make("p", { class: "said-of-edits", role: "status" });
+    this.status = make("p", { class: "said-of-edits", role: "status" });
     this.offers = make("span", { class: "row" });
     this.undo = button("Undo", () => this.#undo(), "Undo (Ctrl+Z)");
     this.redo = button("Redo", () => this.#doAgain(), "Redo (Ctrl+Shift+Z)");
@@ -94,7 +94,7 @@ export class Editing {
     this.besides = make("select", { "aria-label": "Compare with", onchange: () => this.#putBeside(this.besides.value || null) });
     const file = make("input", { type: "file", accept: ".json,.TextGrid,.eaf", "aria-label": "Import a plan", onclick: () => (file.value = ""), onchange: () => file.files.length && this.#take(file.files[0]) });
     const style = popUp("menu", make("summary", {}, "Style and import"), make("div", {}, ...this.#buildStyle(), make("label", { class: "file" }, "Import a plan (.json, .TextGrid, .eaf)", file)));
-    this.element = make("section", { class: "editing", hidden: true, "aria-label": "Edit the gestures" }, this.undo, this.redo, this.#buildAdding(button), style, make("label", {}, this.takes, "compared with", this.besides), this.said, this.offers);
+    this.element = make("section", { class: "editing", hidden: true, "aria-label": "Edit the gestures" }, this.undo, this.redo, this.#buildAdding(button), style, make("label", {}, this.takes, "compared with", this.besides), this.status, this.offers);
     this.#buildPalette(button);
   }
 
@@ -146,8 +146,8 @@ export class Editing {
   }
 
   /** What the server is asked for, as app/page/tabs.stage.py reads it. */
-  get asked() {
-    return JSON.stringify(this.#asked);
+  get request() {
+    return JSON.stringify(this.#request);
   }
 
   /**
@@ -156,13 +156,13 @@ export class Editing {
    *
    * @param {import("../messages").PlayerRow[]} rows
    */
-  seen(rows) {
+  visibleRows(rows) {
     if (!this.#value.rows.length) return rows;
     const own = rows.filter(({ take }) => !take);
     if (!this.isOpen) return own;
     const wanted = this.#coming ? [this.#start, this.#coming] : [this.#beside, this.#start];
-    const found = wanted.map((name) => rows.find((row) => row.name === name)).filter(Boolean);
-    return found.length ? found : own;
+    const visible = wanted.map((name) => rows.find((row) => row.name === name)).filter(Boolean);
+    return visible.length ? visible : own;
   }
 
   /**
@@ -191,8 +191,8 @@ export class Editing {
 
   /** What has become of what was asked for, and what can be done instead. */
   #say(sentence, isRefused = false, offers = []) {
-    this.said.textContent = sentence;
-    this.said.classList.toggle("refused", isRefused);
+    this.status.textContent = sentence;
+    this.status.classList.toggle("refused", isRefused);
     const choose = (edits) => () => {
       this.offers.replaceChildren();
       this.#ask(...edits);
@@ -203,7 +203,7 @@ export class Editing {
   #clear(run) {
     this.#run = run;
     this.#say("");
-    this.#start = this.#beside = this.#told = this.#toldUrl = this.#chosen = this.#picked = this.#coming = null;
+    this.#start = this.#beside = this.#editorData = this.#editorUrl = this.#chosen = this.#picked = this.#coming = null;
     this.#isShowing = false;
     this.#queue = [];
     this.#redo = [];
@@ -231,8 +231,8 @@ export class Editing {
 
   /** Look at what has changed as soon as it comes, again and again. */
   #watch() {
-    const [edit] = this.#asked?.edits ?? [];
-    const moments = [edit?.lands, edit?.ends, edit?.at, this.#told?.words[edit?.word]?.[0]].filter(Number.isFinite);
+    const [edit] = this.#request?.edits ?? [];
+    const moments = [edit?.lands, edit?.ends, edit?.at, this.#editorData?.words[edit?.word]?.[0]].filter(Number.isFinite);
     const from = moments.length ? Math.max(0, Math.min(...moments) - LEAD_S) : 0;
     this.#player.setLoop(moments.length ? [from, Math.min(this.#player.duration, Math.max(...moments) + AFTER_S)] : null);
     this.#player.seek(from);
@@ -294,14 +294,14 @@ export class Editing {
   }
 
   async #load() {
-    const url = this.#value.editable[this.#start]?.told ?? null;
-    if (url === this.#toldUrl) return;
-    this.#toldUrl = url;
-    this.#told = null;
+    const url = this.#value.editable[this.#start]?.editor ?? null;
+    if (url === this.#editorUrl) return;
+    this.#editorUrl = url;
+    this.#editorData = null;
     if (!url) return;
     const answer = await fetch(url);
-    if (!answer.ok || url !== this.#toldUrl) return;
-    this.#told = await answer.json();
+    if (!answer.ok || url !== this.#editorUrl) return;
+    this.#editorData = await answer.json();
     this.#chooseAgain();
     this.#update();
   }
@@ -318,7 +318,7 @@ export class Editing {
 
   #flush(isOpening = false) {
     if (this.#isBusy || (!this.#queue.length && !isOpening)) return;
-    this.#asked = { run: this.#run, start: this.#start, edits: this.#queue };
+    this.#request = { run: this.#run, start: this.#start, edits: this.#queue };
     this.#queue = [];
     this.#isBusy = true;
     this.#send();
@@ -329,7 +329,7 @@ export class Editing {
     if (isRefused) this.#queue = []; // of a plan that there is not
     if (isRefused) [this.#chosen, this.#picked] = this.#before;
     this.#flush();
-    if (!this.#isShowing) this.end.settled();
+    if (!this.#isShowing) this.end.requestDone();
   }
 
   #before = [null, null]; // what was chosen when the edit was asked for
@@ -383,7 +383,7 @@ export class Editing {
   }
 
   #toWord(way) {
-    const words = this.#told?.words ?? [];
+    const words = this.#editorData?.words ?? [];
     if (!this.#chosen?.side || !words.length) return;
     const lands = words.map(landsOn);
     const now = this.#chosen.lands;
@@ -416,8 +416,8 @@ export class Editing {
 
   /** Where the gesture would be that is to be added, before anything is performed. */
   #foresee() {
-    const { kinds = {}, places = {}, around: [before, after] = [0, 0], words = [] } = this.#told ?? {};
-    const isShown = this.isOpen && this.adding.open && !!this.#told;
+    const { kinds = {}, places = {}, around: [before, after] = [0, 0], words = [] } = this.#editorData ?? {};
+    const isShown = this.isOpen && this.adding.open && !!this.#editorData;
     const hands = this.hands.value || kinds[this.kinds.value];
     const lands = this.places.value === "" ? this.#player.time : landsOn(words[Number(this.places.value)]);
     const made = SIDES.filter((side) => isShown && [side, "both"].includes(hands));
@@ -440,14 +440,14 @@ export class Editing {
 
   // ------------------------------------------------------------------ choosing
 
-  #isKnown(name) {
+  #isEditable(name) {
     return !!name && (this.#value.rows.includes(name) || name in this.#value.editable);
   }
 
   #isDropping = false; // a click follows that chooses nothing
 
   #choose(body, chosen, event) {
-    if (!this.isOpen || this.#isDropping || !this.#isKnown(body)) return;
+    if (!this.isOpen || this.#isDropping || !this.#isEditable(body)) return;
     if (body !== this.#start) this.#goOnFrom(body);
     const { list } = chosen;
     const isHand = list === "left" || list === "right";
@@ -461,16 +461,16 @@ export class Editing {
 
   /** The gesture that a phase is part of; null of rests and ways back. */
   #gestureAround(list, event) {
-    const found = this.#told?.gestures.find(({ side, start, end }) => side === list && start < event.end_s - 1e-3 && end > event.start_s + 1e-3);
-    return found ? { side: found.side, lands: found.lands } : null;
+    const gesture = this.#editorData?.gestures.find(({ side, start, end }) => side === list && start < event.end_s - 1e-3 && end > event.start_s + 1e-3);
+    return gesture ? { side: gesture.side, lands: gesture.lands } : null;
   }
 
   /** What of another plan is chosen: the phase that was, if it is there. */
   #pickAgain(body, plan) {
     if (!this.isOpen || !this.#picked || ![this.#start, this.#coming].includes(body)) return null;
-    const known = this.#isBusy ? [this.#picked, this.#before[1]] : [this.#picked]; // the plan before may be shown anew
-    const found = known.filter(Boolean).map(({ list, event }) => ({ list, index: foundAgain(plan[list], event) }));
-    return found.find(({ index }) => index >= 0) ?? null;
+    const candidates = this.#isBusy ? [this.#picked, this.#before[1]] : [this.#picked]; // the plan before may be shown anew
+    const matches = candidates.filter(Boolean).map(({ list, event }) => ({ list, index: indexOfMatchingPhase(plan[list], event) }));
+    return matches.find(({ index }) => index >= 0) ?? null;
   }
 
   #planned() {
@@ -480,20 +480,20 @@ export class Editing {
     if (this.#isBusy) return; // more is to come
     this.#picked = chosen && this.#picked && { list: chosen.list, event: plan[chosen.list][chosen.index] };
     if (!this.#picked && this.#chosen?.side) this.#chosen = null; // there is no such any more
-    this.end.settled();
+    this.end.requestDone();
     this.#chooseAgain();
     this.#showChosen();
   }
 
   /** The gesture of the phase that is chosen: what was asked for may have been mended. */
   #chooseAgain() {
-    if (this.#picked && this.#told) this.#chosen = this.#gestureAround(this.#picked.list, this.#picked.event);
+    if (this.#picked && this.#editorData) this.#chosen = this.#gestureAround(this.#picked.list, this.#picked.event);
   }
 
   /** Selected gesture, as the server tells of it. */
   get #gesture() {
     const chosen = this.#chosen;
-    return this.#told?.gestures.find(({ side, lands }) => side === chosen?.side && Math.abs(lands - chosen.lands) < 0.01) ?? null;
+    return this.#editorData?.gestures.find(({ side, lands }) => side === chosen?.side && Math.abs(lands - chosen.lands) < 0.01) ?? null;
   }
 
   /** A stroke that is dragged goes where it is let go; at the end of a phase a mouse drags that. */
@@ -504,7 +504,7 @@ export class Editing {
     const isHand = !!button.closest(".of-hand");
     if (isHand && event.pointerType === "mouse" && right - event.clientX <= Math.min(EDGE_PX, EDGE_SHARE * width)) {
       button.click();
-      if (this.end.told) return void this.end.drag(event);
+      if (this.end.selection) return void this.end.drag(event);
     }
     if (!button.classList.contains("stroke")) return;
     const from = event.clientX;
@@ -544,9 +544,9 @@ export class Editing {
   #update() {
     if (!this.isOpen) return;
     const options = (select, entries, value) => {
-      const told = JSON.stringify(entries);
-      if (select.dataset.told !== told) select.replaceChildren(...entries.map(([each, words]) => make("option", { value: each }, words)));
-      select.dataset.told = told;
+      const content = JSON.stringify(entries);
+      if (select.dataset.content !== content) select.replaceChildren(...entries.map(([each, words]) => make("option", { value: each }, words)));
+      select.dataset.content = content;
       select.value = value;
     };
     const names = [...new Set([...this.#value.rows, ...Object.keys(this.#value.editable)])];
@@ -556,25 +556,25 @@ export class Editing {
     allow(this.redo, !this.#isBusy && !!this.#redo.length);
     this.element.setAttribute("aria-busy", String(this.#isBusy));
     this.#showChosen();
-    if (!this.#told) return;
-    this.kinds.offer(Object.keys(this.#told.kinds));
-    options(this.places, [["", "at the present moment"], ...this.#told.words.map(([start, , words], i) => [String(i), `on “${words}” (${start.toFixed(1)} s)`])], this.places.value);
-    for (const [name, set] of this.sliders) set(this.#told.style[name]);
+    if (!this.#editorData) return;
+    this.kinds.offer(Object.keys(this.#editorData.kinds));
+    options(this.places, [["", "at the present moment"], ...this.#editorData.words.map(([start, , words], i) => [String(i), `on “${words}” (${start.toFixed(1)} s)`])], this.places.value);
+    for (const [name, set] of this.sliders) set(this.#editorData.style[name]);
   }
 
   #showChosen() {
     if (!this.isOpen) return;
     const chosen = this.#chosen;
-    const { told } = this.end;
-    const list = chosen?.side ?? chosen?.list ?? told?.list ?? "right";
+    const { selection } = this.end;
+    const list = chosen?.side ?? chosen?.list ?? selection?.list ?? "right";
     const lane = this.#timeline.tiers.laneOf(list);
     if (lane.nextElementSibling !== this.palette) lane.after(this.palette);
-    this.endsAt.textContent = told ? `${told.phase} ends at ${told.seconds.toFixed(2)} s` : chosen ? "" : HINT;
+    this.endsAt.textContent = selection ? `${selection.phase} ends at ${selection.seconds.toFixed(2)} s` : chosen ? "" : HINT;
     this.deletion.hidden = this.ofGesture.hidden = !chosen;
-    if (!chosen) this.which.textContent = told ? `${told.phase}, ${told.list} hand` : "";
+    if (!chosen) this.which.textContent = selection ? `${selection.phase}, ${selection.list} hand` : "";
     if (!chosen) return;
     this.ofGesture.hidden = !chosen.side;
-    this.byWord.hidden = !this.#told?.words.length;
+    this.byWord.hidden = !this.#editorData?.words.length;
     const gesture = this.#gesture;
     const kind = gesture ? kindName(gesture.kind) || "gesture" : "Gesture";
     const now = gesture && gesture.partner !== null ? "both" : chosen.side;

@@ -19,7 +19,7 @@ export class PhaseEnd {
   /** @type {import("./plan.js").Chosen | null} */
   #chosen = null;
   #by = 0; // seconds by which it stands elsewhere than in the plan
-  #asked = 0; // of these, what has been asked for
+  #requested = 0; // of these, what has been asked for
 
   /** `isBusy` says that nothing can be asked for now; `onMoved` takes what is chosen, its end and where that is to be; `onShown` is called when it stands elsewhere. */
   constructor(tiers, { secondsAt, isBusy, onMoved, onShown }) {
@@ -51,14 +51,14 @@ export class PhaseEnd {
   }
 
   /** What it is the end of, and where it stands; null of nothing. */
-  get told() {
+  get selection() {
     return this.#chosen && { list: this.#chosen.list, phase: this.#phase.phase, seconds: this.#now };
   }
 
   /** What was asked for has been done, or refused: go on with what has not been. */
-  settled() {
-    this.#by -= this.#asked;
-    this.#asked = 0;
+  requestDone() {
+    this.#by -= this.#requested;
+    this.#requested = 0;
     if (!this.#chosen) return;
     this.#place();
     this.#tell();
@@ -94,12 +94,12 @@ export class PhaseEnd {
 
   #key(event) {
     const step = STEPS_S[event.key];
-    const isTold = event.key === "Enter" || event.key === " ";
-    if (event.ctrlKey || event.metaKey || event.altKey || (!step && !isTold && event.key !== "Escape")) return;
+    const isConfirmed = event.key === "Enter" || event.key === " ";
+    if (event.ctrlKey || event.metaKey || event.altKey || (!step && !isConfirmed && event.key !== "Escape")) return;
     event.preventDefault();
     event.stopPropagation();
-    if (isTold) this.#tell();
-    else this.#move(step ? this.#by + step : this.#asked);
+    if (isConfirmed) this.#tell();
+    else this.#move(step ? this.#by + step : this.#requested);
   }
 
   #move(by) {
@@ -122,12 +122,12 @@ export class PhaseEnd {
 
   #tell() {
     if (!this.#chosen || this.#isBusy() || Math.abs(this.#by) < LEAST_MOVE_S) return;
-    this.#asked = this.#by;
+    this.#requested = this.#by;
     this.#onMoved(this.#chosen, this.#phase.end_s, this.#now);
   }
 
   #forget() {
-    this.#by = this.#asked = 0;
+    this.#by = this.#requested = 0;
     if (this.#chosen && this.#tiers.plan) this.#tiers.preview(this.#chosen.list, null);
     this.#chosen = null;
   }

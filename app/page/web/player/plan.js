@@ -1,6 +1,6 @@
 /** What a plan says of each moment and of each of its events: pure functions of its JSON. */
 
-/** @typedef {import("../messages").GesturePlan & { origin: "planned" | "found" }} Plan A plan, and whether its system followed it. */
+/** @typedef {import("../messages").GesturePlan & { origin: "planned" | "detected" }} Plan A plan, and whether its system followed it. */
 /** @typedef {{ list: "left" | "right" | "nods" | "looks" | "brows" | "smiles" | "blinks" | "stands", index: number }} Chosen One event of a plan. */
 
 export const SIDES = /** @type {const} */ (["left", "right"]);
@@ -22,7 +22,7 @@ export const TIERS = /** @type {const} */ ([
   { name: "Supporting leg", lists: ["stands"], isHand: false },
 ]);
 
-export const ORIGINS = { planned: "planned", found: "detected in the motion" };
+export const ORIGINS = { planned: "planned", detected: "detected in the motion" };
 
 /** From when to when something happens; a moment lies around its time. */
 export function timesOf(event) {
@@ -95,7 +95,7 @@ export function stretched(phases, index, seconds, duration_s) {
  * The number of the phase that another plan has in place of one: of its name, that begins or ends
  * about where it did; -1 where there is none.
  */
-export function foundAgain(phases, { phase, start_s, end_s }) {
+export function indexOfMatchingPhase(phases, { phase, start_s, end_s }) {
   const off = (other) => Math.min(Math.abs(other.start_s - start_s), Math.abs(other.end_s - end_s));
   const near = phases.reduce((best, other, i) => (other.phase === phase && (best < 0 || off(other) < off(phases[best])) ? i : best), -1);
   return near >= 0 && off(phases[near]) < AGAIN_S ? near : -1;
@@ -150,29 +150,29 @@ export function wordAt({ words, accents }, seconds, text) {
  *
  * @param {Plan} plan
  * @param {Chosen} chosen
- * @param {{ words: import("../messages").TimeSpan[], accents: [number, number][] }} said
+ * @param {{ words: import("../messages").TimeSpan[], accents: [number, number][] }} speech
  */
-export function sentenceOf(plan, { list, index }, said) {
+export function sentenceOf(plan, { list, index }, speech) {
   /** @type {any} */
   const event = plan[list][index];
-  const told = list === "left" || list === "right" ? handTold(plan, list, index, said) : otherTold(plan, list, event, said);
+  const description = list === "left" || list === "right" ? describeHand(plan, list, index, speech) : describeOther(plan, list, event, speech);
   const [start, end] = timesOf(event);
   const when = event.time_s === undefined ? `${start.toFixed(2)} to ${end.toFixed(2)} s` : `at ${event.time_s.toFixed(2)} s`;
-  return `${capital(told)}; ${when}, ${ORIGINS[plan.origin]}.`;
+  return `${capital(description)}; ${when}, ${ORIGINS[plan.origin]}.`;
 }
 
-function handTold(plan, side, index, said) {
+function describeHand(plan, side, index, speech) {
   const phases = plan[side];
   const { phase } = phases[index];
   if (phase === "rest") return `the ${side} hand rests`;
   const landing = phase === "stroke" ? index : landingOf(phases, index);
   const stroke = phases[landing];
-  const what = stroke && strokeTold(plan, side, stroke, said);
+  const what = stroke && describeStroke(plan, side, stroke, speech);
   return {
     stroke: what,
     preparation: `preparation of the ${side} hand${what ? ` for: ${what}` : ""}`,
     hold: `hold of the ${side} hand${what ? ` after: ${what}` : ""}`,
-    beat: `a ${kindName(phases[index].kind === FOLLOWING ? FOLLOWING : "beat")} of the ${side} hand${onWord(plan, phases[index], said)}`,
+    beat: `a ${kindName(phases[index].kind === FOLLOWING ? FOLLOWING : "beat")} of the ${side} hand${onWord(plan, phases[index], speech)}`,
     retraction: `retraction of the ${side} hand`,
   }[phase];
 }
@@ -187,25 +187,25 @@ function landingOf(phases, index) {
   return -1;
 }
 
-function strokeTold(plan, side, stroke, said) {
+function describeStroke(plan, side, stroke, speech) {
   const other = plan[side === "left" ? "right" : "left"];
   const isBoth = other.some(({ phase, end_s }) => phase === "stroke" && Math.abs(end_s - stroke.end_s) < TOGETHER_S);
   const kind = kindName(stroke.kind);
-  return `${kind === "beat" ? kind : kind ? `stroke (${kind})` : "stroke"} of ${isBoth ? "both hands" : `the ${side} hand`}${onWord(plan, stroke, said)}`;
+  return `${kind === "beat" ? kind : kind ? `stroke (${kind})` : "stroke"} of ${isBoth ? "both hands" : `the ${side} hand`}${onWord(plan, stroke, speech)}`;
 }
 
 /** A planned stroke says which word it lands on; one that was found ends on the word of its time. */
-function onWord(plan, phase, said) {
+function onWord(plan, phase, speech) {
   if (plan.origin === "planned" && phase.phase === "stroke" && !phase.word) return "";
-  const known = phase.word && plan.origin === "planned" ? phase.word : undefined;
-  const word = wordAt(said, phase.end_s, known) ?? (known ? { text: known, isStressed: false } : null);
+  const plannedWord = phase.word && plan.origin === "planned" ? phase.word : undefined;
+  const word = wordAt(speech, phase.end_s, plannedWord) ?? (plannedWord ? { text: plannedWord, isStressed: false } : null);
   return word ? ` on the ${word.isStressed ? "stressed " : ""}word “${word.text}”` : "";
 }
 
-function otherTold(plan, list, event, said) {
-  const word = event.time_s === undefined ? null : wordAt(said, event.time_s);
+function describeOther(plan, list, event, speech) {
+  const word = event.time_s === undefined ? null : wordAt(speech, event.time_s);
   const on = word ? ` on the ${word.isStressed ? "stressed " : ""}word “${word.text}”` : "";
-  const told = {
+  const descriptions = {
     nods: () => `nod of ${Math.round(event.depth_deg)}°${on}`,
     looks: () => `looks ${wayOf(event, plan.origin === "planned" ? "at the listener" : "ahead")}`,
     brows: () => `${event.height < 0 ? "frown" : "raised brows"}${on}`,
@@ -213,7 +213,7 @@ function otherTold(plan, list, event, said) {
     blinks: () => "blink",
     stands: () => (event.leg === "both" ? "stands on both legs" : `weight on the ${event.leg} leg`),
   };
-  return told[list]();
+  return descriptions[list]();
 }
 
 export function capital(words) {

@@ -4,10 +4,10 @@
  * stage; where a browser draws none, videos stand in its place.
  */
 
-import { found, make, wantsStillness } from "../dom.js";
+import { make, wantsStillness, whenPresent } from "../dom.js";
 import { FPS } from "../stage/motion.js";
 import { DISPLAYS, Look } from "../stage/look.js";
-import { saidOtherwise } from "../stage/reading.js";
+import { withOverride } from "../stage/reading.js";
 import { Stage } from "../stage/stage.js";
 import { currentFilter, followFilter, setFilter } from "../filter_switch.js";
 import { Argument } from "./argument.js";
@@ -67,9 +67,9 @@ class Player {
       this.#stage?.lookAt(name, part);
     };
     this.findings = new Findings(root.showFinding);
-    const seen = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
+    const stageAndFindings = make("div", { class: "seen" }, this.#stage?.element ?? "", this.findings.element);
     this.parts = new Parts(root);
-    const parts = [this.fold, this.parts.element, this.#why, this.argument.head, seen, this.#videos.element, this.controls.element, this.controls.displays.box, this.editing.element, this.timeline.element, this.#audio];
+    const parts = [this.fold, this.parts.element, this.#why, this.argument.head, stageAndFindings, this.#videos.element, this.controls.element, this.controls.displays.box, this.editing.element, this.timeline.element, this.#audio];
     root.replaceChildren(...parts);
     new ResizeObserver(() => this.#stage?.fit()).observe(this.timeline.element);
     root.classList.toggle("staged", this.#stage !== null);
@@ -82,11 +82,11 @@ class Player {
     root.lockstep = this.#lockstep; // for whoever wants to look at it from outside
     root.stage = this.#stage;
     root.setNoise = (rad) => this.argument.set(rad);
-    root.seen = () => JSON.stringify(this.#seen);
-    root.edits = () => this.editing.asked;
-    root.addEventListener("otherwise", ({ detail }) => {
-      root.said = (before) => saidOtherwise(before, detail, this.#value.rows?.length === 1);
-      this.#press(".otherwise-start");
+    root.viewState = () => JSON.stringify(this.#viewState);
+    root.edits = () => this.editing.request;
+    root.addEventListener("override", ({ detail }) => {
+      root.addOverride = (before) => withOverride(before, detail, this.#value.rows?.length === 1);
+      this.#press(".override-start");
     });
     root.look = this.#look;
     const note = () => this.#noteAddress();
@@ -102,7 +102,7 @@ class Player {
     const { mode, pair, closeUp, orbit } = this.#stage;
     const { frame, isPlaying } = this.#lockstep;
     const rounded = (value) => String(Math.round(1000 * value) / 1000);
-    const told = {
+    const fields = {
       camera: orbit.isMoved && orbit.state.map(rounded).join(" "),
       t: frame > 0 && !isPlaying && rounded(frame / FPS),
       close: closeUp !== "hands" && closeUp,
@@ -112,7 +112,7 @@ class Player {
     };
     const address = new URLSearchParams();
     this.#look.write(address);
-    for (const [name, value] of Object.entries(told)) if (value) address.set(name, value);
+    for (const [name, value] of Object.entries(fields)) if (value) address.set(name, value);
     return address;
   }
 
@@ -132,7 +132,7 @@ class Player {
   }
 
   /** What the stage shows, as app/page/tabs/stage.py reads it. */
-  get #seen() {
+  get #viewState() {
     return { ...this.#stage.picture, look: this.#look.values, camera: this.#stage.orbit.state, sound: this.#sound?.audio ?? this.#value.audio ?? null };
   }
 
@@ -150,9 +150,9 @@ class Player {
   /** The bodies that are to be seen. */
   #showStage() {
     const { rows = [], running = false } = this.#value;
-    const seen = this.editing.seen(rows);
-    this.#stage?.show(seen, running);
-    this.timeline.showTakes(seen.map(({ name }) => name));
+    const visible = this.editing.visibleRows(rows);
+    this.#stage?.show(visible, running);
+    this.timeline.showTakes(visible.map(({ name }) => name));
     this.controls?.update();
   }
 
@@ -369,5 +369,5 @@ export function mountPlayer(element, props, watch) {
   };
   watch("value", show);
   if (!new URLSearchParams(location.search).has("run")) show();
-  else found("html[data-ready]").then(() => hasShown || show()); // a link leads to a run, not to the page's example
+  else whenPresent("html[data-ready]").then(() => hasShown || show()); // a link leads to a run, not to the page's example
 }

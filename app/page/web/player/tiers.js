@@ -13,7 +13,7 @@ export class Tiers {
   #onChoose;
   /** @type {import("./plan.js").Plan | null} */
   plan = null;
-  #said = { words: [], accents: [] };
+  #speech = { words: [], accents: [] };
   #tiers; // of TIERS, each with its lane, its box, and its events, { list, index, button }
   #share = (_seconds) => 0;
   #time = 0;
@@ -22,7 +22,7 @@ export class Tiers {
   #hung = new Map(); // what hangs in tiers beside their events: element -> how it is placed
 
   /**
-   * @param {{ onChoose?: (chosen: import("./plan.js").Chosen, event: object, sentence: string) => void }} told
+   * @param {{ onChoose?: (chosen: import("./plan.js").Chosen, event: object, sentence: string) => void }} options
    *   `onChoose` is called when somebody chooses an event by mouse, finger or key.
    */
   constructor({ onChoose = () => {} } = {}) {
@@ -51,12 +51,12 @@ export class Tiers {
    * given again.
    *
    * @param {import("./plan.js").Plan | null} plan
-   * @param {{ words: import("../messages").TimeSpan[], accents: [number, number][] }} said
+   * @param {{ words: import("../messages").TimeSpan[], accents: [number, number][] }} speech
    * @param {import("./plan.js").Chosen | null} chosen
    */
-  show(plan, said = { words: [], accents: [] }, chosen = null) {
+  show(plan, speech = { words: [], accents: [] }, chosen = null) {
     this.plan = plan;
-    this.#said = said;
+    this.#speech = speech;
     this.chosen = chosen && plan?.[chosen.list][chosen.index] ? chosen : null;
     const focused = this.#focused;
     for (const tier of this.#tiers) {
@@ -130,7 +130,7 @@ export class Tiers {
 
   /** Why an event is there, in a sentence. */
   sentence(chosen) {
-    return this.plan ? sentenceOf(this.plan, chosen, this.#said) : "";
+    return this.plan ? sentenceOf(this.plan, chosen, this.#speech) : "";
   }
 
   // ------------------------------------------------------------------ drawing

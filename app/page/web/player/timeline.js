@@ -125,8 +125,8 @@ export class Timeline {
     const isSame = this.#data?.duration_s === data.duration_s; // with another take's curves
     this.#data = data;
     if (!isSame) this.#view = [0, matchMedia(NARROW).matches ? Math.min(data.duration_s, NARROW_S) : data.duration_s];
-    const known = rows.filter(({ name }) => data.curves[name]);
-    this.#rows = known.filter(({ take }) => !take).flatMap((row) => [row, ...known.filter(({ take, of }) => take && of === row.name)]);
+    const withCurves = rows.filter(({ name }) => data.curves[name]);
+    this.#rows = withCurves.filter(({ take }) => !take).flatMap((row) => [row, ...withCurves.filter(({ take, of }) => take && of === row.name)]);
     this.#lanes.clear();
     this.wave = make("canvas", {});
     this.position = make("div", { class: "plot", role: "slider", tabindex: "0", "aria-label": "Position", "aria-valuemin": "0", "aria-valuemax": data.duration_s.toFixed(2) }, this.wave);
@@ -156,7 +156,7 @@ export class Timeline {
     this.element.hidden = false;
     if (this.lanes.contains(focused)) focused?.focus({ preventScroll: true }); // the lanes of gestures have only moved
     this.know(rows);
-    this.tiers.show(this.tiers.plan, this.#said, this.tiers.chosen);
+    this.tiers.show(this.tiers.plan, this.#speech, this.tiers.chosen);
     this.#observer.disconnect();
     this.#observer.observe(this.lanes);
     this.showTakes(this.#takes);
@@ -168,23 +168,23 @@ export class Timeline {
   #takes = [];
 
   /** Of edited motions only the lanes of those that are seen. */
-  showTakes(seen) {
-    this.#takes = seen;
-    for (const lane of this.lanes.querySelectorAll("[data-take=true]")) lane.hidden = !seen.includes(lane.dataset.name);
+  showTakes(visible) {
+    this.#takes = visible;
+    for (const lane of this.lanes.querySelectorAll("[data-take=true]")) lane.hidden = !visible.includes(lane.dataset.name);
   }
 
   // ------------------------------------------------------------------ what the bodies do
 
   /** Whose plans there are; the first that a system performed is shown, none that was found before somebody asks. */
   know(rows) {
-    const known = rows.filter(({ plan }) => plan);
-    this.plans = new Map([["", ""], ...known.map(({ name, plan }) => [name, plan])]);
-    this.planned = new Set(known.filter((row) => row.is_planned).map(({ name }) => name));
+    const withPlans = rows.filter(({ plan }) => plan);
+    this.plans = new Map([["", ""], ...withPlans.map(({ name, plan }) => [name, plan])]);
+    this.planned = new Set(withPlans.filter((row) => row.is_planned).map(({ name }) => name));
     if ([...this.plans.keys()].join() !== [...this.bodies.options].map(({ value }) => value).join()) {
-      this.bodies.replaceChildren(make("option", { value: "" }, "No gestures"), ...known.map((row) => make("option", { value: row.name }, row.label ?? row.name)));
+      this.bodies.replaceChildren(make("option", { value: "" }, "No gestures"), ...withPlans.map((row) => make("option", { value: row.name }, row.label ?? row.name)));
     }
-    this.tiersHead.hidden = !known.length;
-    const name = this.plans.has(this.#body) ? this.#body : known.find((row) => row.is_planned)?.name;
+    this.tiersHead.hidden = !withPlans.length;
+    const name = this.plans.has(this.#body) ? this.#body : withPlans.find((row) => row.is_planned)?.name;
     if (name !== undefined) this.showBody(name);
   }
 
@@ -199,7 +199,7 @@ export class Timeline {
     const response = await fetch(url);
     if (!response.ok) return; // kept no longer
     /** @type {import("./plan.js").Plan} */
-    const plan = { ...(await response.json()), origin: this.planned.has(name) ? "planned" : "found" };
+    const plan = { ...(await response.json()), origin: this.planned.has(name) ? "planned" : "detected" };
     if (url === this.#planUrl) this.#showPlan(plan, this.onplan(name, plan));
   }
 
@@ -207,14 +207,14 @@ export class Timeline {
     this.legend.hidden = this.more.hidden = !plan;
     this.legend.dataset.origin = plan?.origin ?? "";
     this.origin.textContent = ORIGINS[plan?.origin] ?? "";
-    this.tiers.show(plan, this.#said, chosen);
+    this.tiers.show(plan, this.#speech, chosen);
     this.why.textContent = chosen ? this.tiers.sentence(chosen) : "";
     this.#draw();
     this.onplanned();
   }
 
   /** What is known of the speech. */
-  get #said() {
+  get #speech() {
     return this.#data ? { words: this.#data.words, accents: accentsOf(this.#data) } : undefined;
   }
 
@@ -368,11 +368,11 @@ export class Timeline {
     this.#placeTiers();
     this.tiers.place((seconds) => this.#share(seconds));
     this.#placeMarks();
-    const known = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
-    const highest = topOf(known.flatMap(({ values }) => values));
+    const curves = this.#rows.map(({ name }) => this.#curveOf(name)).filter(Boolean);
+    const highest = topOf(curves.flatMap(({ values }) => values));
     const { unit, digits } = CURVES[this.#curve];
-    const isCut = known.some(({ values }) => values.some((value) => value > highest));
-    const scale = known.length ? `, to ${highest.toFixed(digits)} ${unit}${isCut ? "; higher peaks are marked" : ""}` : "";
+    const isCut = curves.some(({ values }) => values.some((value) => value > highest));
+    const scale = curves.length ? `, to ${highest.toFixed(digits)} ${unit}${isCut ? "; higher peaks are marked" : ""}` : "";
     this.scale.textContent = this.#data.point + scale;
     for (const row of this.#rows) {
       const curve = this.#curveOf(row.name);

@@ -18,16 +18,16 @@ export class Videos {
   /** @param {import("../messages").PlayerRow[]} rows */
   show(rows) {
     for (const row of rows) {
-      const known = this.#tiles.get(row.name);
-      const told = `${row.motion} ${row.video}`;
-      if (known?.dataset.told === told) continue;
+      const previous = this.#tiles.get(row.name);
+      const content = `${row.motion} ${row.video}`;
+      if (previous?.dataset.content === content) continue;
       const label = row.label ?? row.name;
       const video = row.video ? make("video", { src: row.video, controls: true, playsinline: true, preload: "metadata", "aria-label": `Motion of ${label}` }) : make("p", { class: "drawing" }, row.will_have_video === false ? "no video requested" : "rendering");
       const head = make("header", {}, make("i", { "aria-hidden": "true" }), nameOf(row), make("span", { class: "tools" }, filesOf(row) ?? ""));
-      const tile = make("article", { class: "tile", "data-name": row.name, "data-told": told, "aria-label": label }, head, readingOf(row) ?? "", video);
+      const tile = make("article", { class: "tile", "data-name": row.name, "data-content": content, "aria-label": label }, head, readingOf(row) ?? "", video);
       tile.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
       this.#tiles.set(row.name, tile);
-      if (known) known.replaceWith(tile);
+      if (previous) previous.replaceWith(tile);
       else this.element.append(tile);
     }
   }

@@ -13,8 +13,8 @@ export class WorstSeconds {
     this.#player = player;
     this.start = make("button", { type: "button", class: "worded", onclick: () => this.toggle() }, "Highest-jerk second");
     this.steps = [iconButton("left", "Previous (more jerk)", () => this.step(-1)), iconButton("right", "Next (less jerk)", () => this.step(1))];
-    this.told = make("output", {});
-    this.line = make("div", { class: "worst-line", hidden: true }, this.steps[0], this.told, this.steps[1]); // stands where it moves nothing
+    this.output = make("output", {});
+    this.line = make("div", { class: "worst-line", hidden: true }, this.steps[0], this.output, this.steps[1]); // stands where it moves nothing
     this.element = make("div", { class: "group worst", hidden: true }, this.start);
     player.addEventListener("state", () => this.#show());
   }
@@ -71,6 +71,6 @@ export class WorstSeconds {
     const why = joint ? `${joint} snaps by ${Math.round(snap_deg)}°` : `${Math.round(jerk_m_s3)} m/s³`;
     this.line.hidden = !isOn;
     const text = isOn ? `${this.#at + 1} of ${this.#seconds.length}: ${name}, ${why} at ${start_s.toFixed(1)} s` : "";
-    if (this.told.textContent !== text) this.told.textContent = text;
+    if (this.output.textContent !== text) this.output.textContent = text;
   }
 }

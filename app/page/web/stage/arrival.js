@@ -11,7 +11,7 @@ export class Arrival {
   #parts = [];
   #bytes = 0;
   #end = 0; // frames fetched
-  #given = 0;
+  #numReturned = 0;
 
   /** `fetched(url, from, to)` gives bytes of a file. */
   constructor(url, fetched = bytesOf) {
@@ -32,9 +32,9 @@ export class Arrival {
       this.#bytes = there.bytes;
       this.#end += part.length;
     }
-    const isWorthIt = this.#end === there.num_frames || this.#end >= GROWN * this.#given || needed > this.#given;
-    if (this.#end === this.#given || !isWorthIt) return null;
-    this.#given = this.#end;
+    const isWorthIt = this.#end === there.num_frames || this.#end >= GROWN * this.#numReturned || needed > this.#numReturned;
+    if (this.#end === this.#numReturned || !isWorthIt) return null;
+    this.#numReturned = this.#end;
     return joined(this.#parts);
   }
 }

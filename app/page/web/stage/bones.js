@@ -12,30 +12,30 @@ const FINE_AXIS_M = 0.018; // of fingers and face
  * A body as a panel shows it: its joints, 3 x 4 one after the other, shifted by metres, through a camera's matrix; pixels of
  * the panel; and the joints that it shows, null for all.
  *
- * @typedef {{ world: Float32Array, shift: number[], matrix: number[], size: [number, number], drawn?: number[] | null }} Seen
+ * @typedef {{ world: Float32Array, shift: number[], matrix: number[], size: [number, number], drawn?: number[] | null }} PanelBody
  */
 
-/** Corners for `Painter.ink`: a line from each joint to its parent. @type {(seen: Seen, parents: ArrayLike<number>) => number[]} */
-export function boneCorners(seen, parents) {
+/** Corners for `Painter.ink`: a line from each joint to its parent. @type {(body: PanelBody, parents: ArrayLike<number>) => number[]} */
+export function boneCorners(body, parents) {
   const corners = [];
-  const isDrawn = (joint) => !seen.drawn || seen.drawn.includes(joint);
-  const places = Array.from(parents, (_, joint) => inPanel(seen, joint, [0, 0, 0]));
+  const isDrawn = (joint) => !body.drawn || body.drawn.includes(joint);
+  const places = Array.from(parents, (_, joint) => inPanel(body, joint, [0, 0, 0]));
   for (const [wide, color] of [[4, EDGE], [2, BONE]]) {
     for (const [joint, parent] of Array.from(parents).entries()) {
-      if (parent >= 0 && isDrawn(joint) && isDrawn(parent)) line(corners, places[parent], places[joint], wide, color, seen.size);
+      if (parent >= 0 && isDrawn(joint) && isDrawn(parent)) line(corners, places[parent], places[joint], wide, color, body.size);
     }
   }
   return corners;
 }
 
-/** The same of three short lines where each joint's own x, y and z point, shorter of the `fine`. @type {(seen: Seen, fine: boolean[]) => number[]} */
-export function axisCorners(seen, fine) {
+/** The same of three short lines where each joint's own x, y and z point, shorter of the `fine`. @type {(body: PanelBody, fine: boolean[]) => number[]} */
+export function axisCorners(body, fine) {
   const corners = [];
   for (const [joint, isFine] of fine.entries()) {
-    if (seen.drawn && !seen.drawn.includes(joint)) continue;
+    if (body.drawn && !body.drawn.includes(joint)) continue;
     for (const [axis, color] of AXES.entries()) {
       const end = [0, 0, 0].with(axis, isFine ? FINE_AXIS_M : AXIS_M);
-      line(corners, inPanel(seen, joint, [0, 0, 0]), inPanel(seen, joint, end), isFine ? 1.5 : 2.5, color, seen.size);
+      line(corners, inPanel(body, joint, [0, 0, 0]), inPanel(body, joint, end), isFine ? 1.5 : 2.5, color, body.size);
     }
   }
   return corners;
@@ -54,8 +54,8 @@ export function rigid(world, joint, offset) {
 export function inPanel({ world, shift, matrix, size }, joint, offset) {
   /** @type {any} */
   const place = rigid(world, joint, offset).map((part, k) => part + shift[k]);
-  const seen = projected(matrix, place);
-  return seen && seen.map((share, k) => share * size[k]);
+  const projection = projected(matrix, place);
+  return projection && projection.map((share, k) => share * size[k]);
 }
 
 /** Adds a line from one pixel to another, if both are known. */

@@ -12,9 +12,9 @@ const FULL = 32767; // of a normal's part
 /**
  * By name; a later call asks again where an earlier one failed.
  *
- * @type {(mesh: import("./mesh.js").Mesh, told: import("../messages").ViewerConstants["builds"]) => Promise<Map<string, { positions: Float32Array, normals: Float32Array }>>}
+ * @type {(mesh: import("./mesh.js").Mesh, facts: import("../messages").ViewerConstants["builds"]) => Promise<Map<string, { positions: Float32Array, normals: Float32Array }>>}
  */
-export const theBuilds = fetchedOnce(async (mesh, told) => readBuilds(await (await answered(BUILDS_URL)).arrayBuffer(), mesh, told));
+export const theBuilds = fetchedOnce(async (mesh, facts) => readBuilds(await (await answered(BUILDS_URL)).arrayBuffer(), mesh, facts));
 
 /** As renderer/files/glb.py writes them; the first of the names is the mesh itself. */
 export function readBuilds(content, mesh, { names, step }) {

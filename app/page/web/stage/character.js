@@ -66,15 +66,15 @@ export const theWorn = async () => own.mesh ?? (await theBody());
  * @param {any} stage
  */
 export function bodyChoice(stage) {
-  const said = make("output", {});
+  const status = make("output", {});
   const input = make("input", { type: "file", accept: TYPES, "aria-label": "Your own character (.glb or .vrm)" });
   const back = make("button", { type: "button", hidden: true, onclick: () => choose(null) }, "Open body");
   const choose = async (file) => {
-    said.textContent = file ? "Reading the character" : "";
-    await own.choose(file).catch((error) => (said.textContent = error.message));
+    status.textContent = file ? "Reading the character" : "";
+    await own.choose(file).catch((error) => (status.textContent = error.message));
   };
   const show = async () => {
-    said.textContent = own.name;
+    status.textContent = own.name;
     back.hidden = !own.mesh;
     stage.wear(await theWorn(), !!own.mesh);
   };
@@ -87,5 +87,5 @@ export function bodyChoice(stage) {
     const [file] = event.dataTransfer.files;
     if (file) choose(file);
   });
-  return make("label", { class: "body-choice" }, make("span", {}, "Body"), input, back, said);
+  return make("label", { class: "body-choice" }, make("span", {}, "Body"), input, back, status);
 }

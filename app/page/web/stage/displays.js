@@ -161,14 +161,14 @@ export function rows(rotations) {
 
 /** Rotations again from what a filter has left of their rows (Gram and Schmidt). */
 export function quaternions(six) {
-  const found = new Float32Array((4 * six.length) / 6);
+  const rotations = new Float32Array((4 * six.length) / 6);
   for (let at = 0, to = 0; at < six.length; at += 6, to += 4) {
     const [a, b, c] = unit(six[at], six[at + 1], six[at + 2]);
     const along = a * six[at + 3] + b * six[at + 4] + c * six[at + 5];
     const [d, e, f] = unit(six[at + 3] - along * a, six[at + 4] - along * b, six[at + 5] - along * c);
-    found.set(quaternion(a, b, c, d, e, f, b * f - c * e, c * d - a * f, a * e - b * d), to);
+    rotations.set(quaternion(a, b, c, d, e, f, b * f - c * e, c * d - a * f, a * e - b * d), to);
   }
-  return smoothSigns(found);
+  return smoothSigns(rotations);
 }
 
 function unit(x, y, z) {

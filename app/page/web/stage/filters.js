@@ -111,10 +111,10 @@ export function gaussian(values, channels, sigma) {
 export function derivative(places, points, order) {
   const width = 3 * points;
   const length = places.length / width;
-  const found = new Float32Array(length * points);
+  const magnitudes = new Float32Array(length * points);
   const factors = [[1], [-1, 1], [1, -2, 1], [-1, 3, -3, 1]][order];
   const entries = length - order;
-  if (entries <= 0) return found;
+  if (entries <= 0) return magnitudes;
   const before = Math.floor(order / 2);
   for (let frame = 0; frame < length; frame++) {
     const from = width * Math.max(0, Math.min(entries - 1, frame - before));
@@ -125,10 +125,10 @@ export function derivative(places, points, order) {
         for (let i = 0; i <= order; i++) value += factors[i] * places[from + width * i + 3 * point + k];
         square += value * value;
       }
-      found[frame * points + point] = Math.sqrt(square) * FPS ** order;
+      magnitudes[frame * points + point] = Math.sqrt(square) * FPS ** order;
     }
   }
-  return found;
+  return magnitudes;
 }
 
 function sum(values) {

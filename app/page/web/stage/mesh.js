@@ -125,13 +125,13 @@ export class Mesh {
       const faces = this.level(level);
       const drawn = new Set(joints);
       const isDrawn = (vertex) => drawn.has(this.joints[4 * vertex]) && !this.#isNearTrunk(vertex, joints);
-      const [kept, border] = [[], []];
+      const [inner, border] = [[], []];
       for (let i = 0; i < faces.length; i += 3) {
         const face = faces.subarray(i, i + 3);
-        if (face.every(isDrawn)) kept.push(...face);
+        if (face.every(isDrawn)) inner.push(...face);
         else if (face.some(isDrawn)) border.push(...face);
       }
-      this.#parts.set(key, faces.constructor.from([...kept, ...this.#lids(kept, border)]));
+      this.#parts.set(key, faces.constructor.from([...inner, ...this.#lids(inner, border)]));
     }
     return this.#parts.get(key);
   }
@@ -145,7 +145,7 @@ export class Mesh {
   }
 
   /** Faces over the ends at which some were cut off from others: of each end a fan from one of its corners. */
-  #lids(kept, border) {
+  #lids(inner, border) {
     const places = new Map(); // seams of colours are not ends
     const placeOf = (vertex) => {
       if (!places.has(vertex)) places.set(vertex, this.positions.subarray(3 * vertex, 3 * vertex + 3).join());
@@ -153,7 +153,7 @@ export class Mesh {
     };
     const edges = (faces) => faces.map((vertex, i) => [vertex, placeOf(vertex), placeOf(faces[i % 3 === 2 ? i - 2 : i + 1])]);
     const others = new Set(edges(border).map(([, from, to]) => `${to} ${from}`));
-    const cut = edges(kept).filter(([, from, to]) => others.has(`${from} ${to}`));
+    const cut = edges(inner).filter(([, from, to]) => others.has(`${from} ${to}`));
     const next = new Map(cut.map(([vertex, from, to]) => [from, [vertex, to]]));
     const lids = [];
     while (next.size) {

@@ -509,8 +509,8 @@ export class Painter {
     const gl = this.#gl;
     this.#frame(rect, clip);
     gl.clear(gl.DEPTH_BUFFER_BIT);
-    const isSeenFromAbove = eye[1] > ground.floor;
-    if (!isOver && isSeenFromAbove) this.#drawGround(matrix, ground, shift);
+    const isCameraAbove = eye[1] > ground.floor;
+    if (!isOver && isCameraAbove) this.#drawGround(matrix, ground, shift);
     gl.enable(gl.DEPTH_TEST);
     const { body } = this.#programs;
     gl.useProgram(body.handle);
@@ -527,7 +527,7 @@ export class Painter {
     gl.uniform1f(body.at("inside"), isWhole ? 0.35 : 1);
     gl.uniform4f(body.at("ink"), ...(ink ?? [0, 0, 0]), ink ? 1 : 0);
     gl.uniform1f(body.at("floor_height"), ground.floor);
-    gl.uniform1i(body.at("hides"), Number(isSeenFromAbove));
+    gl.uniform1i(body.at("hides"), Number(isCameraAbove));
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     if (isOver) {

@@ -11,25 +11,25 @@ export function wordsOf(what, value) {
 
 /**
  * Chips of a row, those of guesses and of what the user said for themselves; null where nothing was assumed. A choice
- * is told by an event `otherwise`, whose value is null where the user takes back what they said.
+ * is told by an event `override`, whose value is null where the user takes back what they said.
  *
  * @param {import("../messages").PlayerRow} row
  */
 export function readingOf({ name, label, assumed }) {
   if (!assumed?.read.length) return null;
   const isOpen = ({ confidence }) => confidence === "unsure" || confidence === "user";
-  const told = { name, kind: assumed.kind };
-  const chips = assumed.read.filter(isOpen).map((each) => chip(told, wordsOf(each.kind, each.value) + (each.confidence === "unsure" ? "?" : ""), [each]));
+  const file = { name, kind: assumed.kind };
+  const chips = assumed.read.filter(isOpen).map((each) => chip(file, wordsOf(each.kind, each.value) + (each.confidence === "unsure" ? "?" : ""), [each]));
   const rest = assumed.read.filter((each) => !isOpen(each)).sort((one, other) => Number(!one.alternatives.length) - Number(!other.alternatives.length));
-  if (rest.length) chips.push(chip(told, "import details", rest));
+  if (rest.length) chips.push(chip(file, "import details", rest));
   return make("div", { class: "reading", role: "group", "aria-label": `How ${label ?? name} was read` }, ...chips);
 }
 
-/** @type {(told: { name: string, kind: string }, words: string, read: import("../messages").AssumptionRecord[]) => HTMLElement} */
-function chip(told, words, read) {
+/** @type {(file: { name: string, kind: string }, words: string, read: import("../messages").AssumptionRecord[]) => HTMLElement} */
+function chip(file, words, read) {
   const choice = (what, value, text) => {
-    const detail = { ...told, what, value };
-    const choose = ({ currentTarget }) => currentTarget.dispatchEvent(new CustomEvent("otherwise", { bubbles: true, detail }));
+    const detail = { ...file, what, value };
+    const choose = ({ currentTarget }) => currentTarget.dispatchEvent(new CustomEvent("override", { bubbles: true, detail }));
     return make("button", { type: "button", onclick: choose }, text);
   };
   const parts = read.map(({ kind: what, value, reason, confidence, alternatives }) => {
@@ -41,8 +41,8 @@ function chip(told, words, read) {
 }
 
 /** Things said of files, `NAME:WHAT=VALUE` or `WHAT=VALUE`, apart; a name may have commas. */
-function apart(said) {
-  const parts = (said.match(/[^=]+=[^,]*|[^=]+$/g) ?? []).map((part) => part.replace(/^[ ,]+|[ ,]+$/g, ""));
+function apart(text) {
+  const parts = (text.match(/[^=]+=[^,]*|[^=]+$/g) ?? []).map((part) => part.replace(/^[ ,]+|[ ,]+$/g, ""));
   return parts.filter(Boolean).map((part) => {
     const [, name = "", what] = /^(?:(.+):)?([a-z]+)=.+$/.exec(part) ?? [];
     return { name, what, part };
@@ -50,17 +50,17 @@ function apart(said) {
 }
 
 /**
- * What the form says of files, with one thing said otherwise: of all files of the kind, or where others stand beside it
+ * The form's text of import overrides with one override added or replaced: for all files of the kind, or where others stand beside it
  * of one file alone.
  *
  * @param {string} before
- * @param {{ name: string, kind: string, what: string, value: string | null }} otherwise
+ * @param {{ name: string, kind: string, what: string, value: string | null }} override
  * @param {boolean} isAlone
  */
-export function saidOtherwise(before, { name, kind, what, value }, isAlone) {
+export function withOverride(before, { name, kind, what, value }, isAlone) {
   const replaced = isAlone || value === null ? [name, kind, ""] : [name];
-  const kept = apart(before).filter((each) => each.what !== what || !replaced.includes(each.name));
-  const said = kept.map(({ part }) => part);
-  if (value !== null) said.push(`${isAlone ? kind : name}:${what}=${value}`);
-  return said.join(",");
+  const others = apart(before).filter((each) => each.what !== what || !replaced.includes(each.name));
+  const parts = others.map(({ part }) => part);
+  if (value !== null) parts.push(`${isAlone ? kind : name}:${what}=${value}`);
+  return parts.join(",");
 }

@@ -58,11 +58,11 @@ export class Stage {
   #look;
   #onChange;
   #rows = new Map(); // name -> { row, shown, cell, tips }
-  #known = new Map(); // the same of all rows of the run, those among them that are not seen now
+  #allRows = new Map(); // the same of all rows of the run, those among them that are not seen now
   #gl;
   #canvas;
   #labels = make("div", { class: "stage-labels" });
-  #said = make("p", { class: "said", role: "status", hidden: true });
+  #message = make("p", { class: "said", role: "status", hidden: true });
   #waiting = make("p", { class: "said", role: "status", hidden: true }, "Waiting for the next window of motion.");
   #notice = make("b", { class: "stage-notice", hidden: true });
   #scales = make("span", {});
@@ -76,7 +76,7 @@ export class Stage {
   #painter = null;
   #framing = null;
   pace; // how coarse they are while it plays
-  #asked = 0;
+  #frameRequest = 0;
   #rest = 0;
   #fence = null;
   #begun = 0;
@@ -120,7 +120,7 @@ export class Stage {
     });
     this.back = make("button", { type: "button", class: "stage-back", hidden: true, onclick: () => this.orbit.reset() }, "Front view");
     this.view = make("div", { class: "stage-view" }, this.#canvas, this.#labels, this.#handle, this.#caption);
-    this.under = make("div", { class: "stage-legend" }, this.#said, this.#waiting, this.#notice, this.#scales, this.#ghostLegend, this.back);
+    this.under = make("div", { class: "stage-legend" }, this.#message, this.#waiting, this.#notice, this.#scales, this.#ghostLegend, this.back);
     this.element = make("div", { class: "stage" }, this.view, this.under);
     this.orbit.hold(this.#canvas, (event) => event.pointerType === "touch" && this.#isNarrow);
     this.orbit.addEventListener("change", () => {
@@ -153,7 +153,7 @@ export class Stage {
 
   /** Whether what stands has been drawn in full, and nothing has changed since. */
   get isAtRest() {
-    return this.#begun === null && !this.#asked;
+    return this.#begun === null && !this.#frameRequest;
   }
 
   /**
@@ -165,9 +165,9 @@ export class Stage {
    */
   show(rows, isRunning = false) {
     for (const row of rows) {
-      const known = this.#known.get(row.name);
-      if (known) known.row = row;
-      else this.#known.set(row.name, { row, shown: null, clean: null, error: 0, place: null, moved: null, tips: new Map(), arrival: null, isFollowed: false });
+      const entry = this.#allRows.get(row.name);
+      if (entry) entry.row = row;
+      else this.#allRows.set(row.name, { row, shown: null, clean: null, error: 0, place: null, moved: null, tips: new Map(), arrival: null, isFollowed: false });
     }
     const isOther = rows.length !== this.#rows.size || this.names.some((name, i) => rows[i].name !== name);
     if (isOther) this.#replace(rows.map(({ name }) => name));
@@ -186,7 +186,7 @@ export class Stage {
     const hadBodies = this.hasBodies;
     const isNew = names.findIndex((name) => !this.#rows.has(name));
     if (hadBodies) this.#at = isNew < 0 ? Math.min(this.#at, names.length - 1) : isNew; // of a narrow screen
-    this.#rows = new Map(names.map((name) => [name, this.#known.get(name)]));
+    this.#rows = new Map(names.map((name) => [name, this.#allRows.get(name)]));
     if (!this.pair.every((name) => name === null || this.#rows.has(name))) {
       this.pair = [null, null];
       this.setMode("grid");
@@ -225,9 +225,9 @@ export class Stage {
   get picture() {
     const present = this.#present;
     const [width, height] = this.#size;
-    const told = ({ view, rect }) => ({ view, rect });
+    const panelOf = ({ view, rect }) => ({ view, rect });
     const isPair = this.mode !== "grid";
-    const seen = (isPair ? this.pair.map((name) => this.#rows.get(name)) : this.#seen).filter((entry) => entry?.shown);
+    const visible = (isPair ? this.pair.map((name) => this.#rows.get(name)) : this.#visible).filter((entry) => entry?.shown);
     const [, , ...size] = this.#inside(isPair ? [0, 0, width, height] : this.#cells[0].cell);
     const pictures = () => {
       if (!isPair) return [panels([0, 0, size[0], size[1]], this.closeUp, this.#facts.close_ups)];
@@ -236,14 +236,14 @@ export class Stage {
     };
     return {
       bodies: present.map(({ row }) => ({ label: row.label ?? row.name, motion: row.motion ?? "", color: row.color })),
-      shown: seen.map((entry) => present.indexOf(entry)),
-      columns: grid(this.#seen.length, width, height).columns,
+      shown: visible.map((entry) => present.indexOf(entry)),
+      columns: grid(this.#visible.length, width, height).columns,
       mode: this.mode,
       wipe: this.#wipe,
       isSmoothed: this.#motionLook.isSmoothed,
       hasCharacter: this.hasCharacter,
       size,
-      panels: this.#facts ? pictures().map((picture) => picture.map(told)) : [],
+      panels: this.#facts ? pictures().map((picture) => picture.map(panelOf)) : [],
     };
   }
 
@@ -254,9 +254,9 @@ export class Stage {
     try {
       for (let there = null; this.#rows.get(entry.row.name) === entry && there !== entry.row.available; ) {
         ({ available: there } = entry.row);
-        const [motion, body, told] = await Promise.all([entry.arrival.next(there, this.#player.frame + SOON_FRAMES), theBody(), theFacts()]);
+        const [motion, body, facts] = await Promise.all([entry.arrival.next(there, this.#player.frame + SOON_FRAMES), theBody(), theFacts()]);
         if (this.#rows.get(entry.row.name) !== entry) return; // another run is shown
-        if (motion) this.#take(entry, motion, there, this.hasCharacter ? this.#mesh : body, told);
+        if (motion) this.#take(entry, motion, there, this.hasCharacter ? this.#mesh : body, facts);
       }
       this.#say("");
     } catch (error) {
@@ -267,8 +267,8 @@ export class Stage {
     }
   }
 
-  #take(entry, motion, there, mesh, told) {
-    this.#prepare(mesh, told);
+  #take(entry, motion, there, mesh, facts) {
+    this.#prepare(mesh, facts);
     const isFirst = !entry.shown;
     const isMoved = entry.place && String(entry.place) !== String(there.root_transform);
     entry.moved = isMoved && !wantsStillness() ? { from: entry.place, to: there.root_transform, at: performance.now() } : null;
@@ -310,12 +310,12 @@ export class Stage {
    * @param {Shown} shown
    * @param {import("../live/rolling.js").Following} framing
    * @param {import("./mesh.js").Mesh} mesh
-   * @param {import("../messages").ViewerConstants} told
+   * @param {import("../messages").ViewerConstants} facts
    */
-  feed(name, shown, framing, mesh, told) {
+  feed(name, shown, framing, mesh, facts) {
     const entry = this.#rows.get(name);
     const isFirst = !entry.shown;
-    this.#prepare(mesh, told);
+    this.#prepare(mesh, facts);
     this.#framing = framing;
     entry.shown = shown;
     entry.tips.clear();
@@ -341,19 +341,19 @@ export class Stage {
     const whole = this.#present.filter(({ clean }) => clean);
     for (const entry of whole) {
       this.#disturb(entry);
-      entry.told = null; // what can be saved of it
+      entry.tagKey = null; // what can be saved of it
     }
     if (whole.length) this.#frame(false);
     this.fit();
     this.#ask();
   }
 
-  #prepare(mesh, told) {
+  #prepare(mesh, facts) {
     this.#mesh = mesh;
-    this.#facts = told;
+    this.#facts = facts;
     if (this.#painter) return;
-    this.#painter = new Painter(this.#gl, mesh, told, this.pace.isSlow);
-    this.#fetchBuilds(this.#look.get("build") === told.builds.names[0] ? BUILDS_LATER_MS : 0);
+    this.#painter = new Painter(this.#gl, mesh, facts, this.pace.isSlow);
+    this.#fetchBuilds(this.#look.get("build") === facts.builds.names[0] ? BUILDS_LATER_MS : 0);
   }
 
   /** Bodies have the mesh's own build until the others are there. */
@@ -391,7 +391,7 @@ export class Stage {
   clear() {
     this.setMode("grid");
     this.#rows.clear();
-    this.#known.clear();
+    this.#allRows.clear();
     this.#framing = null;
     this.#large = null;
     this.#at = 0;
@@ -403,8 +403,8 @@ export class Stage {
   }
 
   #say(sentence) {
-    this.#said.textContent = sentence;
-    this.#said.hidden = !sentence;
+    this.#message.textContent = sentence;
+    this.#message.hidden = !sentence;
   }
 
   // -------------------------------------------------------------- how it is compared
@@ -501,8 +501,8 @@ export class Stage {
     return this.view.clientWidth < NARROW_PX && this.#rows.size > 1 && !this.element.closest(".opening"); // which shows two
   }
 
-  /** Bodies in the grid, as many as are seen. */
-  get #seen() {
+  /** Bodies of the grid that are visible. */
+  get #visible() {
     const all = [...this.#rows.values()];
     const large = this.#rows.get(this.#large);
     if (large) return [large];
@@ -516,10 +516,10 @@ export class Stage {
   }
 
   get #cells() {
-    const seen = this.#seen;
+    const visible = this.#visible;
     const [width, height] = this.#size;
-    const { columns } = grid(seen.length, width, height);
-    return cells(seen.length, width, height, columns).map((cell, i) => ({ cell, entry: seen[i] }));
+    const { columns } = grid(visible.length, width, height);
+    return cells(visible.length, width, height, columns).map((cell, i) => ({ cell, entry: visible[i] }));
   }
 
   /**
@@ -561,7 +561,7 @@ export class Stage {
     const least = isSmall || isOpening ? LOW_PX : player?.querySelector(".editing.open") ? EDITED_PX : usual;
     const beside = isLive ? above + UNDER_LIVE_PX : isSmall ? above + UNDER_SMALL_PX : isOpening ? above + UNDER_PX + player.querySelector(".controls").offsetHeight : timeline ? above + timeline.getBoundingClientRect().bottom - bottom : 0;
     const tall = Math.max(Math.min(least, isSmall && !isOpening ? window.innerHeight * PHONE_SHARE : Infinity), Math.min(isSmall && !isOpening && !isLive ? window.innerHeight * PHONE_SHARE : most, window.innerHeight - Math.max(BESIDE_PX, beside)));
-    const rows = this.mode === "grid" ? grid(this.#seen.length, width, tall).rows : 1;
+    const rows = this.mode === "grid" ? grid(this.#visible.length, width, tall).rows : 1;
     const under = timeline ? 0 : this.element.offsetHeight - this.view.offsetHeight; // what comes there moves no control
     const height = Math.max(tall, rows > 1 ? Math.min(rows * 300, window.innerHeight - 140) : 0) - under;
     this.view.style.height = `${Math.round(height)}px`;
@@ -596,9 +596,9 @@ export class Stage {
   /** Anew where something about it is other than before: a list of it that is open stays so. */
   #tag(entry) {
     const { row, shown } = entry;
-    const told = [row.label, row.motion, row.frames, row.video, row.plan, !shown, this.#large === row.name, this.#rows.size, this.#isNarrow && this.#at].join();
-    if (entry.told === told) return entry.tag;
-    entry.told = told;
+    const key = [row.label, row.motion, row.frames, row.video, row.plan, !shown, this.#large === row.name, this.#rows.size, this.#isNarrow && this.#at].join();
+    if (entry.tagKey === key) return entry.tag;
+    entry.tagKey = key;
     if (!entry.reading && row.assumed) entry.reading = readingOf(row);
     const swatch = make("i", { "aria-hidden": "true" });
     const tools = make("span", { class: "tools" }, filesOf(row, this.hasCharacter) ?? "");
@@ -651,9 +651,9 @@ export class Stage {
 
   /** A picture as soon as the one before is drawn. */
   #ask() {
-    if (this.#asked) return;
-    this.#asked = requestAnimationFrame((now) => {
-      this.#asked = 0;
+    if (this.#frameRequest) return;
+    this.#frameRequest = requestAnimationFrame((now) => {
+      this.#frameRequest = 0;
       if (!this.view.clientWidth || !this.#framing || this.#gl.isContextLost()) return;
       if (this.#isDrawing(now)) return void this.#ask();
       this.#draw(now, this.pace.level);
@@ -735,11 +735,11 @@ export class Stage {
   #pose(moment, { mesh, close, shadow }) {
     const look = this.#motionLook;
     const levels = new Set(this.closeUp === "off" ? [mesh, shadow] : [mesh, close, shadow]);
-    const seen = new Set(this.mode === "grid" ? this.#seen : this.pair.map((name) => this.#rows.get(name)));
+    const visible = new Set(this.mode === "grid" ? this.#visible : this.pair.map((name) => this.#rows.get(name)));
     for (const [number, entry] of this.#present.entries()) {
       entry.number = number;
-      if (!seen.has(entry)) continue;
-      const world = settled(entry, entry.shown.world(moment, look));
+      if (!visible.has(entry)) continue;
+      const world = glide(entry, entry.shown.world(moment, look));
       if (this.#look.get("hasBones") || this.#look.get("hasAxes") || this.#expected.length) entry.stands = Float32Array.from(world);
       entry.pelvis = [world[3], world[7], world[11]];
       const frame = Math.min(Math.floor(moment), entry.shown.length - 1);
@@ -783,12 +783,12 @@ export class Stage {
   }
 
   /**
-   * `like` is whose way the camera goes along with; the rest of `told` is as Painter.panel has it.
+   * `like` is whose way the camera goes along with; the rest of `panelOptions` is as Painter.panel has it.
    *
-   * @param {{ like?: object, clip?: number[], shift?: number[], ink?: number[], isOver?: boolean }} told
+   * @param {{ like?: object, clip?: number[], shift?: number[], ink?: number[], isOver?: boolean }} panelOptions
    */
-  #drawPanel(panel, entry, moment, level, told = {}) {
-    const { like = entry, ...options } = told;
+  #drawPanel(panel, entry, moment, level, panelOptions = {}) {
+    const { like = entry, ...options } = panelOptions;
     const [left, top, wide, tall] = panel.rect;
     const side = panel.view ? Math.round(CLOSE_UP_SIDE * wide) : 0;
     const rect = [left + side, top, wide - 2 * side, tall];
@@ -807,15 +807,15 @@ export class Stage {
   /** Skeleton, axes and where hands are to be over the body; `clip` and `shift` as of Painter.panel. */
   #drawBones({ rect, view, drawn }, entry, matrix, { clip = undefined, shift = [0, 0, 0] }) {
     const ink = (corners) => this.#painter.ink(rect, corners, clip);
-    /** @type {import("./bones.js").Seen} */
-    const seen = { world: entry.stands, shift, matrix, size: [rect[2], rect[3]], drawn: view && drawn };
-    if (this.#look.get("hasBones")) ink(boneCorners(seen, this.#mesh.parents));
-    if (this.#look.get("hasAxes")) ink(axisCorners(seen, this.#fine));
+    /** @type {import("./bones.js").PanelBody} */
+    const body = { world: entry.stands, shift, matrix, size: [rect[2], rect[3]], drawn: view && drawn };
+    if (this.#look.get("hasBones")) ink(boneCorners(body, this.#mesh.parents));
+    if (this.#look.get("hasAxes")) ink(axisCorners(body, this.#fine));
     if (view) return;
     const corners = [];
     for (const [side, [out, up, forward]] of this.#expected) {
-      const place = inPanel(seen, this.#mesh.names.indexOf("spine3"), [side === "left" ? out : -out, up, forward]);
-      for (const [half, color] of EXPECTED) line(corners, place && [place[0] - half, place[1]], place && [place[0] + half, place[1]], 2 * half, color, seen.size);
+      const place = inPanel(body, this.#mesh.names.indexOf("spine3"), [side === "left" ? out : -out, up, forward]);
+      for (const [half, color] of EXPECTED) line(corners, place && [place[0] - half, place[1]], place && [place[0] + half, place[1]], 2 * half, color, body.size);
     }
     ink(corners);
   }
@@ -883,13 +883,13 @@ export class Stage {
       if (entry.tips.size > 4) entry.tips.clear(); // of looks that somebody slid through
       entry.tips.set(key, new Map());
     }
-    const known = entry.tips.get(key);
-    if (!known.has(frame)) {
+    const byFrame = entry.tips.get(key);
+    if (!byFrame.has(frame)) {
       const world = entry.shown.world(frame, look);
       const { joint, offset } = this.#pointOf(point);
-      known.set(frame, rigid(world, joint, offset));
+      byFrame.set(frame, rigid(world, joint, offset));
     }
-    return known.get(frame);
+    return byFrame.get(frame);
   }
 
   /** The joint of a followed point, and where from it the point is. */
@@ -965,7 +965,7 @@ export class Stage {
 }
 
 /** A body that was laid elsewhere a moment ago goes over to its new place. */
-function settled(entry, world) {
+function glide(entry, world) {
   if (!entry.moved) return world;
   const left = 1 - Math.min(1, (performance.now() - entry.moved.at) / GLIDE_MS);
   if (!left) entry.moved = null;

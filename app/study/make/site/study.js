@@ -9,7 +9,7 @@
   const query = new URLSearchParams(location.search);
   const isPreview = query.has("preview"); // by the researcher, who is not a participant
   const postTo = isPreview ? null : study.postTo;
-  const asked = query.get("p");
+  const listParam = query.get("p");
   const token = /^\d{1,6}-[0-9a-f]{32}$/.test(query.get("t") || "") ? query.get("t") : null; // a signed link
 
   const PANEL_VALUE = /^[A-Za-z0-9_.~-]{1,64}$/; // no placeholder that a panel left open, no text
@@ -48,21 +48,21 @@
   // ---------------------------------------------------------------- what is kept in the browser
   // Each answered page lies under a name of its own, so that several tabs lose nothing of each other.
 
-  const whoKey = `study/${study.study}/who/${asked === null ? "" : asked}${token ? `/${token}` : ""}${panelOwn ? `/${panelOwn}` : ""}`;
+  const whoKey = `study/${study.study}/who/${listParam === null ? "" : listParam}${token ? `/${token}` : ""}${panelOwn ? `/${panelOwn}` : ""}`;
   let who = ""; // the participant
   let list = 0;
   let about = null; // how far they are, but for the answers
   let pages = {}; // answers by trial
   let draft = null; // of the page that is shown
   let shownSince = 0; // when it appeared
-  let isKept = true; // whether the browser keeps anything
+  let canStore = true; // whether the browser keeps anything
 
   function storage(access) {
     if (isPreview) return null;
     try {
       return access(localStorage);
     } catch {
-      isKept = false;
+      canStore = false;
       return null;
     }
   }
@@ -70,8 +70,8 @@
   const keyOf = (name) => `study/${study.study}/${who}/${name}`;
   const keep = (name, value) => storage((all) => all.setItem(keyOf(name), JSON.stringify(value)));
 
-  /** What was kept; null where nothing was, or nobody can read it. */
-  function kept(name) {
+  /** Return the stored value of a name, or null if there is none or it cannot be read. */
+  function readStored(name) {
     try {
       return JSON.parse(storage((all) => all.getItem(keyOf(name))));
     } catch {
@@ -81,18 +81,18 @@
 
   /** The participant of this address, or a new one. */
   function load(isNew = false) {
-    const found = isNew ? null : storage((all) => all.getItem(whoKey));
-    const [, known, number] = /^([0-9a-f]{16}) (\d{1,6})$/.exec(found || "") || [];
-    const isOld = known !== undefined && Number(number) < study.lists.length;
-    who = isOld ? known : randomHex(8);
-    list = isOld ? Number(number) : asked === null ? randomBelow(study.lists.length) : Number(asked);
+    const stored = isNew ? null : storage((all) => all.getItem(whoKey));
+    const [, participant, number] = /^([0-9a-f]{16}) (\d{1,6})$/.exec(stored || "") || [];
+    const isOld = participant !== undefined && Number(number) < study.lists.length;
+    who = isOld ? participant : randomHex(8);
+    list = isOld ? Number(number) : listParam === null ? randomBelow(study.lists.length) : Number(listParam);
     storage((all) => all.setItem(whoKey, `${who} ${list}`));
     pages = {};
     for (const [id] of study.lists[list]) {
-      const given = kept(`page/${id}`);
-      if (given) pages[id] = given;
+      const saved = readStored(`page/${id}`);
+      if (saved) pages[id] = saved;
     }
-    about = kept("about") || {
+    about = readStored("about") || {
       started: new Date().toISOString(), finished: null, headphones: "skipped",
       screen: Object.keys(pages).length ? "trial" : "consent", arrived: 0, saved: null,
     };
@@ -109,7 +109,7 @@
   const isSent = () => Boolean(postTo) && about.finished !== null && about.arrived === answers().length;
 
   function openDraft(trial) {
-    draft = kept("draft");
+    draft = readStored("draft");
     if (draft?.trial !== trial) draft = { trial, watched: {}, values: {}, reasons: [], failed: {}, ms: 0 };
     shownSince = performance.now() - draft.ms;
   }
@@ -174,7 +174,7 @@
       : screen === "practice" ? words.practice.place : "";
     document.getElementById("progress").value = number / total;
     ({ consent: showConsent, sound: showSoundCheck, practice: showPractice, trial: showTrial, finish: showFinish })[screen]();
-    if (!isKept) main.append(problem(words.problems.storage));
+    if (!canStore) main.append(problem(words.problems.storage));
   }
 
   function goTo(screen) {
@@ -188,11 +188,11 @@
       className: "main", disabled: true,
     });
     const box = make("input", { type: "checkbox", id: "agree", onchange: () => (start.disabled = !box.checked) });
-    const said = ["researchers", "contact", "ethics"].filter((name) => study[name]);
+    const fields = ["researchers", "contact", "ethics"].filter((name) => study[name]);
     sheet(
       words.consent.heading,
       paragraph(study.consent || words.consent.text),
-      paragraph(said.map((name) => fill(words.consent[name], study)).join("\n")),
+      paragraph(fields.map((name) => fill(words.consent[name], study)).join("\n")),
       Object.keys(panel).length ? paragraph(fill(words.consent.panel, { names: Object.keys(panel).join(", ") })) : null,
       paragraph(`${fill(words.consent.length, { minutes: study.minutes, pages: study.lists[list].length })}\n${words.consent[study.postTo ? "sent" : "stored"]}`),
       make("label", { className: "agree", htmlFor: "agree" }, box, make("span", {}, words.consent.agree)),
@@ -312,11 +312,11 @@
     if (isPair && study.reasons) parts.push(reasonsQuestion(change));
     const hint = make("p", { className: "hint", role: "status" });
     const keys = fill(isPair ? words.progress.keys : words.progress.keys_many, { videos: shown.length });
-    const hasSeen = () => shown.every((video) => draft.watched[video]);
+    const areWatched = () => shown.every((video) => draft.watched[video]);
     const heading = make("h1", { className: "lead" }, instruction);
-    showPage([heading, stage.element, hint], [...parts, stage], study.questions, hasSeen, onNext,
-      [make("p", { className: "hint keys" }, keys)], (isSeen, isAnswered) => {
-        hint.textContent = !isSeen ? words.progress.unwatched
+    showPage([heading, stage.element, hint], [...parts, stage], study.questions, areWatched, onNext,
+      [make("p", { className: "hint keys" }, keys)], (isWatched, isAnswered) => {
+        hint.textContent = !isWatched ? words.progress.unwatched
           : !isAnswered && study.questions.length > 1 ? words.progress.unanswered : "";
       });
   }
@@ -324,21 +324,21 @@
   let shownPage = null; // of a trial
 
   /** A page of questions and the button that leads on, which opens once all are answered. */
-  function showPage(above, parts, questions, hasSeen, onNext, below, tell = () => {}) {
+  function showPage(above, parts, questions, areWatched, onNext, below, tell = () => {}) {
     const next = button(words.buttons.next, onNext, { className: "main", id: "next" });
 
     function update() {
       keepDraft();
-      const isSeen = hasSeen();
+      const isWatched = areWatched();
       const isAnswered = questions.every(({ id, kind }) => {
         const value = draft.values[id];
         if (kind === "ranking") return Boolean(value) && value.length === parts[0].count;
         if (kind === "slider") return Boolean(value) && Object.keys(value).length === parts[0].count;
         return value !== undefined;
       });
-      parts.forEach((part) => part.enable && part.enable(isSeen, isAnswered));
-      next.disabled = !(isSeen && isAnswered);
-      tell(isSeen, isAnswered);
+      parts.forEach((part) => part.enable && part.enable(isWatched, isAnswered));
+      next.disabled = !(isWatched && isAnswered);
+      tell(isWatched, isAnswered);
     }
 
     shownPage = { update };
@@ -516,7 +516,7 @@
 
   /** What a question is to its page; it opens once all videos have been seen. */
   function asQuestion(element, others = {}) {
-    return { element, enable: (isSeen) => (element.disabled = !isSeen), ...others };
+    return { element, enable: (isWatched) => (element.disabled = !isWatched), ...others };
   }
 
   /** Left, equal, right. */
@@ -614,7 +614,7 @@
       return [input, make("label", { htmlFor: input.id }, reason.text)];
     });
     const element = makeFieldset(study.reasons.text, "reasons", ...parts);
-    return { element, enable: (isSeen, isAnswered) => (element.hidden = !isAnswered) };
+    return { element, enable: (isWatched, isAnswered) => (element.hidden = !isAnswered) };
   }
 
   // ---------------------------------------------------------------- the end
@@ -625,7 +625,7 @@
       about.finished = new Date().toISOString();
       keep("about", about);
     }
-    const toWhom = (known, unknown) => fill(study.contact ? known : unknown, study);
+    const toWhom = (withContact, withoutContact) => fill(study.contact ? withContact : withoutContact, study);
     const isOver = isSent() || Boolean(about.saved);
     const asks = postTo ? text.post : toWhom(text.file_to, text.file);
     const saved = about.saved && `${fill(text.saved, { file: about.saved })} ${toWhom(text.saved_to, text.saved_for)}`;
@@ -722,7 +722,7 @@
   });
 
   if (isPreview) document.body.prepend(make("p", { className: "preview", role: "note" }, words.preview.text));
-  if (asked !== null && !(/^\d{1,6}$/.test(asked) && Number(asked) < study.lists.length)) {
+  if (listParam !== null && !(/^\d{1,6}$/.test(listParam) && Number(listParam) < study.lists.length)) {
     show(null, problem(words.problems.list));
   } else {
     load();

@@ -42,7 +42,7 @@ def test_whoever_has_the_link_can_save_the_run(tmp_path):
     page = client.get(f"/{address}/page")
     assert "filename*=utf-8''%C3%A4-b-c.html" in page.headers["content-disposition"]
     assert page.headers["content-type"] == "application/octet-stream"
-    told = json.loads(page.text.split('id="kept">')[1].split("</script>")[0])
+    told = json.loads(page.text.split('id="bundle">')[1].split("</script>")[0])
     (run,) = told["runs"]
     (row,) = run["rows"]
     assert row["name"] == "f/x"
@@ -71,7 +71,7 @@ def test_no_name_or_word_ends_the_page_and_what_cannot_be_played_is_refused(tmp_
     folder = made_run(tmp_path / "1", "</title><b>", jerk={name: 1.0}, said=said).folder
     html = standalone_html(folder)
     assert "alert(1)<script>" not in html and "</title><b>" not in html
-    told = html.split('id="kept">')[1].split("</script>")[0]
+    told = html.split('id="bundle">')[1].split("</script>")[0]
     assert json.loads(told)["runs"][0]["rows"][0]["name"] == name
     with pytest.raises(RunError, match="not a run folder that can be opened"):
         standalone_html(tmp_path)
@@ -101,6 +101,6 @@ def test_a_folder_of_several_clips_is_one_page_with_a_row_for_each(tmp_path: Pat
     assert "mean over clips with 95 % confidence interval" in html
     dots = '--share:0.550;--low:0.500;--high:0.600"><span>x</span><i></i><b>11</b>'
     assert dots in html and '<th scope="row">b</th><td>12' in html
-    told = json.loads(html.split('id="kept">')[1].split("</script>")[0])
+    told = json.loads(html.split('id="bundle">')[1].split("</script>")[0])
     assert [run["audio"] for run in told["runs"]] == ["a/speech.wav", "b/speech.wav"]
     assert {row["frames"] for run in told["runs"] for row in run["rows"]} <= told["files"].keys()
