@@ -167,7 +167,7 @@ def _make_services(config: AppConfig, preloads_models: bool) -> Services:
         characters=Characters(config.private_folder),
         media=media,
         example_value=example_player_value(media) if preloads_models else None,
-        opened=opened,
+        opened_run_tokens=opened,
     )
 
 

@@ -6,7 +6,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts import markup
-from app.page.parts.markup import UNQUEUED_EVENT, mount
+from app.page.parts.markup import UNQUEUED_EVENT, mount_script
 from app.page.results.result_parts import ResultParts
 from app.page.tabs import live as live_tab
 from app.page.tabs import own_motion as own_motion_tab
@@ -52,16 +52,16 @@ def build_app(services: Services) -> gr.Blocks:
         gr.HTML(
             own_motion_tab.TAB,
             html_template="",
-            js_on_load=mount("reopen.js", "mountReopen"),
+            js_on_load=mount_script("reopen.js", "mountReopen"),
             apply_default_css=False,
             elem_classes="told-elsewhere",
         )
         name_of_page = gr.HTML(
             "",
             html_template="",
-            js_on_load=mount("leaving.js", "mountLeaving")
-            + mount("back.js", "mountBack")
-            + mount("help.js", "mountHelp"),
+            js_on_load=mount_script("leaving.js", "mountLeaving")
+            + mount_script("back.js", "mountBack")
+            + mount_script("help.js", "mountHelp"),
             apply_default_css=False,
             elem_classes="told-elsewhere",
         )

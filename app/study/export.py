@@ -19,7 +19,7 @@ from app.run.output.result_folder import lock_folder, zip_folder
 from app.run.requests.parts import VideoOptions
 from app.run.videos.videos import Draw, PictureKey, draw_videos
 from app.study.design.blinding import make_key, stimulus_ids
-from app.study.design.key import Key, Stimulus, read_key, write_key
+from app.study.design.key import Stimulus, StudyKey, read_key, write_key
 from app.study.design.plan import Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.leaks import check_study
@@ -87,7 +87,7 @@ def export_study(
     return workspace
 
 
-def _key(plan: Plan, design: Design, workspace: Workspace, inputs_digest: str) -> Key:
+def _key(plan: Plan, design: Design, workspace: Workspace, inputs_digest: str) -> StudyKey:
     """Return the key of an earlier run, or write a new one before anything uses it."""
     if workspace.key.is_file():
         key = read_key(workspace.key)
@@ -113,7 +113,7 @@ class _VideoMaker:
     draw: Draw
     callbacks: RunCallbacks
 
-    def make_all(self, key: Key, sources: tuple[ClipInputs, ...]) -> Key:
+    def make_all(self, key: StudyKey, sources: tuple[ClipInputs, ...]) -> StudyKey:
         """Make all missing videos, scene by scene (a clip from one view); return the updated key.
 
         The key is written after each scene, so that an interrupted export can be resumed.

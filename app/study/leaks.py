@@ -20,7 +20,7 @@ import pandas as pd
 
 from app.errors import RunError
 from app.study.design.blinding import NOT_RENDERED, order_leaks, stimulus_ids, value_leaks
-from app.study.design.key import KIND_OF_PROTOCOL, Key, Stimulus, read_key
+from app.study.design.key import KIND_OF_PROTOCOL, Stimulus, StudyKey, read_key
 from app.study.design.plan import CHOICES, load_wording
 from app.study.make import media
 from app.study.make.bundle import (
@@ -66,7 +66,7 @@ class ExportedStudy:
     """Export under test."""
 
     workspace: Workspace
-    key: Key
+    key: StudyKey
     blind_ids: Mapping[Stimulus, str]
     """Blind ids by stimulus."""
 

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from app.errors import RunError
-from app.study.design.key import Key, Trial, read_key
+from app.study.design.key import StudyKey, Trial, read_key
 from app.study.statistics.answers import HIGHEST_RATING, SIMULATION_TRUTH_FILE, TIE
 from app.study.statistics.votes import SMOOTHNESS
 from model.storage.files import write_atomically
@@ -97,7 +97,7 @@ def _write(content: Mapping[str, Any], path: Path) -> None:
 
 
 def simulate_answers(
-    key: Key,
+    key: StudyKey,
     strengths: Mapping[str, float],
     raters: int,
     model: RaterModel,
@@ -143,7 +143,7 @@ def simulate_answers(
 
 
 def _value(
-    key: Key,
+    key: StudyKey,
     trial: Trial,
     ids: tuple[str, ...],
     strengths: Mapping[str, float],

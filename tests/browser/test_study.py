@@ -14,7 +14,7 @@ from playwright.sync_api import BrowserContext, Page, expect
 
 from app.notebook import show
 from app.run.batch.leaderboard import Entry, MetricValue, leaderboard_html
-from app.study.design.key import Key, read_key
+from app.study.design.key import StudyKey, read_key
 from app.study.design.plan import load_wording
 from app.study.leaks import check_study
 from app.study.statistics.answers import CollectedAnswers, collect_answers
@@ -86,7 +86,7 @@ class Host:
     def bundle(self, protocol: str) -> Path:
         return self.root / protocol / "study" / "participant_bundle"
 
-    def key(self, protocol: str) -> Key:
+    def key(self, protocol: str) -> StudyKey:
         return read_key(self.root / protocol / "study" / "researcher_only" / "key.json")
 
     def collected(self, protocol: str, folder: Path) -> CollectedAnswers:

@@ -69,7 +69,7 @@ def about_paper() -> str:
     return f'<footer class="paper"><p>{text.PAPER}</p><p>{links}</p></footer>'
 
 
-def step(number: int, title: str) -> str:
+def step_heading(number: int, title: str) -> str:
     return f'<h2 class="step"><span aria-hidden="true">{number}</span>{escape(title)}</h2>'
 
 
@@ -100,7 +100,7 @@ def table(name: str, corner: str, head: str, body: str, foot: str = "") -> str:
     )
 
 
-def status(
+def run_status(
     line: str,
     fractions: Mapping[RunStage, float],
     details: Mapping[RunStage, str],
@@ -142,7 +142,7 @@ def error_message(sentence: str) -> str:
     )
 
 
-def refusal(sentence: str) -> str:
+def upload_error(sentence: str) -> str:
     return f'<p class="refusal" role="alert">{escape(sentence)}</p>' if sentence else ""
 
 
@@ -168,7 +168,7 @@ def split_first_sentence(judgement: str) -> tuple[str, str]:
     return claim + stop.rstrip(), others
 
 
-def bars(
+def bar_chart(
     title: str, values: Mapping[str, tuple[str, str, Sequence[float]]], is_over_clips: bool = False
 ) -> str:
     """Format small bars, or dots with intervals over clips.
@@ -219,7 +219,7 @@ _ICON_ERROR = (
 )
 
 
-def mount(module: str, function: str) -> str:
+def mount_script(module: str, function: str) -> str:
     """Return JavaScript for `gr.HTML` that passes its element to a module of app/page/web."""
     return (
         f'import(new URL("web/{module}", document.baseURI))'
@@ -240,7 +240,7 @@ def group_choices(
     gr.HTML(
         {"field": field, "about": dict(about), "groups": dict(groups)},
         html_template="",
-        js_on_load=mount("chips.js", "mountChips"),
+        js_on_load=mount_script("chips.js", "mountChips"),
         apply_default_css=False,
         elem_classes="told-elsewhere",
     )
@@ -264,7 +264,9 @@ def hidden_html(
     Args:
         part: part of the results that it belongs to; see app/page/web/player/parts.js.
     """
-    how = {"js_on_load": mount(module, function), "apply_default_css": False} if module else {}
+    how = (
+        {"js_on_load": mount_script(module, function), "apply_default_css": False} if module else {}
+    )
     classes = f"of-{part}" if part else None
     return gr.HTML("", visible=False, elem_id=elem_id, elem_classes=classes, **how)
 
@@ -279,7 +281,7 @@ def player_component(prefix: str) -> gr.HTML:
     return gr.HTML(
         {},
         html_template='<div class="lockstep" hidden></div>',
-        js_on_load=mount("player/player.js", "mountPlayer"),
+        js_on_load=mount_script("player/player.js", "mountPlayer"),
         apply_default_css=False,
         elem_id=prefix + "player",
     )

@@ -270,7 +270,7 @@ def _bars(run: RunRecord, jerk: Mapping[str, Sequence[float]], over: str = "") -
         )
         for name, ends in jerk.items()
     }
-    return markup.bars(f"{point_title(run.point)} jerk (m/s³){over}", values, bool(over))
+    return markup.bar_chart(f"{point_title(run.point)} jerk (m/s³){over}", values, bool(over))
 
 
 def _bar_color(name: str, colors: Mapping[str, str]) -> str:

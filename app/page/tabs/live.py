@@ -9,7 +9,7 @@ import gradio as gr
 
 from app import text
 from app.page.parts.catalogue import Catalogue, example_title
-from app.page.parts.markup import mount
+from app.page.parts.markup import mount_script
 from app.page.results.result_parts import ResultParts
 from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.motion import FormParts
@@ -57,7 +57,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
     gr.HTML(
         live_choices(services.catalogue),
         html_template='<div class="live"></div>',
-        js_on_load=mount("live/live.js", "mountLive"),
+        js_on_load=mount_script("live/live.js", "mountLive"),
         apply_default_css=False,
         elem_id="live",
     )

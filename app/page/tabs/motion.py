@@ -134,7 +134,7 @@ def build_form(services: Services) -> FormParts:
     """Lay out the form: speech, systems, settings and buttons."""
     catalogue, config = services.catalogue, services.config
     of: dict[str, Any] = {}
-    gr.HTML(markup.step(1, "Generate from your speech"))
+    gr.HTML(markup.step_heading(1, "Generate from your speech"))
     of["speech"] = gr.Audio(
         label="Speech",
         sources=["upload", "microphone"],
@@ -162,7 +162,7 @@ def build_form(services: Services) -> FormParts:
         of["clips"] = services.file_field(
             "clips", text.CLIPS_LABEL, ["audio"], "several", file_count="multiple"
         )
-    gr.HTML(markup.step(2, "Systems"))
+    gr.HTML(markup.step_heading(2, "Systems"))
     of["systems"] = gr.CheckboxGroup(
         choices=catalogue.system_choices,
         value=default_systems(catalogue.systems),
@@ -172,7 +172,7 @@ def build_form(services: Services) -> FormParts:
     )
     about, groups = system_descriptions(catalogue.systems), system_groups(catalogue.systems)
     group_choices("systems", about, groups)
-    gr.HTML(markup.step(3, "Settings"))
+    gr.HTML(markup.step_heading(3, "Settings"))
     with gr.Row(elem_classes="pair"):
         of["speaker"] = gr.Dropdown(
             choices=list(catalogue.speakers),

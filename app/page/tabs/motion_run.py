@@ -55,7 +55,7 @@ class RunProgress:
                 self.clip = event.clip
                 self.fractions[event.stage] = event.fraction
                 self.details[event.stage] = event.detail
-        return markup.status(self.line, self.fractions, self.details, self.stages)
+        return markup.run_status(self.line, self.fractions, self.details, self.stages)
 
     @property
     def line(self) -> str:
@@ -282,7 +282,9 @@ class PageLoader:
         cookie = cookie_of(request)
         listed = self._saved_runs.links_html(cookie)  # but an update each: Gradio modifies them
         updates: Updates = {parts.runs: update_html(listed) for parts in self._places.values()}
-        tokens = request.query_params.getlist(RUN_QUERY_PARAMETER)[:2] or self.services.opened
+        tokens = (
+            request.query_params.getlist(RUN_QUERY_PARAMETER)[:2] or self.services.opened_run_tokens
+        )
         runs = [run for run in map(self._saved_runs.find, tokens) if run is not None]
         if len(runs) == 2 and runs[0] != runs[1]:
             return {**updates, **self._pair_opened(runs, cookie)}

@@ -47,7 +47,7 @@ PAGE_DISPLAY: dict[str, Any] = {
 
 
 def page_request(
-    kind: type[Request], values: Mapping[str, Any], config: AppConfig, job: Path
+    request_type: type[Request], values: Mapping[str, Any], config: AppConfig, job: Path
 ) -> Request:
     """Make a request from a form's values and the settings of this page."""
     own = {
@@ -57,8 +57,10 @@ def page_request(
         "max_speech_s": config.max_speech_s,
         "figure_forms": ("png",),
     }
-    names = all_names(kind)
-    return request_from(kind, {name: own[name] for name in own if name in names} | dict(values))
+    names = all_names(request_type)
+    return request_from(
+        request_type, {name: own[name] for name in own if name in names} | dict(values)
+    )
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class Services:
     """Folders of researchers' parts that have not been fetched yet."""
     example_value: dict[str, Any] | None = None
     """Player's value of the example before the first run."""
-    opened: tuple[str, ...] = ()
+    opened_run_tokens: tuple[str, ...] = ()
     """Tokens of the run that the page was started to show."""
 
     def config_for(self, job: Job) -> AppConfig:
@@ -105,7 +107,7 @@ class Services:
         """Check files put into a field, and show errors below it; call this right after it."""
         refusal = gr.HTML("", visible=False, elem_id=f"{field.elem_id}-refusal")
         field.change(
-            lambda value: update_html(markup.refusal(self._refusal(kind, value))),
+            lambda value: update_html(markup.upload_error(self._refusal(kind, value))),
             field,
             refusal,
             **PRIVATE_EVENT,

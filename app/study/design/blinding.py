@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from app.study.design.key import AttentionRule, ExpectedAnswer, Key, Stimulus, Trial, Video
+from app.study.design.key import AttentionRule, ExpectedAnswer, Stimulus, StudyKey, Trial, Video
 from app.study.design.plan import ATTENTION_QUESTION, Plan, protocol_questions
 from app.study.design.trials import Design
 
@@ -24,7 +24,7 @@ SIGNIFICANCE_LEVEL = 0.01
 _DRAWS, _BATCH = 20_000, 2_000
 
 
-def make_key(plan: Plan, design: Design) -> Key:
+def make_key(plan: Plan, design: Design) -> StudyKey:
     """Make the key of a study without finished videos, with new random ids.
 
     Ids in an order that follows the method by chance are drawn again. Videos are sorted by id, so
@@ -36,7 +36,7 @@ def make_key(plan: Plan, design: Design) -> Key:
     trials = _distinct(len(design.trials), 4)
     questions = protocol_questions(plan.protocol)
     question_ids = tuple(question.id for question in questions)
-    return Key(
+    return StudyKey(
         study=secrets.token_hex(8),
         title=plan.title,
         protocol=plan.protocol,
@@ -76,7 +76,7 @@ def _distinct(count: int, num_bytes: int) -> list[str]:
     return list(names)
 
 
-def lists_with_ids(design: Design, key: Key) -> list[list[tuple[str, list[str]]]]:
+def lists_with_ids(design: Design, key: StudyKey) -> list[list[tuple[str, list[str]]]]:
     """Return the pages of each list: trial id and ids of its videos (none for checks)."""
     trials, names = tuple(key.trials), stimulus_ids(key)
     return [
@@ -85,7 +85,7 @@ def lists_with_ids(design: Design, key: Key) -> list[list[tuple[str, list[str]]]
     ]
 
 
-def stimulus_ids(key: Key) -> dict[Stimulus, str]:
+def stimulus_ids(key: StudyKey) -> dict[Stimulus, str]:
     """Return the blind ids by stimulus."""
     return {
         Stimulus(video.system, video.clip, video.speech, video.view): blind

@@ -102,7 +102,7 @@ class AttentionRule:
 
 
 @dataclass(frozen=True, config=STRICT)
-class Key:
+class StudyKey:
     """Everything that participants must not know; consistent, without dangling ids."""
 
     study: Text
@@ -214,7 +214,7 @@ class Key:
         return None
 
 
-def read_key(path: Path) -> Key:
+def read_key(path: Path) -> StudyKey:
     """Read and check the key at ``path``.
 
     Raises:
@@ -225,18 +225,18 @@ def read_key(path: Path) -> Key:
             f"There is no file {path}. The key is key.json in the folder `researcher_only`."
         )
     try:
-        return read_json(path, Key, MAX_KEY_BYTES)
+        return read_json(path, StudyKey, MAX_KEY_BYTES)
     except FieldError as error:
         raise RunError(
             f"{path.name} is not a valid study key: {error}. Use the file that the export wrote."
         ) from error
 
 
-def write_key(key: Key, path: Path) -> None:
+def write_key(key: StudyKey, path: Path) -> None:
     """Write the key atomically; only its owner may read it."""
     written = {
         "format": key.format,
-        **type_adapter(Key).dump_python(key, mode="json", by_alias=True),
+        **type_adapter(StudyKey).dump_python(key, mode="json", by_alias=True),
     }
     for trial in written["trials"].values():
         if trial["expected"] is None:

@@ -16,7 +16,7 @@ import jinja2
 from app.run.models import get_body, get_system
 from app.run.output.provenance import describe_systems, versions
 from app.study.design.blinding import lists_with_ids, stimulus_ids
-from app.study.design.key import Key
+from app.study.design.key import StudyKey
 from app.study.design.plan import Plan, load_wording, protocol_questions
 from app.study.design.trials import Design, measure_balance, study_minutes_and_summary
 from app.study.make import media
@@ -56,7 +56,7 @@ def templates() -> jinja2.Environment:
     return env
 
 
-def write_bundle(plan: Plan, design: Design, key: Key, workspace: Workspace) -> None:
+def write_bundle(plan: Plan, design: Design, key: StudyKey, workspace: Workspace) -> None:
     """Write everything but the videos, and set the same time on all files of the bundle."""
     for name, source in SHARED_FILES.items():
         workspace.write(workspace.bundle / name, source.read_bytes())
@@ -81,7 +81,7 @@ def index_html(title: str, post_to: str | None) -> str:
     )
 
 
-def page_data(plan: Plan, design: Design, key: Key) -> dict[str, Any]:
+def page_data(plan: Plan, design: Design, key: StudyKey) -> dict[str, Any]:
     """Return the JSON for the page's script; trials are sorted by their random ids."""
     trials = {
         trial_id: {
@@ -121,7 +121,7 @@ def shared_wording(protocol: str) -> dict[str, Any]:
 def write_records(
     plan: Plan,
     design: Design,
-    key: Key,
+    key: StudyKey,
     sources: Sequence[ClipInputs],
     weights: Path,
     body: Path | None,
@@ -211,7 +211,7 @@ def _file_names(files: Any) -> dict[str, str] | None:
     return None if files is None else {clip: path.name for clip, path in files.items()}
 
 
-def genea_tables(plan: Plan, design: Design, key: Key) -> dict[str, str]:
+def genea_tables(plan: Plan, design: Design, key: StudyKey) -> dict[str, str]:
     """Return tables of blind ids for the GENEA leaderboard (github.com/GENEALeaderboard), by name.
 
     One row per trial; the trial's id replaces the clip's name. The table of mismatched speech

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from app.study.design.key import Key
+from app.study.design.key import StudyKey
 from app.study.statistics.proportions import ResultEstimate
 from app.study.statistics.results import QuestionResult
 from conventions.names import printable
@@ -56,7 +56,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
+def preference_bars(results: Sequence[QuestionResult], key: StudyKey) -> Figure:
     """Draw one group of bars per question, one bar per system, with 95 % intervals.
 
     Shares in percent (of votes, of first places or of right choices), with the chance level as a
@@ -101,7 +101,7 @@ def preference_bars(results: Sequence[QuestionResult], key: Key) -> Figure:
     return figure
 
 
-def _add_legend(figure: Figure, key: Key) -> None:
+def _add_legend(figure: Figure, key: StudyKey) -> None:
     names = [_short(name) for name in key.systems]
     patches = [Patch(**_fill(system, len(names))) for system in range(len(names))]
     columns = max(1, KEY_LENGTH // (max(map(len, names)) + KEY_MARK))

@@ -14,7 +14,7 @@ import jinja2
 import pandas as pd
 from markupsafe import Markup
 
-from app.study.design.key import Key
+from app.study.design.key import StudyKey
 from app.study.report import figures
 from app.study.statistics.answers import CollectedAnswers, skipped_trials
 from app.study.statistics.models import PRIOR_SD, RESAMPLES
@@ -35,7 +35,7 @@ _COUNTS = ("wins", "ties", "losses", "participants_for", "participants_against")
 
 
 def render_report(
-    key: Key,
+    key: StudyKey,
     collected: CollectedAnswers,
     screened: ScreeningResult,
     balance: AnswerBalance,
@@ -70,7 +70,7 @@ def templates() -> jinja2.Environment:
     forms = (
         percent,
         percent_interval,
-        number,
+        format_number,
         format_interval,
         format_p,
         format_p_with_letter,
@@ -110,7 +110,7 @@ def percent_interval(estimate: ResultEstimate) -> str:
     return f"{100 * low:.0f} to {100 * high:.0f}{NO_BREAK}%"
 
 
-def number(value: float, form: str = "z.2f") -> str:
+def format_number(value: float, form: str = "z.2f") -> str:
     """Format a number with a typographic minus sign."""
     return f"{value:{form}}".replace("-", "\N{MINUS SIGN}")
 
@@ -120,7 +120,7 @@ def format_interval(estimate: ResultEstimate, form: str = "z.2f") -> str:
     _, low, high = estimate.limits
     if not math.isfinite(high - low):
         return "unknown"
-    return f"{number(low, form)} to {number(high, form)}"
+    return f"{format_number(low, form)} to {format_number(high, form)}"
 
 
 def format_p(p: float) -> str:
@@ -217,7 +217,7 @@ def results_csv(results: Sequence[QuestionResult]) -> str:
     return escaping.csv_text(rows)
 
 
-def participants_csv(key: Key, screened: ScreeningResult) -> str:
+def participants_csv(key: StudyKey, screened: ScreeningResult) -> str:
     """Format one row per participant as CSV: inclusion, skipped pages and ids of the panel."""
     rows: list[Sequence[object]] = [
         ("file", "participant", *key.panel_ids, "list", *_COLUMNS_OF_PARTICIPANTS)
@@ -238,7 +238,7 @@ def _digits(value: float) -> str | None:
     return f"{value:.6g}" if math.isfinite(value) else None
 
 
-def latex_table(results: Sequence[QuestionResult], key: Key) -> str:
+def latex_table(results: Sequence[QuestionResult], key: StudyKey) -> str:
     """Return a table of systems by questions with the bar chart's numbers (needs booktabs)."""
     captions = {
         "right_choices": (

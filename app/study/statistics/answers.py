@@ -18,11 +18,11 @@ from app.run.batch.pairing import is_hidden
 from app.study.design.key import (
     MAX_PANEL_IDS,
     Ids,
-    Key,
     ListNumber,
     PanelName,
     PanelValue,
     Question,
+    StudyKey,
 )
 from model.storage.json_validation import STRICT, FieldError, Text, parse_json, read_json
 
@@ -96,7 +96,7 @@ class CollectedAnswers:
     left_out: tuple[str, ...]
 
 
-def collect_answers(paths: Iterable[Path], key: Key) -> CollectedAnswers:
+def collect_answers(paths: Iterable[Path], key: StudyKey) -> CollectedAnswers:
     """Read files and folders of answers; unusable ones only add a sentence to ``left_out``.
 
     Raises:
@@ -141,7 +141,7 @@ def _files(paths: Iterable[Path]) -> list[Path]:
     return list(dict.fromkeys(file.resolve() for file in files))
 
 
-def drop_invalid_answers(sent: Participant, key: Key) -> tuple[Participant, Counter[str]]:
+def drop_invalid_answers(sent: Participant, key: StudyKey) -> tuple[Participant, Counter[str]]:
     """Return the participant with the valid answers only, and counts of the others by reason.
 
     Raises:
@@ -170,7 +170,7 @@ def drop_invalid_answers(sent: Participant, key: Key) -> tuple[Participant, Coun
     return replace(sent, answers=tuple(accepted.values()), panel=panel), refused
 
 
-def _answer_error(answer: Answer, key: Key, trials: Sequence[str]) -> str | None:
+def _answer_error(answer: Answer, key: StudyKey, trials: Sequence[str]) -> str | None:
     """Return why an answer is invalid for the participant's list; None if it is valid."""
     if answer.trial not in trials:
         return "the trial is not on the participant's list"
@@ -222,7 +222,7 @@ _PRECEDENCE = ("has a valid link", "is finished", "is later", "has more answers"
 
 
 def _each_once(
-    participants: Sequence[Participant], key: Key
+    participants: Sequence[Participant], key: StudyKey
 ) -> tuple[list[Participant], list[str]]:
     """Select one file per participant, and describe the others.
 

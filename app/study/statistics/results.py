@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from app.errors import RunError
-from app.study.design.key import Key, Question
+from app.study.design.key import Question, StudyKey
 from app.study.statistics.answers import Participant
 from app.study.statistics.models import (
     Level,
@@ -95,7 +95,7 @@ class QuestionResult:
 
 
 def analyse_participants(
-    participants: Sequence[Participant], key: Key, jitter: Jitter | None = None
+    participants: Sequence[Participant], key: StudyKey, jitter: Jitter | None = None
 ) -> list[QuestionResult]:
     """Compute the results of every question with answers."""
     results = [_result(participants, key, question, jitter) for question in key.questions]
@@ -103,7 +103,7 @@ def analyse_participants(
 
 
 def _result(
-    participants: Sequence[Participant], key: Key, question: Question, jitter: Jitter | None
+    participants: Sequence[Participant], key: StudyKey, question: Question, jitter: Jitter | None
 ) -> QuestionResult | None:
     votes = votes_of(participants, key, question.id)
     values = rank_and_rating_table(participants, key, question.id)
@@ -169,7 +169,7 @@ def _result(
     )
 
 
-def read_jitter(folder: Path, key: Key) -> Jitter:
+def read_jitter(folder: Path, key: StudyKey) -> Jitter:
     """Read `JERK` from ``folder``/CLIP/diagnostics.json by system.
 
     The recording's value has the name `REFERENCE_NAME`.
@@ -238,7 +238,7 @@ class AnswerBalance:
     """Most participants on one list."""
 
 
-def measure_answer_balance(participants: Sequence[Participant], key: Key) -> AnswerBalance:
+def measure_answer_balance(participants: Sequence[Participant], key: StudyKey) -> AnswerBalance:
     """Measure the balance of the included answers."""
     rows = []
     for participant in participants:

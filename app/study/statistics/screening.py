@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from app.study.design.key import ExpectedAnswer, Key
+from app.study.design.key import ExpectedAnswer, StudyKey
 from app.study.statistics.answers import TIE, Answer, Participant, is_number
 from conventions.names import pluralise
 
@@ -51,8 +51,8 @@ class ScreeningResult:
     """
 
 
-def screen(participants: Iterable[Participant], key: Key) -> ScreeningResult:
-    """Include participants that finished, failed at most `Key.max_failed` checks and are plausible.
+def screen(participants: Iterable[Participant], key: StudyKey) -> ScreeningResult:
+    """Include plausible participants that finished and failed at most `StudyKey.max_failed` checks.
 
     An unfinished list unbalances order and sides, and participants may leave because of what was
     shown; so they are listed, not mixed in. A check that a finished participant did not answer is
@@ -84,7 +84,7 @@ def screen(participants: Iterable[Participant], key: Key) -> ScreeningResult:
     )
 
 
-def failed_checks(participant: Participant, key: Key) -> int:
+def failed_checks(participant: Participant, key: StudyKey) -> int:
     """Count the failed attention checks of the participant's list; no answer is a failure."""
     values = {answer.trial: answer.value for answer in participant.answers}
     checks = {trial: key.trials[trial].expected for trial in key.lists[participant.list_number]}
@@ -95,14 +95,14 @@ def failed_checks(participant: Participant, key: Key) -> int:
     )
 
 
-def _is_expected(value: object, expected: ExpectedAnswer, key: Key) -> bool:
+def _is_expected(value: object, expected: ExpectedAnswer, key: StudyKey) -> bool:
     if isinstance(expected.value, str):
         return value == expected.value
     tolerance = SLIDER_TOLERANCE if key.protocol == "rating" else 0
     return is_number(value) and abs(value - expected.value) <= tolerance  # type: ignore[operator]
 
 
-def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
+def _link_doubts(participants: Sequence[Participant], key: StudyKey) -> dict[str, str]:
     """Return by participant why the link is not valid.
 
     If a link was used several times with different answers, none counts: its owner can write any
@@ -123,7 +123,7 @@ def _link_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str
     return reasons
 
 
-def _panel_doubts(participants: Sequence[Participant], key: Key) -> dict[str, str]:
+def _panel_doubts(participants: Sequence[Participant], key: StudyKey) -> dict[str, str]:
     """Return by participant why they repeat another one: the same panel id, finished later."""
     reasons: dict[str, str] = {}
     first: dict[str, Participant] = {}
@@ -136,7 +136,7 @@ def _panel_doubts(participants: Sequence[Participant], key: Key) -> dict[str, st
     return reasons
 
 
-def implausible_answers(participants: Sequence[Participant], key: Key) -> dict[str, str]:
+def implausible_answers(participants: Sequence[Participant], key: StudyKey) -> dict[str, str]:
     """Return by participant why the answers are implausible; no entry for the others."""
     reasons = {}
     sources: dict[tuple, str] = {}
@@ -151,7 +151,7 @@ def implausible_answers(participants: Sequence[Participant], key: Key) -> dict[s
     return reasons
 
 
-def _implausibility(participant: Participant, key: Key) -> str | None:
+def _implausibility(participant: Participant, key: StudyKey) -> str | None:
     finished, started = participant.finished, participant.started
     if finished is not None and finished < started:
         return "the end time is before the start time"

@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from app.errors import RunError
-from app.study.design.key import AttentionRule, Key, Question, Trial, Video
+from app.study.design.key import AttentionRule, Question, StudyKey, Trial, Video
 from app.study.statistics.answers import TIE, Answer, Participant
 
 MISMATCHED = "_Mismatched"
@@ -39,7 +39,7 @@ _LEADERBOARD_REASONS = {SMOOTHNESS: "MotionSmoothness", "amount": "AmountIntensi
 _MAX_BATTLES = 1_000_000
 
 
-def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd.DataFrame:
+def votes_of(participants: Sequence[Participant], key: StudyKey, question: str) -> pd.DataFrame:
     """Return votes between two systems, also implied by rankings, or two speeches of a system."""
     rows = []
     for *about, answer in _judged(participants, key, question):
@@ -59,7 +59,7 @@ def votes_of(participants: Sequence[Participant], key: Key, question: str) -> pd
 
 
 def rank_and_rating_table(
-    participants: Sequence[Participant], key: Key, question: str
+    participants: Sequence[Participant], key: StudyKey, question: str
 ) -> pd.DataFrame:
     """Return ranks (1 = best), or slider values from 0 to 100."""
     rows = []
@@ -73,7 +73,7 @@ def rank_and_rating_table(
 
 
 def _judged(
-    participants: Sequence[Participant], key: Key, question: str
+    participants: Sequence[Participant], key: StudyKey, question: str
 ) -> Iterator[tuple[int, str, str, Answer]]:
     for rater, participant in enumerate(participants):
         for answer in participant.answers:
@@ -83,7 +83,7 @@ def _judged(
                 yield rater, answer.trial, trial.clip, answer
 
 
-def _name(key: Key, video: str) -> str:
+def _name(key: StudyKey, video: str) -> str:
     """Return the system's name, in matched studies with `MISMATCHED` for other speech."""
     condition = key.videos[video]
     is_other = key.protocol == "matched" and not condition.is_matched
@@ -117,7 +117,7 @@ def first_place_votes(values: pd.DataFrame, system: str) -> pd.DataFrame:
     return rows.assign(score=(rows.value == 1).astype(float))
 
 
-def battles_of(participants: Sequence[Participant], key: Key) -> pd.DataFrame:
+def battles_of(participants: Sequence[Participant], key: StudyKey) -> pd.DataFrame:
     """Return all choices between two videos as battles, sorted as by the leaderboard."""
     rows = []
     for question in key.questions:
@@ -134,7 +134,7 @@ def battles_of(participants: Sequence[Participant], key: Key) -> pd.DataFrame:
     return table.sort_values(["user", "input_code"], kind="stable")
 
 
-def read_battles(path: Path) -> tuple[Key, list[Participant]]:
+def read_battles(path: Path) -> tuple[StudyKey, list[Participant]]:
     """Read a table of battles as a study and its participants.
 
     Columns after ``winner`` may be missing.
@@ -153,7 +153,7 @@ def read_battles(path: Path) -> tuple[Key, list[Participant]]:
         raise RunError(f"{path.name} is not a table of battles: {reason}.") from error
 
 
-def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant]]:
+def _battles_read(table: pd.DataFrame, name: str) -> tuple[StudyKey, list[Participant]]:
     pairs = {tuple(pair) for pair in table[["model_a", "model_b"]].to_numpy()}
     is_matched = all(a + MISMATCHED == b or b + MISMATCHED == a for a, b in pairs)
     question = Question("match" if is_matched else "realism", name, "choice")
@@ -186,7 +186,7 @@ def _battles_read(table: pd.DataFrame, name: str) -> tuple[Key, list[Participant
                 is_strong=strong,
             )
         )
-    key = Key(
+    key = StudyKey(
         study=name,
         title=name,
         protocol="matched" if is_matched else "pairwise",

@@ -12,8 +12,8 @@ from app.study.design.key import (
     KIND_OF_PROTOCOL,
     AttentionRule,
     ExpectedAnswer,
-    Key,
     Question,
+    StudyKey,
     Trial,
     Video,
     write_key,
@@ -41,7 +41,7 @@ SHOWN = {
 }
 
 
-def made_key(protocol: Any = "pairwise", num_clips: int = 4, num_lists: int = 4) -> Key:
+def made_key(protocol: Any = "pairwise", num_clips: int = 4, num_lists: int = 4) -> StudyKey:
     """Three systems, two attention checks of which one may fail."""
     clips = [f"clip{number}" for number in range(num_clips)]
     videos = {}
@@ -62,7 +62,7 @@ def made_key(protocol: Any = "pairwise", num_clips: int = 4, num_lists: int = 4)
         for number, shown in enumerate(SHOWN[protocol])
     }
     trials |= {"check0": LEFT_CHECK, "check1": LEFT_CHECK}
-    return Key(
+    return StudyKey(
         study="0123456789abcdef",
         title="Three <systems> & a study",
         protocol=protocol,
@@ -77,7 +77,7 @@ def made_key(protocol: Any = "pairwise", num_clips: int = 4, num_lists: int = 4)
 
 
 def made_files(
-    key: Key, count: int, model: RaterModel | None = None, seed: int = 0
+    key: StudyKey, count: int, model: RaterModel | None = None, seed: int = 0
 ) -> list[dict[str, Any]]:
     """What so many raters of known strengths send."""
     rng = np.random.default_rng(seed)
@@ -85,7 +85,7 @@ def made_files(
 
 
 def made_participants(
-    key: Key, count: int, model: RaterModel | None = None, seed: int = 0
+    key: StudyKey, count: int, model: RaterModel | None = None, seed: int = 0
 ) -> list[Participant]:
     """The same, read."""
     files = made_files(key, count, model, seed)
@@ -101,7 +101,7 @@ def made_votes(
     return table.assign(clip=clip, is_smooth=is_smooth, weight=1.0)
 
 
-def written_study(folder: Path, key: Key, files: list[dict[str, Any]]) -> tuple[Path, Path]:
+def written_study(folder: Path, key: StudyKey, files: list[dict[str, Any]]) -> tuple[Path, Path]:
     """Key and answers on disk: path of the key, folder of the answers."""
     researcher = folder / "study" / "researcher_only"
     answers = folder / "answers"

@@ -12,7 +12,7 @@ import pytest
 
 from app.errors import RunError
 from app.study.design.blinding import make_key
-from app.study.design.key import Key
+from app.study.design.key import StudyKey
 from app.study.design.plan import Clip, Condition, Plan, read_plan
 from app.study.design.trials import Design, make_design
 from app.study.make import media
@@ -231,7 +231,7 @@ def test_plans_of_other_lengths_and_none_are_refused_before_anything_is_made(tmp
         planned_sources(tmp_path, text)
 
 
-def blinded(folder: Path, protocol: str) -> tuple[Plan, Design, Key]:
+def blinded(folder: Path, protocol: str) -> tuple[Plan, Design, StudyKey]:
     plan = read_plan(write_plan(folder, SYSTEMS, CLIPS[:2], f'protocol = "{protocol}"'))
     design = make_design(plan)
     return plan, design, make_key(plan, design)

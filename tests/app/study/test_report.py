@@ -13,7 +13,7 @@ import pytest
 
 from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
-from app.study.design.key import Key
+from app.study.design.key import StudyKey
 from app.study.report.report import NO_BREAK, format_p_with_letter, headline, percent, templates
 from app.study.simulate import UNIFORM_RATERS, RaterModel, simulate_answers
 from app.study.statistics.proportions import ResultEstimate, detectable_share, proportion_estimates
@@ -34,14 +34,16 @@ Report = tuple[str, list[dict[str, str]], str]
 """Page, rows of the CSV and LaTeX table."""
 
 
-def report_of(tmp_path: Path, key: Key, files: list, measured: Path | None = None) -> str:
+def report_of(tmp_path: Path, key: StudyKey, files: list, measured: Path | None = None) -> str:
     """The page; tables lie beside it."""
     key_path, answers = written_study(tmp_path, key, files)
     analyse(AnalysisRequest([answers], key_path, tmp_path / "report", measured))
     return (tmp_path / "report" / "report.html").read_text("utf-8")
 
 
-def made_report(tmp_path: Path, key: Key, count: int = 12, measured: Path | None = None) -> Report:
+def made_report(
+    tmp_path: Path, key: StudyKey, count: int = 12, measured: Path | None = None
+) -> Report:
     page = report_of(tmp_path, key, made_files(key, count, ATTENTIVE), measured)
     out = tmp_path / "report"
     assert {path.name for path in out.iterdir()} == {

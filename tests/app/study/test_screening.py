@@ -17,7 +17,7 @@ import pytest
 from app.commands.cli import main
 from app.errors import RunError
 from app.study.analyse import AnalysisRequest, analyse
-from app.study.design.key import AttentionRule, ExpectedAnswer, Key, read_key, write_key
+from app.study.design.key import AttentionRule, ExpectedAnswer, StudyKey, read_key, write_key
 from app.study.statistics.answers import MAX_FILE_BYTES, TIE, Answer, Participant, collect_answers
 from app.study.statistics.results import analyse_participants
 from app.study.statistics.screening import failed_checks, implausible_answers, screen
@@ -133,7 +133,7 @@ def test_of_doubles_the_finished_then_the_later_counts(tmp_path: Path) -> None:
     )
 
 
-def with_checks(key: Key, *values: object) -> Participant:
+def with_checks(key: StudyKey, *values: object) -> Participant:
     """A participant who answered the checks so; None leaves one unanswered."""
     (whole,) = made_participants(key, 1)
     others = tuple(answer for answer in whole.answers if not answer.trial.startswith("check"))
@@ -361,7 +361,7 @@ def test_ids_of_a_panel_are_those_the_plan_names_and_each_person_counts_once(
     ]
 
 
-def signed(key: Key = LINKED, count: int = 4) -> list[Participant]:
+def signed(key: StudyKey = LINKED, count: int = 4) -> list[Participant]:
     """Participants who each came by a link of their own, on the list that goes with it."""
     people = made_participants(key, count)
     numbers = {key.list_of(number): number for number in range(len(key.lists))}

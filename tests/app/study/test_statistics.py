@@ -10,7 +10,7 @@ import pytest
 from scipy import optimize, stats
 
 from app.errors import RunError
-from app.study.design.key import Key
+from app.study.design.key import StudyKey
 from app.study.report.report import format_interval
 from app.study.simulate import UNIFORM_RATERS
 from app.study.statistics.answers import TIE, Participant
@@ -349,7 +349,7 @@ def test_votes_are_split_by_reason_and_turned_to_the_smoother():
         assert join_jitter(votes, {("x", "a"): 1.0} | rough) == []
 
 
-def seen_from_two_views(key: Key) -> Key:
+def seen_from_two_views(key: StudyKey) -> StudyKey:
     """Each trial once more, of videos from the side."""
     videos = {f"{name}@side": replace(video, view="side") for name, video in key.videos.items()}
     trials = {

@@ -114,12 +114,12 @@ def test_names_and_findings_cannot_bring_markup(tmp_path):
     for piece in (
         table(measured, tmp_path),
         markup.header(EVIL),
-        markup.status(EVIL, {"motion": 0.5}, {"motion": EVIL}),
+        markup.run_status(EVIL, {"motion": 0.5}, {"motion": EVIL}),
         markup.error_message(EVIL),
         markup.note(EVIL),
     ):
         assert "<script" not in piece and "&lt;script" in piece
-    html = markup.status("line", {"speech": 1.0, "motion": 0.4}, {"motion": "globaldiff/local"})
+    html = markup.run_status("line", {"speech": 1.0, "motion": 0.4}, {"motion": "globaldiff/local"})
     assert [html.count(f'class="{how}"') for how in ("done", "doing", "todo")] == [1, 1, 4]
     assert "40 %" in html and "globaldiff/local" in html
     for words in ("Jerk by depth: jerk and jerky <b>.", text.FIGURES["figure6"].help):

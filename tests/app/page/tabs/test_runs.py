@@ -485,7 +485,7 @@ def test_results_that_the_page_is_started_for_are_shown_to_everybody(tmp_path):
     made = made_run(tmp_path / "elsewhere", "made elsewhere", kind="imported", jerk={"mine": 9.0})
     page = Page(tmp_path / "page")
     own = add_owner_run(page.runs, made.folder, tmp_path / "opened", SharedFolders())
-    page.opening.services = replace(page.opening.services, opened=(own,))
+    page.opening.services = replace(page.opening.services, opened_run_tokens=(own,))
     updates = page.opened("of anybody")
     assert [row["name"] for row in updates[page.own.player]["rows"]] == ["mine"]
     assert "made elsewhere" not in updates[page.own.runs]["value"], "it is nobody's own"
