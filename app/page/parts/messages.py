@@ -43,9 +43,9 @@ class PlayerRow(TypedDict):
     """URL of its gesture plan."""
     is_planned: NotRequired[bool]
     """True if the system followed the plan; otherwise it was detected."""
-    take: NotRequired[int]
+    take_number: NotRequired[int]
     """Number of the take of an edited plan."""
-    of: NotRequired[str]
+    original_row: NotRequired[str]
     """Original row of a take."""
     space: NotRequired[Literal["local", "global"]]
     """Rotations to which the viewer adds noise."""
@@ -73,10 +73,10 @@ class PlanEditorState(TypedDict):
     """Rows from which edits can start, by name."""
     message: str
     """Message on the last edit."""
-    refused: bool
+    is_refused: bool
     state: str
     """``working`` while a take is generated."""
-    offers: list[EditSuggestionJson]
+    suggestions: list[EditSuggestionJson]
 
 
 class AudioTrack(TypedDict):

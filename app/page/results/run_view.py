@@ -85,9 +85,9 @@ class RunView:
         ]
         self.editing = {
             "message": sentence,
-            "refused": is_refused,
+            "is_refused": is_refused,
             "state": state,
-            "offers": suggestions,
+            "suggestions": suggestions,
         }
 
     def for_browser(self, address: FileToUrl) -> RunView:
@@ -139,7 +139,11 @@ class RunView:
             "label": row.label,
             "color": row.color,
             **self._addresses(files),
-            **({"take": row.edit.number, "of": row.edit.original_row} if row.edit else {}),
+            **(
+                {"take_number": row.edit.number, "original_row": row.edit.original_row}
+                if row.edit
+                else {}
+            ),
             **({"available": row.available.model_dump()} if row.available else {}),
             "stem": safe_file_stem(row.name),
             "is_reference": row.name == REFERENCE_NAME,

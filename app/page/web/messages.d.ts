@@ -99,9 +99,9 @@ export interface PlayerRow {
   /** True if the system followed the plan; otherwise it was detected. */
   is_planned?: boolean;
   /** Number of the take of an edited plan. */
-  take?: number;
+  take_number?: number;
   /** Original row of a take. */
-  of?: string;
+  original_row?: string;
   /** Rotations to which the viewer adds noise. */
   space?: "local" | "global";
   assumed?: FileReading;
@@ -130,10 +130,10 @@ export interface PlanEditorState {
   editable: Record<string, EditableRow>;
   /** Message on the last edit. */
   message: string;
-  refused: boolean;
+  is_refused: boolean;
   /** ``working`` while a take is generated. */
   state: string;
-  offers: EditSuggestionJson[];
+  suggestions: EditSuggestionJson[];
 }
 
 /** Finding of a motion. */

@@ -31,7 +31,7 @@ const SLIDERS = {
   smile: ["Smile", 0, 1, 0.05, "%", 100],
 };
 const HINT = "Select a gesture. You can drag a stroke, or the end of any hand phase.";
-const NOTHING = { rows: [], editable: {}, message: "", refused: false, state: "", offers: [] };
+const NOTHING = { rows: [], editable: {}, message: "", is_refused: false, state: "", suggestions: [] };
 
 export class Editing {
   #player;
@@ -158,7 +158,7 @@ export class Editing {
    */
   visibleRows(rows) {
     if (!this.#value.rows.length) return rows;
-    const own = rows.filter(({ take }) => !take);
+    const own = rows.filter(({ take_number: take }) => !take);
     if (!this.isOpen) return own;
     const wanted = this.#coming ? [this.#start, this.#coming] : [this.#beside, this.#start];
     const visible = wanted.map((name) => rows.find((row) => row.name === name)).filter(Boolean);
@@ -177,14 +177,14 @@ export class Editing {
     this.#rows = rows;
     if (!value?.rows.length) return;
     if (!this.#start) this.#start = value.rows[0];
-    if (this.#isBusy) this.#say(value.message, value.refused, value.offers);
-    const coming = rows.find(({ name, take }) => take && !value.editable[name])?.name ?? null;
+    if (this.#isBusy) this.#say(value.message, value.is_refused, value.suggestions);
+    const coming = rows.find(({ name, take_number: take }) => take && !value.editable[name])?.name ?? null;
     const isNew = coming && coming !== this.#coming;
     const made = this.#coming && !coming && value.editable[this.#coming] ? this.#coming : null;
     this.#coming = coming;
     if (isNew) this.#watch();
     if (made) this.#arrived(made);
-    if (this.#isBusy && !value.state) this.#ended(value.refused);
+    if (this.#isBusy && !value.state) this.#ended(value.is_refused);
     this.#load();
     this.#update();
   }

@@ -126,7 +126,7 @@ export class Timeline {
     this.#data = data;
     if (!isSame) this.#view = [0, matchMedia(NARROW).matches ? Math.min(data.duration_s, NARROW_S) : data.duration_s];
     const withCurves = rows.filter(({ name }) => data.curves[name]);
-    this.#rows = withCurves.filter(({ take }) => !take).flatMap((row) => [row, ...withCurves.filter(({ take, of }) => take && of === row.name)]);
+    this.#rows = withCurves.filter(({ take_number: take }) => !take).flatMap((row) => [row, ...withCurves.filter(({ take_number: take, original_row: of }) => take && of === row.name)]);
     this.#lanes.clear();
     this.wave = make("canvas", {});
     this.position = make("div", { class: "plot", role: "slider", tabindex: "0", "aria-label": "Position", "aria-valuemin": "0", "aria-valuemax": data.duration_s.toFixed(2) }, this.wave);
@@ -148,7 +148,7 @@ export class Timeline {
       lane.firstElementChild.addEventListener("click", () => this.showBody(row.name));
       lane.style.setProperty("--series", row.is_reference ? "var(--reference-ink)" : row.color);
       this.#lanes.set(row.name, { canvas, value });
-      lane.dataset.take = String(!!row.take);
+      lane.dataset.take = String(!!row.take_number);
       parts.push(lane);
     }
     const focused = /** @type {HTMLElement | null} */ (document.activeElement);

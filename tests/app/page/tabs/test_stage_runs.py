@@ -237,7 +237,7 @@ def test_a_take_stands_beside_the_run_and_the_next_begins_from_it(tmp_path):
     last = editor.ask(NOD)
     assert rows(last) == [ROW, f"{ROW}.take1"]
     take = last["rows"][1]
-    assert (take["label"], take["take"], take["of"]) == ("version 1", 1, ROW)
+    assert (take["label"], take["take_number"], take["original_row"]) == ("version 1", 1, ROW)
     assert take["noise"] == last["rows"][0]["noise"] and take["available"]["num_ready"] == 8
     editing = last["editing"]
     assert editing["message"] == f"{text.TAKE_DONE.format(number=1)} It was mended."
@@ -262,12 +262,12 @@ def test_what_cannot_be_done_is_said_and_leaves_no_row(tmp_path):
     last = editor.ask(NOD)
     editing = last["editing"]
     assert rows(last) == [ROW] and not editing["editable"]
-    said = (editing["message"], editing["refused"], editing["state"])
+    said = (editing["message"], editing["is_refused"], editing["state"])
     assert said == ("The hand has no time for 1.", True, "")
     wrong = editor.ask({"do": "nod", "at": "now"})["editing"]
-    assert wrong["refused"] and "input should be a valid number" in wrong["message"]
+    assert wrong["is_refused"] and "input should be a valid number" in wrong["message"]
     unknown = editor.ask(NOD, start="gan/20")["editing"]
-    assert unknown["refused"] and unknown["message"] == text.EDITS_GONE
+    assert unknown["is_refused"] and unknown["message"] == text.EDITS_GONE
 
 
 def test_nobody_reaches_the_run_of_another(tmp_path):
