@@ -88,9 +88,11 @@ def build_app(services: Services) -> gr.Blocks:
                 build_analysis(services)
         gr.HTML(markup.about_paper())
         for parts, prefix in ((results, ""), (live_results, "live-"), (own_results, "own-")):
-            ViewerVideoRunner(services, parts).wire(prefix)
-        EditRunner(services, results).wire()
-        GenerateRunner(services, form, results).wire(page, form.fields, api_name="generate")
+            ViewerVideoRunner(services, parts).attach_events(prefix)
+        EditRunner(services, results).attach_events()
+        GenerateRunner(services, form, results).attach_events(
+            page, form.fields, api_name="generate"
+        )
         places = {"generate": results, "own_motion": own_results}
         page.load(None, js=_BEGIN_LOADING)
         page.load(visitor_of, outputs=name_of_page, **UNQUEUED_EVENT)

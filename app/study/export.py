@@ -80,7 +80,7 @@ def export_study(
         key = maker.make_all(key, sources)
         write_bundle(plan, design, key, workspace)
         write_records(plan, design, key, sources, weights, body, workspace)
-        workspace.clean()
+        workspace.remove_unfinished()
         leaks = check_study(out)
     if leaks:
         raise RunError(f"The export reveals which system a video shows: {leaks[0]}")

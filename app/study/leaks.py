@@ -94,7 +94,7 @@ class ExportedStudy:
                     "stimulus": stimulus,
                     "size": file.num_bytes,
                     "bit rate": sum(picture.sample_sizes) / picture.duration,
-                    "filling": media.num_picture_bytes(stream),
+                    "filling": media.num_unpadded_bytes(stream),
                     "compressed size": len(zlib.compress(stream)),
                     "duration": str([track.duration for track in file.tracks]),
                     "frames": str([len(track.sample_sizes) for track in file.tracks]),

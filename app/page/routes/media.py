@@ -363,7 +363,7 @@ def character_route(characters: Characters, exports: OnDemandFiles, quota: Quota
                         message = CHARACTER_TOO_LARGE.format(limit=MAX_CHARACTER_BYTES / 1e6)
                         return PlainTextResponse(message, status_code=413)
                     file.write(piece)
-            quota.require(owner, size)
+            quota.require_space(owner, size)
             answer = await exports.answer(WRITE_STAGE_BODY, lambda out: (source, out), "body.glb")
             if answer.status_code == 200:
                 characters.keep(cookie, source)

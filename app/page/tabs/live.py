@@ -69,7 +69,7 @@ def build_live_tab(page: gr.Blocks, services: Services) -> ResultParts:
         )
     results = ResultParts("live-", SAVE_HELP)
     runner = LiveRecordingRunner(services, FormParts({}, keep, cancel), results)
-    runner.wire(page, [token], js=_TOKEN_OF_PAGE)
+    runner.attach_events(page, [token], js=_TOKEN_OF_PAGE)
     return results
 
 

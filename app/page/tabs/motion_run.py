@@ -82,7 +82,7 @@ class MotionRunner(TabRunner):
         self._waiting: set[str] = set()
         """Visitors with a click and no started run."""
 
-    def wire(
+    def attach_events(
         self,
         page: gr.Blocks,
         fields: Fields | Sequence[Any],

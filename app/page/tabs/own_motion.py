@@ -115,7 +115,9 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
         js="(message) => document.querySelector('#own-player .lockstep').addOverride(message)",
         api_visibility="private",
     )
-    runner.wire(page, form.fields, (filled.then, overrides_box.then), api_name="own_motion")
+    runner.attach_events(
+        page, form.fields, (filled.then, overrides_box.then), api_name="own_motion"
+    )
     ClipRunner(services, form, parts, runner).start_after(of_sets[1].input, [of_sets[1]])
     return parts
 
@@ -223,7 +225,7 @@ def own_motion_request(values: Mapping[str, Any], job: Path, config: AppConfig) 
     if is_saved_run_zip(motions):
         return request_for_motions({"run": motions[0]}, None, job, config)
     limit = MAX_COMPARED - (reference is not None)
-    if has_sets(motions):
+    if has_archives(motions):
         if len(motions) > limit:
             raise RunError(TOO_MANY_SHOWN.format(limit=limit, count=len(motions)))
         of_sets = ("motions", "names", "reference", "speech", "told", "channel")
@@ -272,7 +274,7 @@ def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str,
     }
 
 
-def has_sets(motions: Sequence[Path]) -> bool:
+def has_archives(motions: Sequence[Path]) -> bool:
     """Check whether archives of clips are measured."""
     return any(map(is_archive, motions)) and not is_saved_run_zip(motions)
 
@@ -312,7 +314,7 @@ class DiagnoseRunner(MotionRunner):
         self, job: Job, request: AnyRun, form: Mapping[str, Any]
     ) -> Generator[Updates, None, None]:
         assert isinstance(request, DiagnoseRequest)
-        if not has_sets(request.motions.motions):
+        if not has_archives(request.motions.motions):
             yield from super().perform(job, request, form)
             return
 

@@ -69,7 +69,7 @@ class EditRunner(TabRunner):
         super().__init__(services, parts.player)
         self.parts = parts
 
-    def wire(self) -> None:
+    def attach_events(self) -> None:
         """Attach runs to the hidden button of the plan editor."""
         self.start_on(
             self.parts.take_start.click,
@@ -136,7 +136,7 @@ class ViewerVideoRunner(TabRunner):
         super().__init__(services, parts.viewer_video)
         self.parts = parts
 
-    def wire(self, prefix: str = "") -> None:
+    def attach_events(self, prefix: str = "") -> None:
         """Attach runs to the viewer's hidden button; ``prefix`` is that of the element ids."""
         parts = self.parts
         outputs = [parts.viewer_video, parts.viewer_video_cancel]

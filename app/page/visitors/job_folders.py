@@ -180,7 +180,7 @@ class Jobs:
             RunError: if the owner's uploads and runs use too much of the disk already.
         """
         self.quota.measure_runs(owner)
-        self.quota.require(owner)
+        self.quota.require_space(owner)
         uploads = uploads_of(values, self._root.with_name("gradio"))
         folder = self._root / secrets.token_hex(16)
         job = Job(visitor, tab, folder, cookie, survives_disconnect, uploads)

@@ -60,7 +60,7 @@ class Quota:
                 return cookie_of(request) or address
         return address
 
-    def require(self, owner: str, num_bytes: int = 0) -> None:
+    def require_space(self, owner: str, num_bytes: int = 0) -> None:
         """Check that an owner may use more disk space.
 
         Raises:

@@ -93,7 +93,7 @@ class LimitedUploadParser(route_utils.GradioMultiPartParser):
         self._expected_bytes = max(self._expected_bytes, self._num_bytes + num_bytes)
         self.quota.set_upload(self._owner, self.root, str(id(self)), self._expected_bytes)
         try:
-            self.quota.require(self._owner)
+            self.quota.require_space(self._owner)
         except RunError as error:
             raise MultiPartException(str(error)) from error
         self._checked_bytes = self._num_bytes

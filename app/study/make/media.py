@@ -325,7 +325,7 @@ def join_units(frames: Sequence[Sequence[bytes]]) -> bytes:
     return b"".join(_START + unit for units in frames for unit in units)
 
 
-def num_picture_bytes(stream: bytes) -> int:
+def num_unpadded_bytes(stream: bytes) -> int:
     """Count the bytes of a stream without padding."""
     units = _START_CODE.split(stream)[1:]
     own = [unit for unit in units if unit[0] & 31 not in (_MESSAGE, _FILLER)]

@@ -74,6 +74,6 @@ class Workspace:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, content)
 
-    def clean(self) -> None:
+    def remove_unfinished(self) -> None:
         """Remove the folder of unfinished work."""
         shutil.rmtree(self.work, ignore_errors=True)

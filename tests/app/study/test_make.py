@@ -114,7 +114,7 @@ def test_speech_has_the_loudness_of_r128_whatever_it_had(tmp_path):
 
 def test_calm_and_wild_motion_cannot_be_told_by_what_fills_them_up(made):
     streams = [media.video_stream(path) for path in sorted((made / "silent").glob("*.mp4"))]
-    calm, wild = (media.num_picture_bytes(stream) for stream in streams)
+    calm, wild = (media.num_unpadded_bytes(stream) for stream in streams)
     assert abs(calm - wild) < 0.03 * wild  # of 45 small pictures
     assert calm > 0.5 * len(streams[0])
     packed = [len(zlib.compress(stream)) for stream in streams]
@@ -131,12 +131,12 @@ def test_frames_are_filled_to_any_size(tmp_path):
         for path, size in zip(paths, sizes, strict=True):
             units = [b"\x67" + b"s" * 9, b"\x65" + b"x" * size, b"\x41" + b"y" * (5000 - size)]
             path.write_bytes(b"".join(b"\x00\x00\x00\x01" + unit for unit in units))
-        own = [media.num_picture_bytes(path.read_bytes()) for path in paths]
+        own = [media.num_unpadded_bytes(path.read_bytes()) for path in paths]
         media.equalise_frame_sizes(paths)
         frames = [media.split_into_frames(path.read_bytes()) for path in paths]
         found = {tuple(sum(4 + len(unit) for unit in units) for units in each) for each in frames}
         assert len(found) == 1
-        assert [media.num_picture_bytes(path.read_bytes()) for path in paths] == own
+        assert [media.num_unpadded_bytes(path.read_bytes()) for path in paths] == own
 
 
 def test_padding_reaches_any_size(tmp_path):

@@ -181,9 +181,9 @@ def test_character_is_kept_for_its_visitor_alone_and_moves(
     assert characters.link("yours", run) is None
     linked = characters.link("mine", run)
     with pytest.raises(RunError, match="the limit is"):
-        quota.require("testclient", int(quota.max_bytes))
+        quota.require_space("testclient", int(quota.max_bytes))
     assert mine.delete("/stage/character").status_code == 204
-    quota.require("testclient", int(quota.max_bytes))
+    quota.require_space("testclient", int(quota.max_bytes))
     assert mine.get("/stage/character").status_code == 404
     assert linked.read_bytes() == hero, "a run keeps what it began with"
     shutil.rmtree(run)

@@ -19,7 +19,7 @@ from app.page.tabs.own_motion import (
     MAX_NAME,
     build_own_form,
     display_names,
-    has_sets,
+    has_archives,
     own_motion_request,
 )
 from app.page.tabs.runner import Services
@@ -258,7 +258,7 @@ def test_what_is_said_of_files_reaches_runs_and_sets_but_not_of_files_that_are_g
     assert [each[0] for each in asked.imports.import_overrides.entries] == ["a", ""]
     assert asked.speech.channel == 1
     sets = own(own_form, "/up/a.tar.gz", **said)
-    assert has_sets(sets.motions.motions) and not has_sets(asked.motions.motions)
+    assert has_archives(sets.motions.motions) and not has_archives(asked.motions.motions)
     assert sets.motions.names == ("a",) and sets.speech.channel == 1
     assert len(sets.imports.import_overrides.entries) == 4
 
