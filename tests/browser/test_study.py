@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 
 from app.notebook import show
-from app.run.batch.leaderboard import Entry, MetricValue, leaderboard_html
+from app.run.batch.leaderboard import LeaderboardEntry, MetricValue, leaderboard_html
 from app.study.design.key import StudyKey, read_key
 from app.study.design.plan import load_wording
 from app.study.leaks import check_study
@@ -553,9 +553,9 @@ def test_a_player_as_one_file_plays_without_any_server_also_in_a_cell(
 def test_a_leaderboard_sorts_by_the_distance_to_recorded(
     visitor: Callable[..., BrowserContext], tmp_path: Path
 ) -> None:
-    def entry(system: str, jerk: float) -> Entry:
+    def entry(system: str, jerk: float) -> LeaderboardEntry:
         value = MetricValue(jerk, jerk - 1, jerk + 1, "m/s³", 9)
-        return Entry(system, "t", system, 9, "2026", "p", {"joint_jerk_m_s3": value}, {})
+        return LeaderboardEntry(system, "t", system, 9, "2026", "p", {"joint_jerk_m_s3": value}, {})
 
     path = tmp_path / "board.html"
     numbers = {"a": 30.0, "b": 11.0, "c": 1.0, "reference": 10.0}
