@@ -22,7 +22,7 @@ from model.formats.reading import with_current_keys
 from model.generation.base import Windowing
 from model.metrics.beats import (
     BEAT_JOINTS,
-    audio_to_motion,
+    beat_align_audio_to_motion,
     joint_beats,
     joint_speeds,
     onsets_within_margins,
@@ -91,11 +91,13 @@ class RawAndFiltered:
     def of(self, kind: FilterVersion) -> MotionMetrics:
         return self.raw if kind == "raw" else self.savgol
 
-    def without(self, lacks: Collection[str]) -> "RawAndFiltered":
+    def without_missing_parts(self, missing_parts: Collection[str]) -> "RawAndFiltered":
         """Leave out published protocols that need a part which the motion lacks."""
-        if self.raw.published is None or not lacks:
+        if self.raw.published is None or not missing_parts:
             return self
-        published = PublishedMeasures(without_missing_parts(self.raw.published.protocols, lacks))
+        published = PublishedMeasures(
+            without_missing_parts(self.raw.published.protocols, missing_parts)
+        )
         return replace(self, raw=replace(self.raw, published=published))
 
     def as_json(self) -> dict[str, Any]:
@@ -271,7 +273,7 @@ class _MeasureOptions:
     onsets_s: Float[np.ndarray, " onsets"] | None
     speech_bands: Float[np.ndarray, "frames bands"] | None
     inputs: ProtocolInputs
-    is_published: bool
+    with_published_protocols: bool
     """True to measure published protocols."""
 
 
@@ -313,7 +315,7 @@ def _versions(
             None if onsets_s is None else _measure_beats(tracks, *usual_speed, onsets_s),
             lag,
             _measure_published(motion, tracks, ways.inputs, recorded)
-            if ways.is_published and k == 0
+            if ways.with_published_protocols and k == 0
             else None,
         )
         yield AnalysedMotion(motion, tracks, numbers, ways.point, recorded[k] if recorded else None)
@@ -349,7 +351,9 @@ def _measure_beats(
         beats = joint_beats(_pelvis_centred(tracks), usual_speed)
         rate = sum(map(len, beats)) / len(beats) / duration_s
         if num_onsets:
-            score, chance = score_and_chance(audio_to_motion, onsets_s, beats, duration_s)
+            score, chance = score_and_chance(
+                beat_align_audio_to_motion, onsets_s, beats, duration_s
+            )
             mean, highest = float(chance.mean()), float(chance.max())
     return BeatMeasures(score, mean, highest, rate, num_onsets, speeds_of)
 

@@ -27,7 +27,7 @@ from tqdm import tqdm
 from conventions.names import printable
 from model.data.recordings import DataError, fingerprint, parse_speaker, read_split
 from model.evaluation import frechet, tables
-from model.evaluation.adherence import adherence
+from model.evaluation.adherence import evaluate_adherence
 from model.evaluation.classifiers import (
     NO_MATCHING_CLASSIFIER,
     NO_SPEAKER_CLASSIFIER,
@@ -39,7 +39,7 @@ from model.evaluation.clips import (
     ROWS_FORMAT,
     ClipEvaluator,
     EvaluationModels,
-    as_table,
+    clip_metrics_table,
     load_rows,
     pelvis_centred_positions,
     read_recording,
@@ -82,9 +82,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--data", type=Path, required=True, help="folder in BEAT2's layout")
     parser.add_argument("--out", type=Path, required=True, help="a folder, or FILE.json")
     parser.add_argument("--weights", type=Path, default=BUNDLED_WEIGHTS)
-    parser.add_argument("--clips", type=int, help="only so many (default: all; adherence: 20)")
+    parser.add_argument(
+        "--clips", type=int, help="number of clips (default: all; for adherence: 20)"
+    )
     motion = parser.add_argument_group("motion")
-    motion.add_argument("--systems", default="all", help="names with commas between, or: all")
+    motion.add_argument("--systems", default="all", help="names separated by commas, or: all")
     motion.add_argument("--seeds", type=int, default=2, help="noise seeds for each clip")
     motion.add_argument(
         "--guidance", type=float, help="guidance scale (default: that of each system)"
@@ -95,12 +97,18 @@ def main(arguments: list[str] | None = None) -> int:
         metavar="CALM,LIVELY",
         help="two speakers whose manner is compared on a few clips (default: %(default)s)",
     )
-    motion.add_argument("--processes", type=int, help="on this machine (default: all cores)")
-    motion.add_argument("--scheduler", help="a Dask scheduler, such as tcp://head:8786")
-    plans = parser.add_argument_group("adherence and finding, of a corpus with annotated plans")
-    plans.add_argument("--edits", type=int, default=10, help="of each clip; default: %(default)s")
-    plans.add_argument("--seed", type=int, default=0, help="of the edits; default: %(default)s")
-    plans.add_argument("--fit", action="store_true", help="train what finds plans first")
+    motion.add_argument(
+        "--processes", type=int, help="processes on this machine (default: all cores)"
+    )
+    motion.add_argument("--scheduler", help="address of a Dask scheduler, such as tcp://head:8786")
+    plans = parser.add_argument_group("adherence and finding (for a corpus with annotated plans)")
+    plans.add_argument(
+        "--edits", type=int, default=10, help="random edits of each clip (default: %(default)s)"
+    )
+    plans.add_argument(
+        "--seed", type=int, default=0, help="random seed of the edits (default: %(default)s)"
+    )
+    plans.add_argument("--fit", action="store_true", help="train the plan detector first")
     args = parser.parse_args(arguments)
     torch.set_num_threads(1)
     try:
@@ -115,24 +123,26 @@ def _motion(args: argparse.Namespace) -> None:
     calm_and_lively, weights = parse_speaker_pair(args.speakers), args.weights.absolute()
     names = list_systems(weights) if args.systems == "all" else args.systems.split(",")
     versions = file_versions(weights.glob("[!.]*"))
-    cast = partial(load_evaluation_models, tuple(names), weights, versions)
+    load_models = partial(load_evaluation_models, tuple(names), weights, versions)
     table = evaluate(
-        cast,
+        load_models,
         args.data.absolute(),
-        test_clips(args.data, cast().systems)[: args.clips],
+        test_clips(args.data, load_models().systems)[: args.clips],
         args.seeds,
         sampling=Sampling(guidance=args.guidance),
         speakers=calm_and_lively,
         pool=JobPool(args.processes, args.scheduler),
-        continued=args.out / "clips",
+        resume_folder=args.out / "clips",
     )
-    write(table, args.out)
+    write_table(table, args.out)
     sys.stdout.write(tables.as_markdown(table))
 
 
 def _plans(args: argparse.Namespace) -> None:
     if args.protocol == "adherence":
-        answers = adherence(args.data, args.weights, args.clips or 20, args.edits, args.seed)
+        answers = evaluate_adherence(
+            args.data, args.weights, args.clips or 20, args.edits, args.seed
+        )
     else:
         answers = evaluate_detection(args.data, args.clips, args.fit)
     plans = {}
@@ -147,7 +157,7 @@ def _plans(args: argparse.Namespace) -> None:
 PROTOCOLS = {"motion": _motion, "adherence": _plans, "finding": _plans}
 
 
-def write(table: dict, out: Path) -> None:
+def write_table(table: dict, out: Path) -> None:
     """Write the four files, each atomically."""
     out.mkdir(parents=True, exist_ok=True)
     contents = {
@@ -175,7 +185,7 @@ def test_clips(folder: Path, systems: Sequence[System]) -> list[str]:
 
 
 def evaluate(
-    cast: Callable[[], EvaluationModels],
+    load_models: Callable[[], EvaluationModels],
     folder: Path,
     clips: Sequence[str],
     seeds: int,
@@ -183,40 +193,42 @@ def evaluate(
     sampling: Sampling = DEFAULT_SAMPLING,
     speakers: tuple[str, str] = DEFAULT_SPEAKER_PAIR,
     pool: JobPool = SINGLE_PROCESS,
-    continued: Path,
+    resume_folder: Path,
 ) -> dict:
     """Compute the table, with the row ``recorded`` for the clips' recorded motion.
 
-    `as_table` lists its parts, ``left_out`` the missing metrics. Every clip has a noise seed that
-    is the same for all systems.
+    `clip_metrics_table` lists its parts, ``left_out`` the missing metrics. Every clip has a noise
+    seed that is the same for all systems.
 
     Args:
-        cast: the systems and classifiers; called again in other processes.
+        load_models: loads the systems and classifiers, once in each process.
         speakers: a calm one and a lively one, who are compared on a few clips.
         pool: runs the jobs, one for each clip.
-        continued: folder with the numbers of each clip; those of the same recordings, weights and
-            options are read from it.
+        resume_folder: folder with the numbers of each clip; those of the same recordings, weights
+            and options are read from it.
 
     Raises:
         DataError: if fewer than two clips can be used.
         JobsError: if workers are lost.
     """
-    there = cast()
-    motions = _usable(folder, clips, there)
+    models = load_models()
+    motions = _usable(folder, clips, models)
     names = list(motions)
     speeds = [
         beats.joint_speeds(pelvis_centred_positions(motion)[:, beats.BEAT_JOINTS]).mean(0)
         for motion in motions.values()
     ]
-    few = SpeakerComparisonClips.choose(folder, names, there.systems, speakers)
+    speaker_comparison = SpeakerComparisonClips.choose(folder, names, models.systems, speakers)
     clip_speakers = [parse_speaker(name)[1] for name in names]
     judge = fit_speaker_classifier(folder, clip_speakers)
-    one = ClipEvaluator(folder, cast, seeds, sampling, few, judge, np.mean(speeds, axis=0))
-    stamp = _stamp(one, names, there)
-    continued.mkdir(parents=True, exist_ok=True)
-    files = {name: (continued / f"{name}-{stamp}.npz").absolute() for name in names}
+    evaluator = ClipEvaluator(
+        folder, load_models, seeds, sampling, speaker_comparison, judge, np.mean(speeds, axis=0)
+    )
+    stamp = _stamp(evaluator, names, models)
+    resume_folder.mkdir(parents=True, exist_ok=True)
+    files = {name: (resume_folder / f"{name}-{stamp}.npz").absolute() for name in names}
     jobs = [
-        Job(name, files[name].is_file, partial(one.measure, name, other, files[name]))
+        Job(name, files[name].is_file, partial(evaluator.measure, name, other, files[name]))
         for name, other in zip(names, [*names[1:], names[0]], strict=True)
     ]
     todo = sum(not job.is_done() for job in jobs)
@@ -227,13 +239,13 @@ def evaluate(
     return {
         "clips": names,
         "noise_seeds": seeds,
-        "guidance": _guidance_by_system(there.systems, sampling),
+        "guidance": _guidance_by_system(models.systems, sampling),
         "protocols": {measure: protocol_of(measure) for measure in tables.COLUMNS},
-        **as_table(rows, clip_speakers),
+        **clip_metrics_table(rows, clip_speakers),
         "left_out": [
-            *frechet.unavailable_encoders(there.encoders, motions.values()),
-            *([] if there.matching_classifier else [NO_MATCHING_CLASSIFIER]),
-            *([] if few.speakers else [SPEAKERS_NOT_COMPARED]),
+            *frechet.unavailable_encoders(models.encoders, motions.values()),
+            *([] if models.matching_classifier else [NO_MATCHING_CLASSIFIER]),
+            *([] if speaker_comparison.speakers else [SPEAKERS_NOT_COMPARED]),
             *([] if judge else [NO_SPEAKER_CLASSIFIER]),
         ],
     }
@@ -265,32 +277,32 @@ def _guidance_by_system(systems: Sequence[System], sampling: Sampling) -> dict[s
     }
 
 
-def _stamp(one: ClipEvaluator, names: Sequence[str], cast: EvaluationModels) -> str:
+def _stamp(evaluator: ClipEvaluator, names: Sequence[str], models: EvaluationModels) -> str:
     """Compute a digest of recordings, weights and options, which identifies stored numbers."""
-    judge = one.speaker_classifier
+    judge = evaluator.speaker_classifier
     stamp = {
         "format": ROWS_FORMAT,
-        "recordings": fingerprint(one.folder, names),
+        "recordings": fingerprint(evaluator.folder, names),
         "clips": list(names),
-        "systems": {system.name: dict(system.sha256s) for system in cast.systems},
-        "judges": {measure: judge.sha256 for measure, judge in cast.encoders.items()},
-        "matching": cast.matching_classifier and cast.matching_classifier.sha256,
-        "seeds": one.seeds,
-        "guidance": _guidance_by_system(cast.systems, one.sampling),
-        "few": asdict(one.speaker_comparison),
+        "systems": {system.name: dict(system.sha256s) for system in models.systems},
+        "judges": {measure: judge.sha256 for measure, judge in models.encoders.items()},
+        "matching": models.matching_classifier and models.matching_classifier.sha256,
+        "seeds": evaluator.seeds,
+        "guidance": _guidance_by_system(models.systems, evaluator.sampling),
+        "few": asdict(evaluator.speaker_comparison),
         "speaker_judge": judge and np.round(judge.weights, 6).tolist(),
     }
     return hashlib.sha256(json.dumps(stamp, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _usable(folder: Path, clips: Sequence[str], cast: EvaluationModels) -> dict[str, Motion]:
+def _usable(folder: Path, clips: Sequence[str], models: EvaluationModels) -> dict[str, Motion]:
     """Read motions by name; log the unusable ones.
 
     Raises:
         DataError: if fewer than two are left.
     """
     motions = {}
-    window = max(system.windowing.frames for system in cast.systems)
+    window = max(system.windowing.frames for system in models.systems)
     for name in clips:
         try:
             motion, _ = read_recording(folder, name)

@@ -92,7 +92,7 @@ def test_it_is_measured_without_the_abilities_that_it_lacks(trained, data_folder
     system = load_system(DRAWN, weights)
     clips = measuring.test_clips(data, [system])
     cast = partial(EvaluationModels, (system,))
-    table = measuring.evaluate(cast, data, clips, seeds=2, continued=tmp_path)
+    table = measuring.evaluate(cast, data, clips, seeds=2, resume_folder=tmp_path)
     assert table["motion"][DRAWN]["tip_jerk_m_s3"]["mean"] > 0
 
 

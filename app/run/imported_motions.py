@@ -231,7 +231,7 @@ def adjusted_for_imports(measured: Diagnostics, rows: RunMotions) -> Diagnostics
         measured,
         notes=[*rows.notes, *measured.notes],
         systems={
-            name: each.without(readings[name].missing_parts)
+            name: each.without_missing_parts(readings[name].missing_parts)
             for name, each in measured.systems.items()
         },
         findings={

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from conventions.rates import FPS
 from model.data.prepared import Batch, PreparedClip, PreparedData, derived_arrays
-from model.data.recordings import DataError, copy_speed
+from model.data.recordings import DataError, augmentation_speed
 from model.plan.files import read_annotated_plan
 from model.plan.kinds import KindTable, kind_indices
 from model.plan.plan import SIDES, GesturePlan, PlanError
@@ -36,7 +36,7 @@ PLANS_FORMAT = 1
 
 
 @dataclass(frozen=True)
-class Events:
+class PlanEventTargets:
     """Training targets and inputs of a planner for a batch of windows, by tier."""
 
     chain_states: dict[str, Float[Tensor, "B T _"]]
@@ -44,14 +44,16 @@ class Events:
     event: dict[str, Int[Tensor, "B T"]]
     mark: dict[str, Float[Tensor, "B T _"]]
 
-    def to(self, device: torch.device) -> "Events":
+    def to(self, device: torch.device) -> "PlanEventTargets":
         """Return the same events on a device."""
         parts = (self.chain_states, self.event, self.mark)
-        return Events(*({name: one.to(device) for name, one in part.items()} for part in parts))
+        return PlanEventTargets(
+            *({name: one.to(device) for name, one in part.items()} for part in parts)
+        )
 
 
 @dataclass(frozen=True)
-class Plans:
+class PlanAnnotations:
     """Plans of all clips, concatenated in the order of `PreparedData`."""
 
     data: PreparedData
@@ -77,7 +79,7 @@ class Plans:
             torch.from_numpy(self.kinds[rows].astype(np.int64)),
         )
 
-    def events(self, batch: Batch) -> Events:
+    def events(self, batch: Batch) -> PlanEventTargets:
         """Return the events that begin in a batch's windows."""
         which = np.searchsorted(self._starts, batch.frames[:, 0], side="right") - 1
         windows = [
@@ -98,7 +100,7 @@ class Plans:
                 for tier in TIERS
             }
 
-        return Events(
+        return PlanEventTargets(
             stacked([coupled_states(window) for window in windows]),
             stacked([{name: one.event for name, one in window.items()} for window in windows]),
             stacked([{name: one.mark for name, one in window.items()} for window in windows]),
@@ -113,7 +115,7 @@ class Plans:
         return np.array([clip.stop for clip in self.data.clips])
 
 
-def load_plan_annotations(data: PreparedData, num_speakers: int) -> Plans:
+def load_plan_annotations(data: PreparedData, num_speakers: int) -> PlanAnnotations:
     """Read the annotation of the recordings once, then map the arrays."""
     plans = [_annotated_plan(data, clip) for clip in data.clips]
     learned = [
@@ -137,7 +139,7 @@ def load_plan_annotations(data: PreparedData, num_speakers: int) -> Plans:
             for clip, plan in zip(data.clips, plans, strict=True)
         ),
     )
-    return Plans(data, tracks, tuple(map(plan_to_chains, plans)), kinds, table)
+    return PlanAnnotations(data, tracks, tuple(map(plan_to_chains, plans)), kinds, table)
 
 
 def textgrid_path(data: PreparedData, clip: PreparedClip) -> Path:
@@ -158,7 +160,7 @@ def _annotated_plan(data: PreparedData, clip: PreparedClip) -> GesturePlan:
         plan = read_annotated_plan(textgrid_path(data, clip))
     except (PlanError, OSError) as error:
         raise DataError(f"{clip.name} has no annotated plan: {error}") from error
-    return plan.at_speed(copy_speed(clip.name, clip.copy))
+    return plan.at_speed(augmentation_speed(clip.name, clip.copy))
 
 
 ACCENT_FRAMES, PHRASE_END_FRAMES = 3, 5
@@ -187,7 +189,7 @@ class SpeechLabels:
         return phone, torch.from_numpy(self.labels[batch.frames])
 
 
-def load_speech_labels(data: PreparedData, plans: Plans) -> SpeechLabels:
+def load_speech_labels(data: PreparedData, plans: PlanAnnotations) -> SpeechLabels:
     """Read the annotated words, phones and accents of the recordings.
 
     Raises:
@@ -198,7 +200,7 @@ def load_speech_labels(data: PreparedData, plans: Plans) -> SpeechLabels:
     for clip in tqdm(data.clips, desc="annotation", unit="clip"):
         transcript = _read(data, clip)
         rows = slice(clip.start, clip.stop)
-        speed = copy_speed(clip.name, clip.copy)
+        speed = augmentation_speed(clip.name, clip.copy)
         phone[rows] = frame_phones(transcript, clip.num_frames, speed)
         labels[rows, :-1] = frame_labels(transcript, clip.num_frames, speed, plans)
         labels[rows, -1] = planned_wrist_speed(plans.tracks[rows])
@@ -218,7 +220,7 @@ def frame_phones(transcript: Transcript, num_frames: int, speed: float) -> UInt8
 
 
 def frame_labels(
-    transcript: Transcript, num_frames: int, speed: float, plans: Plans
+    transcript: Transcript, num_frames: int, speed: float, plans: PlanAnnotations
 ) -> Float32[np.ndarray, "T 5"]:
     """Return the values of `SPEECH_LABELS` of each frame, except the speed."""
     strength, ends, voice, struck = np.zeros((4, num_frames), np.float32)

@@ -24,7 +24,7 @@ from model.data.recordings import (
     encode_clip,
     fingerprint,
     parse_speaker,
-    read_files,
+    read_motion_and_speech,
     read_split,
 )
 from model.motion.motion import NUM_FACE_UNITS, Motion, arkit_weights
@@ -100,7 +100,7 @@ class PreparedData:
     speech: np.ndarray
     speakers: dict[int, str]
 
-    def home(self, clip: PreparedClip) -> Float[np.ndarray, "3"]:
+    def mean_floor_position(self, clip: PreparedClip) -> Float[np.ndarray, "3"]:
         """Return the body's mean position on the floor (y = 0) in a clip, in metres."""
         x, _, z = self.transl[clip.start : clip.stop].mean(0)
         return np.array([x, 0.0, z], np.float32)
@@ -268,7 +268,7 @@ def _by_clip(
     for name, kind in tqdm(sorted(split.items()), desc="reading clips", unit="clip"):
         try:
             number, _ = parse_speaker(name)
-            recording = read_files(folder, name)
+            recording = read_motion_and_speech(folder, name)
             _check_lengths(*recording)
             encoded = encode_clip(*recording, encoder)
         except (MotionError, SpeechError, DataError) as error:

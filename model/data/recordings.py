@@ -75,7 +75,7 @@ def parse_speaker(clip_name: str) -> tuple[int, str]:
     return int(number), rest.split("_")[0]
 
 
-def read_files(folder: Path, name: str) -> tuple[Motion, Speech]:
+def read_motion_and_speech(folder: Path, name: str) -> tuple[Motion, Speech]:
     """Read the motion and the sound of one recording, each with its original length."""
     motion = load_motion(folder / "smplxflame_30" / f"{name}.npz")
     return motion, load_speech(folder / "wave16k" / f"{name}.wav", SPEECH_LIMITS)
@@ -90,7 +90,7 @@ def encode_clip(
     return cut, encoder.encode(speech.waveform, num_frames)
 
 
-def copy_speed(name: str, copy: int) -> float:
+def augmentation_speed(name: str, copy: int) -> float:
     """Return the playback speed of an augmented copy; 1 for copy 0, the recording itself."""
     return 1.0 if copy == 0 else _draws(name, copy)[1]
 

@@ -22,7 +22,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.data.recordings import parse_speaker, read_files, read_split
+from model.data.recordings import parse_speaker, read_motion_and_speech, read_split
 from model.evaluation.frechet import Features, frechet_distance, motion_features
 from model.generation.base import System
 from model.generation.regenerate import GenerationState, regenerate
@@ -200,11 +200,11 @@ Scores = defaultdict[str, list[float]]
 """Results by metric, one number per observation."""
 
 
-def mean_scores(answers: Scores) -> dict[str, dict[str, float]]:
+def mean_scores(scores: Scores) -> dict[str, dict[str, float]]:
     """Return mean and number of the results by metric."""
     return {
         name: {"mean": float(np.nanmean(values)), "count": len(values)}
-        for name, values in sorted(answers.items())
+        for name, values in sorted(scores.items())
         if values
     }
 
@@ -226,7 +226,7 @@ def score_clip(
     speaker: str,
     edits: int,
     rng: np.random.Generator,
-    answers: Scores,
+    scores: Scores,
 ) -> list[Motion]:
     """Evaluate one clip, and return the unedited motion, then each edited one."""
     skeleton = open_body_skeleton()
@@ -235,7 +235,7 @@ def score_clip(
     first = regenerate(system, speech, replace(options, conditions=(plan,)))
     tracks = track_points(first.motion, skeleton)
     places = wrist_positions_in_chest_frame(tracks)
-    answers["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(places, plan)]
+    scores["rests at rest"] += [float(s < STILL_M_S) for s in rest_speeds(places, plan)]
 
     def again(changed: GesturePlan) -> GenerationState:
         return regenerate(system, speech, replace(options, conditions=(changed,)), first)
@@ -253,31 +253,31 @@ def score_clip(
                 gesture.side, edited.plan.hand(gesture.side)
             )
             lags = stroke_lags(new, own, range(end - 1, end + 2))
-            answers["the edited stroke in time"] += _within_tolerance(lags)
+            scores["the edited stroke in time"] += _within_tolerance(lags)
             alone = only_one_hand_moves(new, edited.plan, gesture)
             if alone is not None:
-                answers["the asked hand moves, the other not"].append(float(alone))
+                scores["the asked hand moves, the other not"].append(float(alone))
         for part in made.changed_frames:
             if len(part) > 15:
                 jerk, slide = _jerk_and_sliding(new_tracks, part)
                 jerk_before, slide_before = _jerk_and_sliding(tracks, part)
-                answers["jerk, edited / unedited"].append(jerk / jerk_before)
+                scores["jerk, edited / unedited"].append(jerk / jerk_before)
                 if slide_before > 0:
-                    answers["slide, edited / unedited"].append(slide / slide_before)
+                    scores["slide, edited / unedited"].append(slide / slide_before)
     there = [g for side in SIDES for g in gestures(plan, side)]
     inside = [g for g in there if 1 < g.stroke_end_s < plan.duration_s - 1]
     for k in rng.permutation(len(inside))[: max(1, edits // 4)]:
         gesture = inside[k]
         larger = _varied(plan, gesture, SIZES, scale_gesture, again)
-        answers["sizes in order"] += _pairwise_order([gesture_size(one, gesture) for one in larger])
+        scores["sizes in order"] += _pairwise_order([gesture_size(one, gesture) for one in larger])
         higher = _varied(plan, gesture, HEIGHTS_M, raise_gesture, again)
-        answers["heights in order"] += _pairwise_order(
+        scores["heights in order"] += _pairwise_order(
             [_lands_at(one, gesture)[1] for one in higher]
         )
     return motions
 
 
-def distances(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, float]]:
+def fgd_of_edits(clips: Sequence[Sequence[Features]]) -> dict[str, dict[str, float]]:
     """Compute the FGD to recorded motion of unedited and edited motion, and their ratio.
 
     ``clips`` holds the codes of each clip: recorded, unedited, edited ones. Edited motion is
@@ -326,22 +326,22 @@ def _lands_at(places: WristPositions, gesture: Gesture) -> Float[np.ndarray, " 3
     return places[gesture.side][at - 2 : at + 3].mean(axis=0)
 
 
-def score_recording(motion: Motion, plan: GesturePlan, answers: Scores) -> None:
+def score_recording(motion: Motion, plan: GesturePlan, scores: Scores) -> None:
     """Evaluate recorded motion against its annotation."""
     places = wrist_positions_in_chest_frame(track_points(motion, open_body_skeleton()))
-    answers["recorded: strokes in time"] += _within_tolerance(stroke_lags(places, plan))
+    scores["recorded: strokes in time"] += _within_tolerance(stroke_lags(places, plan))
     there = [g for side in SIDES for g in gestures(plan, side)]
     alone = [
         only_one_hand_moves(places, plan, g)
         for g in there
         if 1 < g.stroke_end_s < plan.duration_s - 1
     ]
-    answers["recorded: one hand moves, the other not"] += [
+    scores["recorded: one hand moves, the other not"] += [
         float(each) for each in alone if each is not None
     ]
 
 
-def adherence(
+def evaluate_adherence(
     folder: Path, weights: Path, clips: int, edits: int, seed: int
 ) -> Iterator[dict[str, dict[str, float]]]:
     """Run the protocol; yields the results of all clips so far by metric after each clip.
@@ -350,21 +350,21 @@ def adherence(
         folder: a corpus with annotated plans.
         edits: number of edits of each clip.
     """
-    answers, rng = Scores(list), np.random.default_rng(seed)
+    scores, rng = Scores(list), np.random.default_rng(seed)
     system = load_system(default_planner(), weights)
     encoder, encoded_clips = load_encoder(weights, FGD_ENCODER), []
     names = [n for n, split in read_split(folder).items() if split == "test"]
     clip_names = [n for n in names if parse_speaker(n)[1] in system.speakers]
     for name in rng.permutation(np.array(clip_names))[:clips].tolist():
-        motion, speech = read_files(folder, name)
+        motion, speech = read_motion_and_speech(folder, name)
         cut = Speech(speech.waveform[: round(SPEECH_S * SAMPLE_RATE)], speech.sha256)
         plan = read_annotated_plan(folder / "textgrid" / f"{name}.TextGrid")
         recorded = first_frames(motion, cut.num_frames)
-        score_recording(recorded, _until(plan, cut.duration_s), answers)
-        made = score_clip(system, cut, parse_speaker(name)[1], edits, rng, answers)
+        score_recording(recorded, _until(plan, cut.duration_s), scores)
+        made = score_clip(system, cut, parse_speaker(name)[1], edits, rng, scores)
         codes = [motion_features(encoder, motion) for motion in (recorded, *made)]
         encoded_clips.append([one for one in codes if one is not None])
-        yield mean_scores(answers) | distances(encoded_clips)
+        yield mean_scores(scores) | fgd_of_edits(encoded_clips)
 
 
 def _until(plan: GesturePlan, end_s: float) -> GesturePlan:

@@ -29,7 +29,7 @@ from torch import Tensor
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.data.recordings import DataError, parse_speaker, read_files, read_split
+from model.data.recordings import DataError, parse_speaker, read_motion_and_speech, read_split
 from model.generation.base import System
 from model.generation.windows import GenerateOptions, generate_motion
 from model.metrics.face import wrist_speed
@@ -55,7 +55,7 @@ NO_MATCHING_CLASSIFIER = (
     f"Matched-speech accuracy is omitted: the classifier {MATCHING_NETWORK} is not installed."
 )
 PIECE_FRAMES = 300
-MEASURES: Mapping[str, tuple[str, ...]] = {
+BODY_PARTS_OF_METRIC: Mapping[str, tuple[str, ...]] = {
     "matched": ("arms", "trunk"),
     "matched_arms": ("arms",),
     "matched_face": ("face",),
@@ -81,7 +81,7 @@ def speech_span(features: _MelFeatures) -> slice:
     return slice(int(voiced[0]), int(voiced[-1]) + 1) if len(voiced) else slice(0, 0)
 
 
-def pieces(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:
+def piece_tensors(rows: Float[np.ndarray, "T C"]) -> Float[Tensor, "N 300 C"]:
     """Cut `rows` as `split_into_pieces` does, into float32 tensors for the classifier."""
     return torch.from_numpy(split_into_pieces(rows).astype(np.float32))
 
@@ -95,7 +95,7 @@ def split_into_pieces(rows: Float[np.ndarray, "T C"]) -> Float[np.ndarray, "N 30
 def matched_speech_accuracy(
     matcher: SpeechMotionMatcher, motion: Motion, own: _MelFeatures, foreign: _MelFeatures
 ) -> dict[str, float]:
-    """Compute for each of `MEASURES` how often the classifier prefers the motion's own speech.
+    """Compute how often the classifier prefers the motion's own speech (`BODY_PARTS_OF_METRIC`).
 
     Every piece of the motion is compared with its speech and every piece of the foreign one; a tie
     counts half. ``arm_speed_heard`` is the mean correlation of the arms' log speed with its
@@ -104,12 +104,13 @@ def matched_speech_accuracy(
     shared = min(motion.num_frames, len(own))
     spoke = speech_span(own[:shared])
     poses, right, wrong = (
-        pieces(rows) for rows in (motion.poses[spoke], own[spoke], foreign[speech_span(foreign)])
+        piece_tensors(rows)
+        for rows in (motion.poses[spoke], own[spoke], foreign[speech_span(foreign)])
     )
     if len(right) == 0 or len(wrong) == 0:
         return {}
     scores = {}
-    for measure, parts in MEASURES.items():
+    for measure, parts in BODY_PARTS_OF_METRIC.items():
         agreed = matcher.agreements(poses, torch.cat([right, wrong]), parts)
         scores[measure] = win_rate(agreed[:, : len(right)].diagonal(), agreed[:, len(right) :])
     moved, predicted = matcher.arm_speeds(poses, right)
@@ -268,12 +269,12 @@ class SpeakerComparisonClips:
         recorded = dict(zip(names, zip(calm, lively, strict=False), strict=False))
         return SpeakerComparisonClips(names, speakers, recorded)
 
-    def recorded_measures(self, folder: Path, name: str) -> dict[str, float]:
+    def recorded_wrist_speeds(self, folder: Path, name: str) -> dict[str, float]:
         """Compute wrist speeds of the recordings that go with clip ``name``; empty without any."""
         if name not in self.recorded or self.speakers is None:
             return {}
         pairs = zip(self.speakers, self.recorded[name], strict=True)
-        motions = {(speaker, 0): read_files(folder, clip)[0] for speaker, clip in pairs}
+        motions = {(speaker, 0): read_motion_and_speech(folder, clip)[0] for speaker, clip in pairs}
         return wrist_speeds(motions, self.speakers)
 
     def measures(
@@ -336,6 +337,6 @@ def _recordings(folder: Path, speaker: str, count: int) -> list[str]:
 def _motion(folder: Path, name: str) -> Motion | None:
     """Read the motion of a recording; None if that fails."""
     try:
-        return read_files(folder, name)[0]
+        return read_motion_and_speech(folder, name)[0]
     except (DataError, MotionError, SpeechError):
         return None

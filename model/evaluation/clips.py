@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from conventions.joints import JOINT_INDEX
 from conventions.rates import FPS, SAMPLE_RATE
-from model.data.recordings import parse_speaker, read_files
+from model.data.recordings import parse_speaker, read_motion_and_speech
 from model.diagnostics import GLOBALDIFF_WINDOWS, analyse_raw
 from model.evaluation import frechet
 from model.evaluation.classifiers import (
@@ -77,13 +77,13 @@ def clip_measures(
 
 
 def speech_effect_metrics(
-    motions: Sequence[Motion], elsewhere: Sequence[Motion]
+    motions: Sequence[Motion], foreign_speech_motions: Sequence[Motion]
 ) -> dict[str, float]:
     """Compute the effect of speech and noise by body part; empty for one seed or short motion."""
     grid = {("own", seed): motion for seed, motion in enumerate(motions)}
-    grid |= {("foreign", seed): motion for seed, motion in enumerate(elsewhere)}
+    grid |= {("foreign", seed): motion for seed, motion in enumerate(foreign_speech_motions)}
     shortest = min(motion.num_frames for motion in grid.values())
-    if len(motions) < 2 or len(elsewhere) < 2 or shortest < speech_effect.LEAST_FRAMES:
+    if len(motions) < 2 or len(foreign_speech_motions) < 2 or shortest < speech_effect.LEAST_FRAMES:
         return {}
     metrics: dict[str, float] = {}
     for part, shares in speech_effect.speech_and_noise_shares(grid).items():
@@ -151,29 +151,29 @@ class ClipTargets:
     """Recorded motion and speech of one clip, with which every row is compared."""
 
     recorded: Motion
-    sound: np.ndarray
-    other_sound: np.ndarray
+    waveform: np.ndarray
+    foreign_waveform: np.ndarray
     mean_speed: np.ndarray
-    cast: "EvaluationModels"
+    models: "EvaluationModels"
 
     @cached_property
     def mel_features(self) -> tuple[np.ndarray, np.ndarray]:
         """Features of the clip's own speech and of the foreign one, for the classifier."""
         own, foreign = (
-            MelEncoder().encode(sound, len(sound) * FPS // SAMPLE_RATE)
-            for sound in (self.sound, self.other_sound)
+            MelEncoder().encode(waveform, len(waveform) * FPS // SAMPLE_RATE)
+            for waveform in (self.waveform, self.foreign_waveform)
         )
         return own, foreign
 
     @cached_property
     def onsets(self) -> np.ndarray:
         """Onsets of the clip's speech (s)."""
-        return beats.speech_onsets(self.sound)
+        return beats.speech_onsets(self.waveform)
 
     @cached_property
     def loudness(self) -> np.ndarray:
         """Loudness of the clip's speech (dB for each frame)."""
-        return frame_loudness(self.sound, self.recorded.num_frames)
+        return frame_loudness(self.waveform, self.recorded.num_frames)
 
     def wrists_with_loudness(
         self, positions: Sequence[Float[np.ndarray, "T J 3"]]
@@ -185,7 +185,7 @@ class ClipTargets:
         """
         others = {
             "shifted": np.roll(self.loudness, round(face.SHIFT_S * FPS)),
-            "foreign": frame_loudness(self.other_sound, self.recorded.num_frames),
+            "foreign": frame_loudness(self.foreign_waveform, self.recorded.num_frames),
         }
         own, *wrong = (
             float(
@@ -201,14 +201,14 @@ class ClipTargets:
     def row(
         self,
         motions: Sequence[Motion],
-        elsewhere: Sequence[Motion] = (),
-        more: Mapping[str, float] = MappingProxyType({}),
+        foreign_speech_motions: Sequence[Motion] = (),
+        other_metrics: Mapping[str, float] = MappingProxyType({}),
     ) -> ClipRow:
         """Compute the metrics of one row.
 
         Args:
-            elsewhere: the system's motions for the foreign speech with the same noise.
-            more: metrics of other motions, to be added.
+            foreign_speech_motions: the system's motions for the foreign speech with the same noise.
+            other_metrics: metrics of other motions, to be added.
         """
         positions = [pelvis_centred_positions(motion) for motion in motions]
         numbers = [
@@ -217,8 +217,8 @@ class ClipTargets:
             | face_measures(motion, self.loudness)
             | face_hand_correlation(motion, joints)
             | (
-                matched_speech_accuracy(self.cast.matching_classifier, motion, *self.mel_features)
-                if self.cast.matching_classifier
+                matched_speech_accuracy(self.models.matching_classifier, motion, *self.mel_features)
+                if self.models.matching_classifier
                 else {}
             )
             for joints, motion in zip(positions, motions, strict=True)
@@ -227,12 +227,16 @@ class ClipTargets:
             "positions": np.stack([joints[:PAIRWISE_FRAMES] for joints in positions]),
             "windows": reference_error.cut_into_windows(motions[0]),
         }
-        for name, judge in self.cast.encoders.items():
+        for name, judge in self.models.encoders.items():
             judged = [frechet.motion_features(judge, motion) for motion in motions]
             available_codes = [codes for codes in judged if codes is not None]
             if len(available_codes) == len(motions):
                 arrays[name] = np.concatenate(available_codes)
-        measures = average_metrics(numbers) | speech_effect_metrics(motions, elsewhere) | dict(more)
+        measures = (
+            average_metrics(numbers)
+            | speech_effect_metrics(motions, foreign_speech_motions)
+            | dict(other_metrics)
+        )
         return ClipRow(measures | self.wrists_with_loudness(positions), arrays)
 
 
@@ -272,7 +276,7 @@ class EvaluationModels:
 
 def read_recording(folder: Path, name: str) -> tuple[Motion, Speech]:
     """Read the frames that motion and speech have in common."""
-    motion, speech = read_files(folder, name)
+    motion, speech = read_motion_and_speech(folder, name)
     return first_frames(motion, min(motion.num_frames, speech.num_frames)), speech
 
 
@@ -281,7 +285,7 @@ class ClipEvaluator:
     """Inputs of an evaluation that are the same for all clips."""
 
     folder: Path
-    cast: Callable[[], EvaluationModels]
+    load_models: Callable[[], EvaluationModels]
     seeds: int
     sampling: Sampling
     speaker_comparison: SpeakerComparisonClips
@@ -291,20 +295,20 @@ class ClipEvaluator:
 
     def measure(self, name: str, other: str, out: Path) -> None:
         """Measure clip ``name`` and write its rows; the speech of ``other`` is mismatched."""
-        cast = self.cast()
+        models = self.load_models()
         (motion, speech), (_, foreign) = (
             read_recording(self.folder, clip) for clip in (name, other)
         )
-        context = ClipTargets(motion, speech.waveform, foreign.waveform, self.mean_speed, cast)
+        context = ClipTargets(motion, speech.waveform, foreign.waveform, self.mean_speed, models)
         # Silences of the clip's own speech; empty if none is long enough.
         in_silence = silence_speed_ratio(motion, voiced_frames(context.mel_features[0]))
         of_recordings = (
             in_silence
-            | self.speaker_comparison.recorded_measures(self.folder, name)
+            | self.speaker_comparison.recorded_wrist_speeds(self.folder, name)
             | self._speaker_metrics([motion], name)
         )
-        rows = {RECORDED: context.row([motion], more=of_recordings)}
-        for system in cast.systems:
+        rows = {RECORDED: context.row([motion], other_metrics=of_recordings)}
+        for system in models.systems:
             sampling = system.supported_sampling(self.sampling)
             options = GenerateOptions(
                 speaker=parse_speaker(name)[1],
@@ -313,10 +317,10 @@ class ClipEvaluator:
                 **vars(sampling),
             )
             motions = generate_motion(system, speech, options)
-            elsewhere = generate_motion(system, foreign, options)
-            more = self.speaker_comparison.measures(system, name, speech, sampling)
-            more |= self._speaker_metrics(motions, name)
-            rows[system.name] = context.row(motions, elsewhere, more)
+            foreign_speech_motions = generate_motion(system, foreign, options)
+            other_metrics = self.speaker_comparison.measures(system, name, speech, sampling)
+            other_metrics |= self._speaker_metrics(motions, name)
+            rows[system.name] = context.row(motions, foreign_speech_motions, other_metrics)
         save_rows(out, rows)
 
     def _speaker_metrics(self, motions: Sequence[Motion], name: str) -> dict[str, float]:
@@ -324,7 +328,7 @@ class ClipEvaluator:
         return {} if judge is None else judge.measures(motions, parse_speaker(name)[1])
 
 
-def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
+def clip_metrics_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> dict:
     """Compute intervals over clips, in parts.
 
     Args:
@@ -372,10 +376,10 @@ def as_table(clips: Sequence[dict[str, ClipRow]], speakers: Sequence[str]) -> di
         f"{measure}_floor": vars(frechet.split_half_baseline(features))
         for measure, features in judged.items()
     }
-    return {"motion": motion, **floors, "settings": settings()}
+    return {"motion": motion, **floors, "settings": metric_settings()}
 
 
-def settings() -> dict[str, float]:
+def metric_settings() -> dict[str, float]:
     """Return the parameters of the metrics."""
     return {
         "beat_sigma_audio_to_motion_s": beats.SIGMA_AUDIO_TO_MOTION_S,

@@ -43,13 +43,13 @@ STEPS, BATCH, FRAMES, RATE = 1200, 16, 300, 6e-3
 class DetectionCounts:
     """Counts of detection: true positives, detected, annotated."""
 
-    met: int = 0
+    num_matched: int = 0
     num_detected: int = 0
     num_annotated: int = 0
 
     def __add__(self, other: DetectionCounts) -> DetectionCounts:
         return DetectionCounts(
-            self.met + other.met,
+            self.num_matched + other.num_matched,
             self.num_detected + other.num_detected,
             self.num_annotated + other.num_annotated,
         )
@@ -57,14 +57,14 @@ class DetectionCounts:
     @property
     def f1(self) -> float:
         """Harmonic mean of precision and recall."""
-        return 2 * self.met / max(1, self.num_detected + self.num_annotated)
+        return 2 * self.num_matched / max(1, self.num_detected + self.num_annotated)
 
     def as_json(self) -> dict[str, float]:
         """Return rounded F1, precision and recall, and the number of annotations."""
         return {
             "f1": round(self.f1, 3),
-            "precision": round(self.met / max(1, self.num_detected), 3),
-            "recall": round(self.met / max(1, self.num_annotated), 3),
+            "precision": round(self.num_matched / max(1, self.num_detected), 3),
+            "recall": round(self.num_matched / max(1, self.num_annotated), 3),
             "annotated": self.num_annotated,
         }
 
@@ -74,26 +74,26 @@ def match_points(
 ) -> DetectionCounts:
     """Match points in time one to one within a tolerance, and count them."""
     free = sorted(annotated)
-    met = 0
+    num_matched = 0
     for at in sorted(detected):
         nearest = min(free, key=lambda other: abs(other - at), default=None)
         if nearest is not None and abs(nearest - at) <= within_s:
             free.remove(nearest)
-            met += 1
-    return DetectionCounts(met, len(detected), len(annotated))
+            num_matched += 1
+    return DetectionCounts(num_matched, len(detected), len(annotated))
 
 
 def match_intervals(
     detected: Sequence[HandPhase], annotated: Sequence[HandPhase]
 ) -> DetectionCounts:
     """Match phases one to one that overlap by `MIN_OVERLAP` or more, and count them."""
-    free, met = list(annotated), 0
+    free, num_matched = list(annotated), 0
     for one in detected:
         shares = [_overlap(one, other) for other in free]
         if shares and max(shares) >= MIN_OVERLAP:
             free.pop(int(np.argmax(shares)))
-            met += 1
-    return DetectionCounts(met, len(detected), len(annotated))
+            num_matched += 1
+    return DetectionCounts(num_matched, len(detected), len(annotated))
 
 
 def _overlap(one: HandPhase, other: HandPhase) -> float:

@@ -50,10 +50,10 @@ def bootstrap_indices(num_clips: int, draws: int) -> Int[np.ndarray, "draws n"]:
 
 
 def percentile_interval(
-    value: float, drawn: Sequence[float] | Float[np.ndarray, " draws"]
+    value: float, samples: Sequence[float] | Float[np.ndarray, " draws"]
 ) -> Estimate:
     """Make the estimate of a value from its bootstrap draws."""
-    low, high = np.percentile(drawn, PERCENTILES)
+    low, high = np.percentile(samples, PERCENTILES)
     return Estimate(float(value), float(low), float(high))
 
 

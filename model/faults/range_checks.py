@@ -134,7 +134,7 @@ def wrist_high_frequency_share(analysed: AnalysedMotion) -> float:
     spectrum = velocity_spectrum(np.diff(wrists, axis=0) * FPS)
     if spectrum is None or not spectrum.velocity_power.any():
         return float("nan")
-    return float(spectrum.above(HIGH_FREQUENCY_HZ).sum() / spectrum.velocity_power.sum())
+    return float(spectrum.power_above(HIGH_FREQUENCY_HZ).sum() / spectrum.velocity_power.sum())
 
 
 def posture_deviation_deg(analysed: AnalysedMotion) -> float:

@@ -99,14 +99,14 @@ def _nearness(
     return float(np.exp(-(distance**2) / (2 * sigma_s**2)).mean())
 
 
-def audio_to_motion(
+def beat_align_audio_to_motion(
     onsets: Float[np.ndarray, " n"], beats: Sequence[Float[np.ndarray, " _"]]
 ) -> float:
     """Compute BeatAlign in EMAGE's direction, onsets to motion beats (0 to 1)."""
     return float(np.mean([_nearness(onsets, joint, SIGMA_AUDIO_TO_MOTION_S) for joint in beats]))
 
 
-def motion_to_audio(
+def beat_align_motion_to_audio(
     onsets: Float[np.ndarray, " n"], beats: Sequence[Float[np.ndarray, " _"]]
 ) -> float:
     """Compute BeatAlign in AsynFusion's direction, beats of all joints to onsets (0 to 1)."""
@@ -149,8 +149,8 @@ def beat_scores(
 ) -> dict[str, float]:
     """Compute the scores of both directions and their mean chance levels; see `joint_beats`."""
     beats, scores = joint_beats(positions, mean_speed), {}
-    for score in (audio_to_motion, motion_to_audio):
-        name = f"beat_align_{score.__name__}"
+    for score in (beat_align_audio_to_motion, beat_align_motion_to_audio):
+        name = score.__name__
         scores[name], chance = score_and_chance(score, onsets, beats, len(positions) / FPS)
         scores[f"{name}_chance"] = float(chance.mean())
     return scores

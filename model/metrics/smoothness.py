@@ -68,11 +68,11 @@ class VelocitySpectrum:
     velocity_power: Float[np.ndarray, " *points bins"]
     """Mean square of the velocity in each bin, in its unit squared."""
 
-    def above(self, hertz: float) -> Float[np.ndarray, " *points"]:
+    def power_above(self, frequency_hz: float) -> Float[np.ndarray, " *points"]:
         """Sum the power above a frequency (Hz)."""
-        return np.asarray(self.velocity_power[..., self.frequency_hz > hertz].sum(-1))
+        return np.asarray(self.velocity_power[..., self.frequency_hz > frequency_hz].sum(-1))
 
-    def shares(self) -> VelocitySpectrum:
+    def normalised(self) -> VelocitySpectrum:
         """Return each bin's share of the total power; NaN for a point that does not move."""
         power = self.velocity_power
         total = power.sum(-1, keepdims=True)

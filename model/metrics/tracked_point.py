@@ -128,8 +128,8 @@ def tracked_point_metrics(
     above_5hz, shares = math.nan, None
     spectrum = velocity_spectrum(np.diff(point, axis=0) * FPS)
     if spectrum is not None and spectrum.velocity_power.any():
-        shares = spectrum.shares()
-        above_5hz = float(shares.above(HIGH_FREQUENCY_HZ))
+        shares = spectrum.normalised()
+        above_5hz = float(shares.power_above(HIGH_FREQUENCY_HZ))
     return TrackedPointMetrics(
         tip_jerk_m_s3=mean(3),
         tip_acceleration_m_s2=mean(2),

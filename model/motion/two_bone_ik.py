@@ -45,22 +45,22 @@ class HingedLimb:
     pose.
     """
 
-    upper: Float[np.ndarray, " 3"]
-    lower: Float[np.ndarray, " 3"]
-    axis: Float[np.ndarray, " 3"]
+    upper_bone: Float[np.ndarray, " 3"]
+    lower_bone: Float[np.ndarray, " 3"]
+    hinge_axis: Float[np.ndarray, " 3"]
 
-    def length(self, bend: Float[np.ndarray, "*T"]) -> Float[np.ndarray, "*T"]:
+    def length_at_bend(self, bend: Float[np.ndarray, "*T"]) -> Float[np.ndarray, "*T"]:
         """Compute the distance (m) between the ends at a bend of the middle joint (rad)."""
         constant, cosine, sine = self._law_of_cosines()
         return np.sqrt(constant + 2 * (cosine * np.cos(bend) + sine * np.sin(bend)))
 
-    def bend(self, length: Float[np.ndarray, "*T"]) -> Float[np.ndarray, "*T"]:
+    def bend_for_length(self, length: Float[np.ndarray, "*T"]) -> Float[np.ndarray, "*T"]:
         """Compute the bend (rad) at which the limb has a length; straight if it is out of reach."""
         constant, cosine, sine = self._law_of_cosines()
         share = (length**2 - constant) / (2 * np.hypot(cosine, sine))
         return np.arctan2(sine, cosine) + np.arccos(np.clip(share, -1.0, 1.0))
 
-    def reach(
+    def solve(
         self, span: Float[np.ndarray, "T 3"], pole: Float[np.ndarray, "T 3"]
     ) -> tuple[Float[np.ndarray, "T 3 3"], Float[np.ndarray, "T 3 3"]]:
         """Compute the rotations of the upper bone, and of the lower relative to it, for ``span``.
@@ -69,15 +69,17 @@ class HingedLimb:
             span: from the limb's root to the target of its end.
             pole: the direction in which the middle joint lies off the span.
         """
-        turned = rotations_about_axis(self.axis, self.bend(np.linalg.norm(span, axis=-1)))
+        turned = rotations_about_axis(
+            self.hinge_axis, self.bend_for_length(np.linalg.norm(span, axis=-1))
+        )
         at_rest = hinge_frame(
-            self.upper + turned @ self.lower, np.broadcast_to(self.axis, span.shape)
+            self.upper_bone + turned @ self.lower_bone, np.broadcast_to(self.hinge_axis, span.shape)
         )
         return hinge_frame(span, np.cross(pole, span)) @ at_rest.swapaxes(-1, -2), turned
 
     def _law_of_cosines(self) -> tuple[float, float, float]:
         """Return c, p, q of: squared length = c + 2 (p cos bend + q sin bend)."""
-        fixed = (self.upper @ self.axis) * (self.lower @ self.axis)
-        constant = self.upper @ self.upper + self.lower @ self.lower + 2 * fixed
-        sine = np.cross(self.axis, self.lower) @ self.upper
-        return float(constant), float(self.upper @ self.lower - fixed), float(sine)
+        fixed = (self.upper_bone @ self.hinge_axis) * (self.lower_bone @ self.hinge_axis)
+        constant = self.upper_bone @ self.upper_bone + self.lower_bone @ self.lower_bone + 2 * fixed
+        sine = np.cross(self.hinge_axis, self.lower_bone) @ self.upper_bone
+        return float(constant), float(self.upper_bone @ self.lower_bone - fixed), float(sine)

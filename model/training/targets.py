@@ -104,7 +104,7 @@ def _by_clip(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     for clip in data.clips:
         rows = slice(clip.start, clip.stop)
-        transl = data.transl[rows] - (data.home(clip) if root == "place" else 0.0)
+        transl = data.transl[rows] - (data.mean_floor_position(clip) if root == "place" else 0.0)
         vectors = poses_to_vectors(
             space,
             torch.from_numpy(np.array(data.poses[rows]))[None],

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from model.data.recordings import DataError, read_files
+from model.data.recordings import DataError, read_motion_and_speech
 from model.evaluate import evaluate, main
 from model.evaluation.classifiers import (
     NO_MATCHING_CLASSIFIER,
@@ -21,7 +21,7 @@ from model.evaluation.classifiers import (
     SPEAKERS_NOT_COMPARED,
     wrist_speeds,
 )
-from model.evaluation.clips import ClipRow, EvaluationModels, as_table
+from model.evaluation.clips import ClipRow, EvaluationModels, clip_metrics_table
 from model.evaluation.frechet import ENCODERS
 from model.evaluation.tables import (
     as_csv,
@@ -49,7 +49,7 @@ def table_of(data, *systems, clips=CLIPS, seeds=1, judges=MappingProxyType({}), 
              **options) -> dict:  # fmt: skip
     cast = partial(EvaluationModels, systems, judges, matching)
     with tempfile.TemporaryDirectory() as folder:
-        return evaluate(cast, data, clips, seeds, **{"continued": Path(folder), **options})
+        return evaluate(cast, data, clips, seeds, **{"resume_folder": Path(folder), **options})
 
 
 def of_test_split(folder):
@@ -100,7 +100,7 @@ def kept(tmp_path_factory):
 @pytest.fixture(scope="module")
 def plain(data, system, kept) -> dict:
     """Of one system, one seed and no judge."""
-    return table_of(data, system, continued=kept)
+    return table_of(data, system, resume_folder=kept)
 
 
 @pytest.fixture(scope="module")
@@ -220,13 +220,13 @@ def test_a_stopped_evaluation_goes_on_with_what_is_not_measured(
     assert [path.name.rpartition("-")[0] for path in files] == CLIPS
     times = [path.stat().st_mtime_ns for path in files]
     files[0].unlink()
-    assert table_of(data, system, continued=kept) == plain
+    assert table_of(data, system, resume_folder=kept) == plain
     after = [path.stat().st_mtime_ns for path in sorted(kept.iterdir())]
     assert after[1] == times[1] and after[0] > times[0]
     assert sorted(kept.iterdir()) == files
     motion = load_motion(data / "smplxflame_30" / f"{CLIPS[0]}.npz")
     save_motion(first_frames(motion, 100), data / "smplxflame_30" / f"{CLIPS[0]}.npz")
-    twice = table_of(data, system, seeds=2, continued=kept)  # other seeds, other recordings
+    twice = table_of(data, system, seeds=2, resume_folder=kept)  # other seeds, other recordings
     assert len(list(kept.iterdir())) == 4
     assert twice["motion"][NAME]["spread_at_will_m"]["mean"] > 0
     assert "spread_at_will_m" not in twice["motion"]["recorded"]  # two clips of two speakers
@@ -248,7 +248,7 @@ def test_each_clip_has_noise_of_its_own_which_is_the_same_for_all_systems(data, 
 def test_manner_stands_beside_that_of_recordings_where_speakers_are_known(data, system, plain):
     table = table_of(data, system, speakers=("bob", "ann"))
     motion = table["motion"]
-    lively, calm = (read_files(data, name)[0] for name in CLIPS)
+    lively, calm = (read_motion_and_speech(data, name)[0] for name in CLIPS)
     slow, fast = wrist_speeds({("bob", 0): calm, ("ann", 0): lively}, ("bob", "ann")).values()
     found = motion["recorded"]["calm_over_lively"]["mean"]
     assert found == pytest.approx(slow / fast, rel=1e-6)  # bob has one recording
@@ -272,7 +272,7 @@ def test_recorded_clips_are_paired_with_those_of_their_speaker():
         }
         for at in (0.0, 0.1, 5.0)
     ]
-    table = as_table(rows, ["ann", "ann", "bob"])
+    table = clip_metrics_table(rows, ["ann", "ann", "bob"])
     found = table["motion"]["recorded"]["spread_at_will_m"]["mean"]
     assert found == pytest.approx(0.1 * 165, rel=0.05)
 

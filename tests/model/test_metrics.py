@@ -74,7 +74,7 @@ def test_derivatives_of_a_cubic_are_its_own():
 def power_above_5hz(path: np.ndarray) -> float:
     spectrum = velocity_spectrum(np.diff(path, axis=0) * 30)
     assert spectrum is not None
-    return float(spectrum.shares().above(HIGH_FREQUENCY_HZ))
+    return float(spectrum.normalised().power_above(HIGH_FREQUENCY_HZ))
 
 
 def test_power_of_sines_and_of_noise_lies_on_its_side_of_5_hz():
@@ -99,7 +99,7 @@ def test_spectrum_of_two_tones_has_their_powers_at_their_places():
     velocity = np.stack([np.sin(2 * np.pi * low * t), 0.5 * np.sin(2 * np.pi * high * t), 0 * t], 1)
     spectrum = velocity_spectrum(velocity)
     assert spectrum is not None
-    share = spectrum.shares().velocity_power
+    share = spectrum.normalised().velocity_power
     assert share.sum() == pytest.approx(1)
     assert share[9:12].sum() == pytest.approx(0.8, abs=1e-3)  # 1/2 against 1/8
     assert share[39:42].sum() == pytest.approx(0.2, abs=1e-3)

@@ -459,7 +459,7 @@ class _ClipJob:
         Args:
             motions: samples by system, the reference first; ``clips`` are theirs, unvaried.
         """
-        include_own = bool(self.request.metrics.expected)
+        with_default_metrics = bool(self.request.metrics.expected)
         sums: dict[tuple[str, str], dict[str, Sums]] = {}
         for variation in (PLAIN, *_variations(self.request)):
             recorded: Clip | None = None
@@ -472,7 +472,9 @@ class _ClipJob:
                 if name == REFERENCE_NAME:
                     recorded = varied[0]
                 sums[name, variation] = mean_sums([
-                    without_missing_parts(protocol_sums(clip, include_own), reading.missing_parts)
+                    without_missing_parts(
+                        protocol_sums(clip, with_default_metrics), reading.missing_parts
+                    )
                     for clip, reading in zip(varied, readings[name].values(), strict=True)
                 ])  # fmt: skip
         return sums

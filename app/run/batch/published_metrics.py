@@ -164,7 +164,7 @@ class PublishedMetrics:
     def rows(self, systems: Sequence[str]) -> Iterator[tuple[Any, ...]]:
         """Yield table rows (`app.run.batch.table.HEADER`) of values and paired differences."""
         for protocol, record in PROTOCOLS.items():
-            if record.is_own:
+            if record.is_default_metric:
                 continue
             values = {name: self.bootstrap_values(protocol, name) for name in systems}
             for key, unit in (record.value_units or {}).items():

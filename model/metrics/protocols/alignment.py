@@ -15,7 +15,7 @@ from conventions.rates import FPS, SAMPLE_RATE
 from model.metrics.beats import (
     BEAT_JOINTS,
     MINIMUM_ORDER,
-    audio_to_motion,
+    beat_align_audio_to_motion,
     joint_beats,
     joint_speeds,
     onsets_within_margins,
@@ -66,7 +66,7 @@ class BeatAlignVariant:
             )
             beats.append(minima[speed[minima] > self.threshold] / FPS)
         count = frames - 2 * self.margin
-        score = audio_to_motion(onsets, beats)
+        score = beat_align_audio_to_motion(onsets, beats)
         return {"count": np.array(float(count)), "beat_align": np.array(score * count)}
 
 
@@ -86,5 +86,5 @@ def workbench_beat_sums(clip: Clip, speeds: Literal["reference", "own", "emage"]
     onsets = onsets_within_margins(speech_onsets(clip.waveform), len(clip.joints) / FPS)
     if not len(onsets):
         return {}
-    score = audio_to_motion(onsets, joint_beats(clip.pelvis_aligned, mean_speeds))
+    score = beat_align_audio_to_motion(onsets, joint_beats(clip.pelvis_aligned, mean_speeds))
     return {"count": np.array(1.0), "beat_align": np.array(score)}

@@ -59,16 +59,16 @@ FORMULAS: Mapping[str, Formula] = {
 """Formulas by id."""
 
 
-def protocol_sums(clip: Clip, include_own: bool = False) -> dict[str, Sums]:
+def protocol_sums(clip: Clip, with_default_metrics: bool = False) -> dict[str, Sums]:
     """Compute the sums of a clip for all protocols that have their inputs, by id.
 
     Args:
-        include_own: also compute metrics of this program, which are measured apart.
+        with_default_metrics: also compute metrics of this program, which are measured apart.
     """
     sums = {
         name: formula.sums(clip)
         for name, formula in FORMULAS.items()
-        if (include_own or not PROTOCOLS[name].is_own)
+        if (with_default_metrics or not PROTOCOLS[name].is_default_metric)
         and all(getattr(clip, need) is not None for need in PROTOCOLS[name].required_inputs)
     }
     return {name: each for name, each in sums.items() if each}

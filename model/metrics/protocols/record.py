@@ -34,7 +34,7 @@ class Protocol:
     encoder: str = "none"
     """File of the encoder and its sha256."""
     seed: str = "none"
-    is_own: bool = False
+    is_default_metric: bool = False
     """True for a metric of this program, which ordinary runs measure without its formula."""
 
     @property

@@ -57,14 +57,14 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "beats/workbench-emage.",
             _UPPER, _WITHOUT_2_S,
             "EMAGE's formula, with the times of beats and onsets from the start of the clip",
-            "our own", _BEAT, ("waveform", "reference"), is_own=True,
+            "our own", _BEAT, ("waveform", "reference"), is_default_metric=True,
         ),
         Protocol(
             "beats/workbench-own",
             "BeatAlign as in beats/workbench, but with the joint's mean speed in the evaluated "
             "motion instead of the reference, so that a slow motion is not penalised.",
             _UPPER, _WITHOUT_2_S, "as beats/workbench", "our own", _BEAT, ("waveform",),
-            is_own=True,
+            is_default_metric=True,
         ),
         Protocol(
             "beats/workbench-emage",
@@ -72,7 +72,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "EMAGE's own code gives another value (beats/emage), because it counts the times of "
             "beats from another start.",
             _UPPER, _WITHOUT_2_S, "as beats/workbench", "our own", _BEAT,
-            ("waveform", "mean_speeds"), is_own=True,
+            ("waveform", "mean_speeds"), is_default_metric=True,
         ),
         Protocol(
             "beats/emage",
@@ -117,7 +117,7 @@ PROTOCOLS: Mapping[str, Protocol] = {
             "all 165 coordinates. EMAGE itself uses a body with the mean hand pose and the clip's "
             "betas.",
             _PELVIS_ALIGNED, _WHOLE, f"{_PANTOMATRIX}, L1div", value_units={"l1_diversity_m": "m"},
-            is_own=True,
+            is_default_metric=True,
         ),
         Protocol(
             "diversity/globaldiff",

@@ -139,7 +139,7 @@ class FootLock:
         poses = motion.poses.reshape(-1, len(JOINT_INDEX), 3).copy()
         for (leg, limb), ankle, sole in feet:
             hip = leg[0]  # the kneecap keeps its direction
-            upper, bent = limb.reach(ankle - joints[:, hip], rotmat[:, hip, :, 2])
+            upper, bent = limb.solve(ankle - joints[:, hip], rotmat[:, hip, :, 2])
             turns = _back(rotmat[:, 0]) @ upper, bent, _back(upper @ bent) @ sole
             for joint, local in zip(leg, turns, strict=True):
                 poses[:, joint] = Rotation.from_matrix(local).as_rotvec().astype(np.float32)
@@ -218,7 +218,7 @@ def _leg(side: Side) -> tuple[tuple[int, int, int], HingedLimb]:
 
 def _hip_clearance(limb: HingedLimb, span: Float[np.ndarray, "T 3"]) -> Float[np.ndarray, " T"]:
     """Compute how much higher the hip could be (m); negative where the leg is too short."""
-    longest = limb.length(np.full(len(span), MIN_BEND))
+    longest = limb.length_at_bend(np.full(len(span), MIN_BEND))
     aside = np.minimum((span[:, [0, 2]] ** 2).sum(1), 0.99 * longest**2)
     return np.sqrt(longest**2 - aside) + span[:, 1]
 

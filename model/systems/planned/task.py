@@ -4,7 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from model.data.annotations import Plans, load_plan_annotations
+from model.data.annotations import PlanAnnotations, load_plan_annotations
 from model.data.prepared import Batch, PreparedData
 from model.networks.speech_codes import load_speech_codes
 from model.sampling.prior import GaussianPrior
@@ -59,7 +59,7 @@ class PlannerTask(SingleNetworkTask):
 
 
 def first_goals(
-    data: PreparedData, plans: Plans, shape: PlannerConfig
+    data: PreparedData, plans: PlanAnnotations, shape: PlannerConfig
 ) -> Float[Tensor, "speakers 2 3"]:
     """Compute the median initial goals of hands for each speaker; row 0 is that of all."""
     first: dict[int, list[list[tuple[float, ...]]]] = {}

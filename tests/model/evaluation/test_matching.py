@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from model.evaluation.classifiers import (
-    MEASURES,
+    BODY_PARTS_OF_METRIC,
     frame_loudness,
     matched_speech_accuracy,
-    pieces,
+    piece_tensors,
     speech_span,
     win_rate,
 )
@@ -49,7 +49,7 @@ def judge(made_once):
 def test_the_own_speech_is_preferred_and_another_is_not(judge):
     motion = made_motion(ENVELOPES[0])
     found = matched_speech_accuracy(judge, motion, OWN, FOREIGN)
-    assert set(found) == {*MEASURES, "arm_speed_heard"}
+    assert set(found) == {*BODY_PARTS_OF_METRIC, "arm_speed_heard"}
     assert found["matched_arms"] > 0.95 and found["arm_speed_heard"] > 0.8
     swapped = matched_speech_accuracy(judge, motion, FOREIGN, OWN)
     # The own speech is among the foreign pieces now, and beats all that stand beside it.
@@ -105,11 +105,13 @@ def test_the_bundled_judge_finds_the_speech_of_the_example(bundled):
     late = replace(motion, poses=np.roll(motion.poses, 30, axis=0))
     for path in sorted(EXAMPLES.glob("*.wav")):
         found = matched_speech_accuracy(bundled, motion, own, features_of(path))
-        assert [found[measure] for measure in MEASURES] == [1.0] * 3
+        assert [found[measure] for measure in BODY_PARTS_OF_METRIC] == [1.0] * 3
         assert found["arm_speed_heard"] > 0.1
     agreed = [
         bundled.agreements(
-            pieces(m.poses[speech_span(own)]), pieces(own[speech_span(own)]), MEASURES["matched"]
+            piece_tensors(m.poses[speech_span(own)]),
+            piece_tensors(own[speech_span(own)]),
+            BODY_PARTS_OF_METRIC["matched"],
         ).item()
         for m in (motion, late)
     ]
@@ -137,7 +139,7 @@ def test_who_stands_still_is_at_chance_and_ties_count_half(judge):
     motion = made_motion(ENVELOPES[0])
     still = replace(motion, poses=np.repeat(motion.poses[:1], FRAMES, axis=0))
     found = matched_speech_accuracy(judge, still, OWN, FOREIGN)
-    assert [found[measure] for measure in MEASURES] == [0.5] * 3
+    assert [found[measure] for measure in BODY_PARTS_OF_METRIC] == [0.5] * 3
     assert found["arm_speed_heard"] == pytest.approx(0, abs=1e-3)
     others = torch.tensor([[0.4, 0.6, 0.5], [0.1, 0.1, 0.1]])
     assert win_rate(torch.tensor([0.5, 0.2]), others) == pytest.approx((1 + 0 + 0.5 + 3) / 6)

@@ -38,14 +38,14 @@ def test_beats_are_found_at_the_stops():
     assert len(found) == 13
     np.testing.assert_allclose(found[0], STOPS, atol=0.05)
     assert all(len(joint) == 0 for joint in beats.motion_beats(speeds, 10 * ONES))  # too slow
-    assert beats.audio_to_motion(np.array([3.0]), [np.array([])] * 13) == 0
+    assert beats.beat_align_audio_to_motion(np.array([3.0]), [np.array([])] * 13) == 0
 
 
 def test_alignment_is_one_in_time_and_at_chance_level_out_of_time():
     positions = moving_at(STOPS)
     right = beats.beat_scores(positions, np.array(STOPS), ONES)
     late = beats.beat_scores(positions, np.array(STOPS) + 0.3, ONES)
-    for direction in ("audio_to_motion", "motion_to_audio"):
+    for direction in ("beat_align_audio_to_motion", "beat_align_motion_to_audio"):
         name = f"beat_align_{direction}"
         assert right[name] > 0.9
         assert right[f"{name}_chance"] < right[name] - 0.2
@@ -56,10 +56,10 @@ def test_alignment_is_one_in_time_and_at_chance_level_out_of_time():
 
 def test_the_directions_differ_where_one_side_has_more_beats():
     few, many = np.array([3.0, 6.0]), [np.arange(2.0, 10.0, 0.5)]
-    assert beats.audio_to_motion(few, many) == 1.0
-    assert beats.motion_to_audio(few, many) == pytest.approx(2 / 16, abs=1e-3)
+    assert beats.beat_align_audio_to_motion(few, many) == 1.0
+    assert beats.beat_align_motion_to_audio(few, many) == pytest.approx(2 / 16, abs=1e-3)
     # one sigma away: exp(-1/2)
-    assert beats.audio_to_motion(few + 0.3, [few]) == pytest.approx(np.exp(-0.5))
+    assert beats.beat_align_audio_to_motion(few + 0.3, [few]) == pytest.approx(np.exp(-0.5))
 
 
 def test_frechet_distance_agrees_with_the_textbook():

@@ -10,7 +10,7 @@ import torch
 from model.evaluate import main
 from model.evaluation import plan_detection
 from model.evaluation.adherence import (
-    distances,
+    fgd_of_edits,
     gesture_size,
     only_one_hand_moves,
     random_edit,
@@ -113,11 +113,11 @@ def test_random_edits_change_the_plan_and_tell_what_they_are_about(plan):
 def test_distances_are_those_of_edited_and_unedited_motion():
     rng = np.random.default_rng(0)
     recorded, near, far = (rng.normal(at, 1, (200, 3)) for at in (0.0, 0.1, 2.0))
-    assert distances([[recorded, near, far]]) == {}
+    assert fgd_of_edits([[recorded, near, far]]) == {}
     scores = {
-        name: each["mean"] for name, each in distances([[recorded, near, near, far]] * 2).items()
+        name: each["mean"] for name, each in fgd_of_edits([[recorded, near, near, far]] * 2).items()
     }
-    plain = {name: each["mean"] for name, each in distances([[recorded, near, far]] * 2).items()}
+    plain = {name: each["mean"] for name, each in fgd_of_edits([[recorded, near, far]] * 2).items()}
     assert plain["FGD, edited"] > scores["FGD, unedited"] == plain["FGD, unedited"] > 0
     half = (plain["FGD, unedited"] + plain["FGD, edited"]) / 2
     assert scores["FGD, edited"] == pytest.approx(half)
@@ -156,7 +156,7 @@ def test_a_plan_agrees_with_itself_in_everything():
         question: one.f1 for question, one in counts.items() if one.num_annotated
     } == dict.fromkeys([q for q, one in counts.items() if one.num_annotated], 1.0)
     moved = agreement(made_plan().at_speed(1.5), made_plan())
-    assert moved["ends of strokes"].met == 0 and moved["nods"].met == 1
+    assert moved["ends of strokes"].num_matched == 0 and moved["nods"].num_matched == 1
 
 
 def test_what_is_fitted_is_what_is_read(tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from conventions.joints import JOINT_INDEX
-from model.data.recordings import read_files
+from model.data.recordings import read_motion_and_speech
 from model.evaluation.classifiers import (
     PIECE_FRAMES,
     SpeakerClassifier,
@@ -160,7 +160,7 @@ def test_numbers_are_those_of_motions_made_one_by_one(data_folder, weights):
     found = load_system("globaldiff/local", weights)
     system = replace(found, samplers=(replace(found.samplers[0], steps=1),))
     few = SpeakerComparisonClips.choose(data_folder, CLIPS[:1], [system], PAIR)
-    name, speech = CLIPS[0], read_files(data_folder, CLIPS[0])[1]
+    name, speech = CLIPS[0], read_motion_and_speech(data_folder, CLIPS[0])[1]
     found = few.measures(system, name, speech, DEFAULT_SAMPLING)
     made = {}
     for speaker in PAIR:

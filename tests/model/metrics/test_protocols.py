@@ -78,7 +78,7 @@ def test_physical_and_coverage_give_the_numbers_of_the_authors_code():
 
 
 def test_ids_are_frozen_and_records_complete():
-    assert [name for name in FORMULAS if not PROTOCOLS[name].is_own] == [
+    assert [name for name in FORMULAS if not PROTOCOLS[name].is_default_metric] == [
         *("beats/emage", "beats/evaltools", "beats/raggesture", "physical/mbench", "gac/unicamp"),
         *("srgr/beat", "srgr/raggesture", "hellinger/genea", "cca/genea"),
         *("mse_face/emage", "lvd/emage"),

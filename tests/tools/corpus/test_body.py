@@ -71,18 +71,22 @@ LEG = HingedLimb(np.array([0.05, -0.36, -0.01]), np.array([-0.03, -0.42, -0.03])
 @given(st.floats(0.5, 0.775), coordinate, coordinate, st.floats(-0.6, 0.6))
 def test_a_leg_reaches_the_floor_by_bending_its_knee_about_one_axis(length, x, z, aside):
     span = length * np.array([[x, -1.0, z]]) / np.linalg.norm([x, -1.0, z])
-    upper, knee = LEG.reach(span, np.array([[aside, 0.0, 1.0]]))
-    np.testing.assert_allclose(upper[0] @ (LEG.upper + knee[0] @ LEG.lower), span[0], atol=1e-9)
-    np.testing.assert_allclose(knee[0] @ LEG.axis, LEG.axis, atol=1e-12)
+    upper, knee = LEG.solve(span, np.array([[aside, 0.0, 1.0]]))
+    np.testing.assert_allclose(
+        upper[0] @ (LEG.upper_bone + knee[0] @ LEG.lower_bone), span[0], atol=1e-9
+    )
+    np.testing.assert_allclose(knee[0] @ LEG.hinge_axis, LEG.hinge_axis, atol=1e-12)
     assert knee[0, 2, 1] > 0  # the shin goes back, not forth
     assert (upper[0] @ np.array([0.0, 0.0, 1.0])) @ [aside, 0.0, 1.0] > 0
 
 
 def test_a_leg_asked_for_more_than_its_length_is_straight():
-    bend = np.degrees(LEG.bend(np.array([0.6, 0.7, 0.9])))
+    bend = np.degrees(LEG.bend_for_length(np.array([0.6, 0.7, 0.9])))
     assert bend[0] > bend[1] > 30
     assert abs(bend[2]) < 5
-    np.testing.assert_allclose(LEG.length(LEG.bend(np.array([0.6, 0.7]))), [0.6, 0.7])
+    np.testing.assert_allclose(
+        LEG.length_at_bend(LEG.bend_for_length(np.array([0.6, 0.7]))), [0.6, 0.7]
+    )
 
 
 FRAMES = 30

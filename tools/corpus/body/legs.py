@@ -76,7 +76,7 @@ def move_legs(
         ankles[side] = feet.place[side] + [0.0, rest[1] - rig.floor_m, rest[2]]
         ankles[side] += feet.lift[side][:, None] * [0.0, 1.0, 0.0]
         gap = np.linalg.norm((hips[side] - ankles[side])[:, [0, 2]], axis=1)
-        length = limbs[side].length(np.radians(bend_deg))
+        length = limbs[side].length_at_bend(np.radians(bend_deg))
         heights.append(ankles[side][:, 1] + np.sqrt(length**2 - gap**2) - hips[side][:, 1])
     height = -_SOFTNESS_M * np.logaddexp(*(-h / _SOFTNESS_M for h in heights))
     trans = np.stack([at[:, 0], height, at[:, 2]], axis=1)
@@ -87,7 +87,7 @@ def move_legs(
         span = ankles[side] - hips[side] - height[:, None] * [0.0, 1.0, 0.0]
         turn_deg = feet.yaw_deg[side] - TOES_OUT_DEG * sign
         kneecap = euler_matrices("Y", turn_deg[:, None] - KNEES_IN_DEG * sign)
-        upper, knee = limbs[side].reach(span, kneecap @ np.array([0.0, 0.0, 1.0]))
+        upper, knee = limbs[side].solve(span, kneecap @ np.array([0.0, 0.0, 1.0]))
         sole = np.stack([turn_deg, 350 * feet.lift[side]], axis=1)
         rotations[_joint(side, "hip")] = pelvis.mT @ upper
         rotations[_joint(side, "knee")] = knee
