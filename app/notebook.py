@@ -32,7 +32,7 @@ from app.findings.metric_table import (
 from app.run.batch.table import title_with_unit
 from app.run.bodies import TrackedPoint
 from app.run.callbacks import RunCallbacks
-from app.run.diagnostics import measure_motions, onsets_of
+from app.run.diagnostics import cached_speech_onsets, measure_motions
 from app.run.generated_motions import make_plan
 from app.run.output.console import ProgressBars
 from app.run.output.run_folder import RunRecord, row_files
@@ -273,7 +273,7 @@ def diagnose(
         return measure_motions(
             named,
             tip,
-            onsets_s=None if sound is None else onsets_of(sound),
+            onsets_s=None if sound is None else cached_speech_onsets(sound),
             speech_bands=None if sound is None else speech_bands_by_frame(sound.waveform),
             on_share=partial(bars.update, "measure"),
         )

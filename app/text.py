@@ -72,7 +72,7 @@ class FigureText:
 
     title: str
     help: str
-    says: tuple[str, ...]
+    sentence_keys: tuple[str, ...]
     """Keys of `app.findings.sentences.figure_sentences`, in the order of the plots."""
 
 

@@ -17,7 +17,7 @@ import tyro
 from app.bench import runs
 from app.config import BUNDLED_WEIGHTS
 from app.run.bodies import body_motion
-from app.run.models import warm_up_steps
+from app.run.models import warm_up_in_steps
 from app.run.output.provenance import versions
 
 CLIP_S = 10.0
@@ -69,7 +69,7 @@ def _figures(short: bool, folder: Path) -> Iterator[runs.BenchResult]:
     from model.motion.motion import load_motion
 
     yield runs.time_page_start(folder)
-    list(warm_up_steps(BUNDLED_WEIGHTS, None))
+    list(warm_up_in_steps(BUNDLED_WEIGHTS, None))
     clip = runs.write_speech(CLIP_S, folder)
     yield from runs.time_generation(clip)
     yield from runs.time_page_run(clip, folder)

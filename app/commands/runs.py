@@ -225,7 +225,7 @@ def speech_effect(request: Annotated[SpeechEffectRequest, Flat], files: Files) -
     names of the form SYSTEM__SPEECH__SEED.npz.
     """
     set_family_files(vars(files))
-    if request.is_of_motions:
+    if request.compares_existing_motions:
         ignored = ("weights", "speaker", "systems", "guidance", "seeds")
         refuse_ignored(request, ignored, "With a folder of motions, nothing is generated")
     _run(MEASURE_SPEECH_EFFECT, request, request.output.out)
@@ -250,10 +250,10 @@ def plan(request: Annotated[PlanRequest, Flat]) -> None:
     file (.npz, .npy, .bvh), the phases are detected automatically, without form or word; check them
     in ELAN, as the accuracy on recorded people is unknown.
     """
-    from app.run.generated_motions import is_motion, make_plan, write_plan_from_motion
+    from app.run.generated_motions import is_motion_file, make_plan, write_plan_from_motion
 
     source = request.speech.path
-    if is_motion(source):
+    if is_motion_file(source):
         refuse_ignored(request, (*_DRAWS_PLANS, "channel"), "The plan of a motion file is detected")
         if request.is_empty:
             raise RunError("The plan of a motion file is detected; remove --empty.")
@@ -278,12 +278,12 @@ def render(request: Annotated[RenderRequest, Flat]) -> None:
     """
     from app.run.videos.export import render_motion
 
-    if not request.is_picture:
+    if not request.is_video_or_picture:
         ignored = ("speech", "views", "close_ups", "framing", "joint")
         refuse_ignored(request, ignored, f"A {request.suffix} file contains only the body")
     if request.suffix not in (".obj", ".ply"):
         refuse_ignored(request, ("frame",), f"A {request.suffix} file contains all frames")
-    if request.is_picture or request.suffix in (".obj", ".ply"):
+    if request.is_video_or_picture or request.suffix in (".obj", ".ply"):
         refuse_ignored(request, ("plan",), f"A {request.suffix} file cannot contain a plan")
     with ProgressBars() as shown:
         files, notes = render_motion(request, RunCallbacks(shown.on_event))

@@ -17,7 +17,7 @@ from jaxtyping import Float32
 
 from app.errors import RunError
 from app.run.frame_packets import frames_message
-from app.run.requests.parts import LiveRecording, OutputOptions, SamplingOptions, SpeechToMove
+from app.run.requests.parts import GenerationSpeech, LiveRecording, OutputOptions, SamplingOptions
 from app.run.requests.requests import GenerateRequest
 from conventions.rates import FPS, SAMPLE_RATE
 from model.generation.base import System
@@ -330,7 +330,7 @@ class LiveSession:
         why = recording_note(minute, self._samples / SAMPLE_RATE)
         take = LiveRecording(npz, facts, why, plan if minute.plan else None)
         return GenerateRequest(
-            speech=SpeechToMove(path=wav),
+            speech=GenerationSpeech(path=wav),
             sampling=self.sampling,
             output=OutputOptions(out=folder / "results"),
             live_recording=take,

@@ -23,7 +23,7 @@ from app.page.routes.media import VIEWER_ASSETS
 from app.page.theme import PLAYER_CSS, make_theme
 from app.run.frame_packets import MAX_FRAMES
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
-from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowFileKind, file_of, runs_in
+from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RowFileKind, existing_file, find_runs
 from model.storage.json_validation import FieldError, read_json
 
 WEB = Path(__file__).resolve().parent / "web"
@@ -88,7 +88,7 @@ def standalone_html(folder: Path) -> str:
         files[name] = path.read_bytes()
         return name
 
-    runs = runs_in(folder) or {"": folder}
+    runs = find_runs(folder) or {"": folder}
     run_views = {clip: RunView(run, address, name=f"alone{clip}") for clip, run in runs.items()}
     records = {clip: run_view.record for clip, run_view in run_views.items()}
     over_clips = clips_html(records)
@@ -115,7 +115,7 @@ def standalone_html(folder: Path) -> str:
         head += (
             f"<p>{escape(markup.split_first_sentence(verdict.comparison)[1])}</p>" if bars else ""
         )
-    if path := file_of(next(iter(runs.values())), PROVENANCE):
+    if path := existing_file(next(iter(runs.values())), PROVENANCE):
         are = str(_object_in(path).get(WEIGHTS_ARE_KEY, ""))
         head += f"<p>{text.WEIGHTS.format(are=escape(are))}</p>" if are else ""
     files |= {name: make() for name, (make, _) in VIEWER_ASSETS.items()}

@@ -239,7 +239,7 @@ def _warming_up(weights: Path, body: Path | None = None) -> Iterator[None]:
 
     yield
     try:
-        yield from models.warm_up_steps(weights, body)
+        yield from models.warm_up_in_steps(weights, body)
     except Exception:
         traceback.print_exc()
 

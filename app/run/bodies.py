@@ -45,11 +45,11 @@ def align_to_origin(motion: Motion) -> Motion:
     floor. All motions use the same skeleton here.
     """
     register = root_transform_of(motion)
-    turn = Rotation.from_rotvec([0.0, register.turn_rad, 0.0])
+    turn = Rotation.from_rotvec([0.0, register.yaw_rad, 0.0])
     rest = open_body_skeleton().rest_joints[0].double().numpy()  # centre of the pelvis rotation
     poses = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     poses[:, 0] = (turn * Rotation.from_rotvec(poses[:, 0])).as_rotvec()
-    trans = turn.apply(motion.trans + rest) - rest + np.array(register.shift_m)
+    trans = turn.apply(motion.trans + rest) - rest + np.array(register.translation_m)
     return replace(
         motion, poses=poses.reshape(len(poses), -1), trans=trans.astype(motion.trans.dtype)
     )
@@ -59,8 +59,8 @@ def align_to_origin(motion: Motion) -> Motion:
 class RootTransform:
     """Root transform that aligns a motion: rotation about the vertical, then translation."""
 
-    turn_rad: float
-    shift_m: tuple[float, float, float]
+    yaw_rad: float
+    translation_m: tuple[float, float, float]
 
 
 def root_transform_of(motion: Motion) -> RootTransform:
@@ -82,7 +82,9 @@ MAX_FRAMES = 10_800
 """Maximum number of frames of all videos of a run together: six of one minute."""
 
 
-def picture_motions(motions: Mapping[str, Motion]) -> tuple[dict[str, Motion], tuple[str, ...]]:
+def align_and_cut_motions(
+    motions: Mapping[str, Motion],
+) -> tuple[dict[str, Motion], tuple[str, ...]]:
     """Align the motions and cut them to a renderable length; return them with notes on the cuts."""
     longest = max(MAX_FRAMES // max(len(motions), 1), 1)
     cut = [name for name, motion in motions.items() if motion.num_frames > longest]

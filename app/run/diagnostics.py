@@ -91,7 +91,7 @@ def measure_motions(
     )
 
 
-def onsets_of(speech: Speech) -> np.ndarray:
+def cached_speech_onsets(speech: Speech) -> np.ndarray:
     """Return the onset times of a speech in seconds; they are computed once."""
     if speech not in _ONSETS:
         _ONSETS[speech] = speech_onsets(speech.waveform)
@@ -146,7 +146,7 @@ def _numbers(value: Any, index: str = "") -> Iterator[tuple[str, float]]:
         yield from _numbers(inner, f"{index}/{key}" if index else str(key))
 
 
-def check_figure(
+def check_figure6(
     figures: FigureOptions, num_frames: int, num_motions: int, is_drawn: bool = True
 ) -> None:
     """Check that Figure 6 fits the motions and, if it is drawn, the page.
@@ -174,7 +174,7 @@ def check_figure(
         raise RunError(f"Snapshot frames of Figure 6 must be 0 to {last}; got {frames[-1]}.")
 
 
-def figure6_of(
+def make_figure6(
     motions: Mapping[str, Motion],
     snapshots: Snapshots,
     tip: TrackedPoint,

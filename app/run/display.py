@@ -60,7 +60,7 @@ class Display:
         return self.exaggeration == 1 and not self.has_trail and self.coloring == "natural"
 
 
-LIMITS: Mapping[str, tuple[float, float, str]] = {
+DISPLAY_LIMITS: Mapping[str, tuple[float, float, str]] = {
     "exaggeration": (1.0, 20.0, "The exaggeration factor must be {}"),
     "cutoff_hz": (3.0, 8.0, "The jitter cutoff frequency must be {} Hz"),
     "trail_frames": (5, 90, "The trail must be {} frames long"),
@@ -71,8 +71,8 @@ viewer has the same limits."""
 
 
 def check_display(display: Display) -> None:
-    """Check display options; raises RunError for values outside of `LIMITS`."""
-    for name, (least, most, refusal) in LIMITS.items():
+    """Check display options; raises RunError for values outside of `DISPLAY_LIMITS`."""
+    for name, (least, most, refusal) in DISPLAY_LIMITS.items():
         value = getattr(display, name)
         if not least <= value <= most:
             raise RunError(f"{refusal.format(f'{least:g} to {most:g}')}; got {value:g}.")
@@ -120,7 +120,7 @@ class ViewerSettings(BrowserMessage):
 
     @property
     def display(self) -> Display:
-        names = (*LIMITS, "has_trail")
+        names = (*DISPLAY_LIMITS, "has_trail")
         coloring: Coloring = "jerk" if self.has_heat else "natural"
         return Display(coloring=coloring, **{name: getattr(self, name) for name in names})
 

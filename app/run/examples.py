@@ -54,16 +54,16 @@ def inject_faults(motion: Motion) -> Motion:
     An unchanged face would be reported as a copy of the reference.
     """
     faulty = replace(motion, expressions=(CALMER * motion.expressions).astype("float32"))
-    for plant in INJECTED_FAULTS:
-        span = slice(round(plant.from_s * FPS), round(plant.to_s * FPS))
-        part = plant.change(faulty.part(span))
+    for fault in INJECTED_FAULTS:
+        span = slice(round(fault.start_s * FPS), round(fault.end_s * FPS))
+        part = fault.apply(faulty.part(span))
         poses, trans = faulty.poses.copy(), faulty.trans.copy()
         poses[span], trans[span] = part.poses, part.trans
         faulty = replace(faulty, poses=poses, trans=trans)
     return faulty
 
 
-def tremble(motion: Motion) -> Motion:
+def add_tremble(motion: Motion) -> Motion:
     """Add white noise to the rotations of the right arm, with `NOISE_RAD` about each axis."""
     joints = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     arm = [JOINT_INDEX[f"right_{name}"] for name in ("shoulder", "elbow", "wrist")]
@@ -72,7 +72,7 @@ def tremble(motion: Motion) -> Motion:
     return replace(motion, poses=joints.reshape(motion.poses.shape).astype(np.float32))
 
 
-def slide(motion: Motion) -> Motion:
+def add_foot_sliding(motion: Motion) -> Motion:
     """Slide the body, with its standing feet, to the side and back."""
     trans = motion.trans.copy()
     way = np.arange(len(trans)) / FPS * np.pi / SLIDE_S
@@ -80,7 +80,7 @@ def slide(motion: Motion) -> Motion:
     return replace(motion, trans=trans)
 
 
-def join(motion: Motion) -> Motion:
+def add_window_seams(motion: Motion) -> Motion:
     """Make all joints jump there and back at the seams of simulated windows."""
     joints = motion.poses.reshape(len(motion.poses), -1, 3).copy()
     is_odd = np.arange(len(joints)) // JUMP_EVERY % 2
@@ -88,14 +88,14 @@ def join(motion: Motion) -> Motion:
     return replace(motion, poses=joints.reshape(motion.poses.shape).astype(np.float32))
 
 
-def freeze(motion: Motion) -> Motion:
+def freeze_motion(motion: Motion) -> Motion:
     """Hold the first pose."""
     poses, trans = motion.poses.copy(), motion.trans.copy()
     poses[:], trans[:] = poses[0], trans[0]
     return replace(motion, poses=poses, trans=trans)
 
 
-def lift(motion: Motion) -> Motion:
+def lift_body(motion: Motion) -> Motion:
     """Lift the body off the floor by `FLOAT_M`, and lower it again."""
     trans = motion.trans.copy()
     since = np.arange(len(trans)) / FPS
@@ -109,17 +109,17 @@ class InjectedFault:
     """Fault and the time span (s) in which it is planted."""
 
     name: str
-    change: Callable[[Motion], Motion]
-    from_s: float
-    to_s: float
+    apply: Callable[[Motion], Motion]
+    start_s: float
+    end_s: float
 
 
 INJECTED_FAULTS = (
-    InjectedFault("sliding feet", slide, 4, 114),
-    InjectedFault("trembling right arm", tremble, 20, 100),
-    InjectedFault("window seams every 52 frames", join, 50, 86),
-    InjectedFault("nothing moves", freeze, 90.25, 92.75),
-    InjectedFault("floating", lift, 100, 108),
+    InjectedFault("sliding feet", add_foot_sliding, 4, 114),
+    InjectedFault("trembling right arm", add_tremble, 20, 100),
+    InjectedFault("window seams every 52 frames", add_window_seams, 50, 86),
+    InjectedFault("nothing moves", freeze_motion, 90.25, 92.75),
+    InjectedFault("floating", lift_body, 100, 108),
 )
 """Planted faults; those that are detected by the mean or median of all frames last longer."""
 

@@ -59,23 +59,25 @@ _SHOULDERS_RAD, _ELBOWS_RAD = 1.15, 1.9
 
 
 @functools.cache
-def body_glb() -> bytes:
+def open_body_glb() -> bytes:
     """Return the GLB file of the open body, made at the first call."""
     from renderer.body.lod import NUM_DRAWN, open_body_lod_faces
     from renderer.files.glb import glb_bytes
 
     body = get_body(None)
-    return glb_bytes(body, reaches(body), coarser_faces=open_body_lod_faces()[NUM_DRAWN - 1 :])
+    return glb_bytes(
+        body, camera_bound_poses(body), coarser_faces=open_body_lod_faces()[NUM_DRAWN - 1 :]
+    )
 
 
-def write_stage_body(paths: tuple[Path, Path], *_: object) -> None:
+def write_viewer_body(paths: tuple[Path, Path], *_: object) -> None:
     """Write a visitor's character, the first file, as the viewer's mesh, the second."""
     from renderer.body.body import load_body
     from renderer.body.lod import clustered_lod_faces
     from renderer.files.glb import glb_bytes
 
     body = load_body(paths[0])
-    paths[1].write_bytes(glb_bytes(body, reaches(body), clustered_lod_faces(body)))
+    paths[1].write_bytes(glb_bytes(body, camera_bound_poses(body), clustered_lod_faces(body)))
 
 
 @functools.cache
@@ -87,15 +89,15 @@ def body_shapes_bytes() -> bytes:
 
 
 def encode_camera_bound_poses() -> bytes:
-    """Encode `reaches` for a browser, which frames live motion by it before there is any."""
-    return frames_message(0, reaches(get_body(None)))
+    """Encode `camera_bound_poses` for a browser, which frames live motion by them at first."""
+    return frames_message(0, camera_bound_poses(get_body(None)))
 
 
-def face_names() -> tuple[str, ...]:
+def face_blendshape_names() -> tuple[str, ...]:
     return get_body(None).expression_names
 
 
-def reaches(body: Body) -> BodyMotion:
+def camera_bound_poses(body: Body) -> BodyMotion:
     """Make four poses (4, 165) that bound live motion, for framing the camera.
 
     Hands at the hips and the face at rest, as a body waits for speech; then hands at the face; then

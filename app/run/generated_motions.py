@@ -9,7 +9,7 @@ from typing import Any
 
 from app.errors import RunError
 from app.run.bodies import align_to_origin, make_tracked_point
-from app.run.diagnostics import check_figure, onsets_of
+from app.run.diagnostics import cached_speech_onsets, check_figure6
 from app.run.models import get_body, get_system
 from app.run.output.provenance import make_provenance, run_title
 from app.run.output.result_folder import require_free_space
@@ -17,8 +17,8 @@ from app.run.output.run_folder import truncate
 from app.run.requests.parts import MAX_COMPARED, SamplingOptions, steps_for
 from app.run.requests.requests import GenerateRequest, PlanRequest
 from app.run.run_writer import RunMotions, RunWriter
-from app.run.timeline import WordSearch, make_timeline
-from app.run.videos.videos import limit_compared
+from app.run.timeline import TranscriptLoader, make_timeline
+from app.run.videos.videos import choose_compared_motions
 from conventions.names import (
     REFERENCE_NAME,
     SampleName,
@@ -56,7 +56,9 @@ LIVE_NOTE = (
 )
 
 
-def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter) -> RunMotions:
+def generate_motions(
+    request: GenerateRequest, words: TranscriptLoader, run: RunWriter
+) -> RunMotions:
     """Generate the motions of the systems window by window, and return the rows of the run.
 
     Raises:
@@ -93,7 +95,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
     tip = make_tracked_point(request.video.body, request.joint)
     shortest = min(each.num_frames for each in (speech, *recorded.values()))
     is_drawn = request.output.has_figures
-    check_figure(request.figures, shortest, min(MAX_COMPARED, len(names)), is_drawn)
+    check_figure6(request.figures, shortest, min(MAX_COMPARED, len(names)), is_drawn)
     if any(map(_performs, systems)) and (request.planning.plan is None or request.planning.style):
         words.begin(speech.waveform)  # plans are sampled from words, which are needed first
         words.wait(run.raise_if_cancelled)
@@ -123,7 +125,7 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
     staged = {name: motion for name, (_, motion) in made.items()} | shown
     version = version_after_post_filter(post_filter)
     is_pictured = request.output.has_video or request.output.has_figures
-    fitting, notes = limit_compared(list(staged) if is_pictured else [])
+    fitting, notes = choose_compared_motions(list(staged) if is_pictured else [])
     run.add_notes(*notes)
     return RunMotions(
         motions={name: raw for name, (raw, _) in made.items()} | recorded,
@@ -133,10 +135,10 @@ def generate_motions(request: GenerateRequest, words: WordSearch, run: RunWriter
         body=body,
         tracked_point=tip,
         audio_path=sound,
-        onsets_s=onsets_of(speech),
+        onsets_s=cached_speech_onsets(speech),
         windows=_windows(request, systems),
         provenance=make_provenance(request, speech, systems, options, body, backend),
-        place=align_to_origin,
+        align=align_to_origin,
         clip=printable(request.speech.path.stem),
     )
 
@@ -199,7 +201,7 @@ def _pieces_of(
     system: System,
     speech: Speech,
     options: GenerateOptions,
-    words: WordSearch,
+    words: TranscriptLoader,
     wish: StyleChange | None,
     run: RunWriter,
 ) -> Iterator[MotionPiece]:
@@ -276,7 +278,7 @@ def generation_options(sampling: SamplingOptions, system: System, **more: Any) -
     return GenerateOptions(**{**usual, **more})
 
 
-def load_beginning(path: Path, longest_s: float, max_s: float) -> Speech:
+def load_first_seconds(path: Path, longest_s: float, max_s: float) -> Speech:
     """Load a speech, cut to a maximum length."""
     whole = load_speech(path, SpeechLimits(max_s=max_s))
     return replace(whole, waveform=whole.waveform[: int(longest_s * SAMPLE_RATE)])
@@ -371,7 +373,7 @@ def _needed_bytes(request: GenerateRequest, num_frames: int, num_systems: int) -
 MAX_SPEECH_S = 3600.0
 
 
-def is_motion(path: Path) -> bool:
+def is_motion_file(path: Path) -> bool:
     """Check whether a file has the suffix of a motion."""
     return path.suffix.lower() in ENDINGS
 
@@ -412,7 +414,7 @@ def make_plan(request: PlanRequest) -> PlanResult:
         return PlanResult(plan, speech.notes)
     wish = None if request.style is None else read_style_file(request.style)
     system = get_system(default_planner(), request.weights)
-    with WordSearch(request.speech.transcript, request.speech.words) as words:
+    with TranscriptLoader(request.speech.transcript, request.speech.words) as words:
         words.begin(speech.waveform)
         transcript, notes = words.wait(lambda: None)
     sampling = replace(request.sampling, seed=clip_seed(request.seed, speech.sha256))

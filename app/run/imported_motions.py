@@ -12,11 +12,11 @@ import numpy as np
 from app.errors import RunError
 from app.run.bodies import (
     FOOT_JOINT_HEIGHT_M,
+    align_and_cut_motions,
     body_motion,
     make_tracked_point,
-    picture_motions,
 )
-from app.run.diagnostics import check_figure, onsets_of
+from app.run.diagnostics import cached_speech_onsets, check_figure6
 from app.run.models import get_body
 from app.run.output.provenance import motion_labels
 from app.run.output.run_folder import SPEECH as HEARD
@@ -24,7 +24,7 @@ from app.run.output.run_folder import row_files, safe_suffix
 from app.run.requests.parts import MAX_COMPARED
 from app.run.requests.requests import DiagnoseRequest
 from app.run.run_writer import RunMotions, RunWriter
-from app.run.timeline import WordSearch
+from app.run.timeline import TranscriptLoader
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, printable
 from model.diagnostics import Diagnostics
@@ -55,7 +55,7 @@ NO_SPEECH = (
 )
 
 
-def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) -> RunMotions:
+def import_motions(request: DiagnoseRequest, words: TranscriptLoader, run: RunWriter) -> RunMotions:
     """Read the imported motions, show them in the viewer, and return the rows of the run.
 
     Raises:
@@ -71,7 +71,7 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
     windows = _windows(request, motions)
     shown = _visible_motions(request, motions)
     shortest = min(motion.num_frames for motion in motions.values())
-    check_figure(request.figures, shortest, len(shown), request.output.has_figures)
+    check_figure6(request.figures, shortest, len(shown), request.output.has_figures)
     limits = SpeechLimits(channel=request.speech.channel)
     speech = None if request.speech.path is None else load_speech(request.speech.path, limits)
     notes = assumption_difference_notes(readings) + [
@@ -84,7 +84,7 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         rates = {name: each.source_fps for name, each in readings.items()}
         notes += [*speech.notes, *length_notes(speech.duration_s, durations, rates)]
     run.report_progress("speech", 1.0)
-    staged, cut_notes = picture_motions(shown)
+    staged, cut_notes = align_and_cut_motions(shown)
     plans = (
         {}
         if request.motions.source_run is None
@@ -106,13 +106,13 @@ def import_motions(request: DiagnoseRequest, words: WordSearch, run: RunWriter) 
         timeline=timeline,
         body=body,
         tracked_point=tip,
-        audio_path=request.speech.path if is_first_track else run.folder.final_path(HEARD),
-        onsets_s=None if speech is None else onsets_of(speech),
+        audio_path=request.speech.path if is_first_track else run.folder.current_path(HEARD),
+        onsets_s=None if speech is None else cached_speech_onsets(speech),
         speech_bands=None if speech is None else speech_bands_by_frame(speech.waveform),
         inputs=protocol_inputs(request, speech, max(each.num_frames for each in motions.values())),
         windows=windows,
         notes=tuple(notes),
-        readings=readings,
+        imported_files=readings,
     )
 
 
@@ -224,12 +224,12 @@ def _check_frames(request: DiagnoseRequest, motions: Iterable[Motion]) -> None:
         )
 
 
-def adjusted_for_imports(measured: Diagnostics, rows: RunMotions) -> Diagnostics:
+def adjusted_for_imports(measured: Diagnostics, run_motions: RunMotions) -> Diagnostics:
     """Add the assumptions of imported files, and remove findings on parts that the files lack."""
-    readings = rows.readings
+    readings = run_motions.imported_files
     return replace(
         measured,
-        notes=[*rows.notes, *measured.notes],
+        notes=[*run_motions.notes, *measured.notes],
         systems={
             name: each.without_missing_parts(readings[name].missing_parts)
             for name, each in measured.systems.items()

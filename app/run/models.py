@@ -61,12 +61,12 @@ def _load_body(path: Path | None, look: str, versions: FileVersions) -> Body:
     return load_body(path, look)
 
 
-def pool_for(motion_s: float) -> JobPool:
+def make_job_pool(motion_s: float) -> JobPool:
     """Return a pool of this process, or of several for long motion, as each loads the models."""
     return JobPool(min(MAX_PROCESSES, os.cpu_count() or 1) if motion_s > WORTH_S else 1)
 
 
-def warm_up_steps(weights: Path, body: Path | None) -> Iterator[None]:
+def warm_up_in_steps(weights: Path, body: Path | None) -> Iterator[None]:
     """Load every system and the body, generate a short motion, and choose the OpenGL backend.
 
     This is done in small parts, between which the caller can do something else, so that the first

@@ -20,11 +20,11 @@ from typing import TypeVar
 from app import text
 from app.errors import RunError
 from app.findings.sentences import figure_sentences
-from app.run.bodies import body_motion, make_tracked_point, picture_motions
+from app.run.bodies import align_and_cut_motions, body_motion, make_tracked_point
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
 from app.run.diagnostics import (
-    check_figure,
-    figure6_of,
+    check_figure6,
+    make_figure6,
     make_jitter_sheet,
     measure_motions,
     write_diagnostics,
@@ -45,13 +45,13 @@ from app.run.requests.requests import (
 )
 from app.run.run_writer import RunMotions, RunWriter, open_run_writer
 from app.run.tasks import RunResult
-from app.run.timeline import WordSearch, read_transcript_of_run, with_snaps
+from app.run.timeline import TranscriptLoader, read_transcript_of_run, with_snaps
 from app.run.videos.videos import (
     Snapshots,
-    comparison_video,
+    choose_compared_motions,
+    composing_comparison_video,
     draw_poses,
-    draw_rows,
-    limit_compared,
+    render_row_videos,
 )
 from conventions.names import REFERENCE_NAME, pluralise, printable
 from model.diagnostics import Diagnostics
@@ -140,19 +140,19 @@ def run(request: AnyRun, callbacks: RunCallbacks = NO_CALLBACKS) -> RunResult:
 @contextmanager
 def _open_run(
     request: RunRequest, transcript: Path | Transcript | None, callbacks: RunCallbacks
-) -> Iterator[tuple[RunWriter, WordSearch]]:
+) -> Iterator[tuple[RunWriter, TranscriptLoader]]:
     _return_large_blocks()
     output = request.output
     with (
-        WordSearch(transcript, request.speech.words) as words,
+        TranscriptLoader(transcript, request.speech.words) as words,
         open_run_writer(
-            output.out, record_of(request), callbacks, is_incremental=output.is_incremental
+            output.out, make_run_record(request), callbacks, is_incremental=output.is_incremental
         ) as run,
     ):
         yield run, words
 
 
-def record_of(request: RunRequest) -> RunRecord:
+def make_run_record(request: RunRequest) -> RunRecord:
     """Make the record of a run before any input is read."""
     is_generated = isinstance(request, GenerateRequest)
     run = RunRecord(
@@ -184,7 +184,7 @@ def _without_unavailable_pictures(request: Request, run: RunWriter) -> Request:
     return replace(request, output=output)
 
 
-def _show(motions: RunMotions, words: WordSearch, run: RunWriter) -> None:
+def _show(motions: RunMotions, words: TranscriptLoader, run: RunWriter) -> None:
     """Write the timeline for the viewer, and notes on what the body cannot show."""
     run.write_timeline(motions.timeline, words.provided)
     run.add_notes(*motions.body.remarks)
@@ -215,7 +215,7 @@ def _publish_metrics(diagnostics: Diagnostics, run: RunWriter) -> None:
 
 
 def _mark_snaps(
-    motions: RunMotions, diagnostics: Diagnostics, words: WordSearch, run: RunWriter
+    motions: RunMotions, diagnostics: Diagnostics, words: TranscriptLoader, run: RunWriter
 ) -> RunMotions:
     """Mark in the timeline where motions snap."""
     timeline = with_snaps(motions.timeline, diagnostics.findings)
@@ -229,8 +229,8 @@ def _render_videos(request: RunRequest, motions: RunMotions, run: RunWriter) -> 
         return
     on_share = run.progress_callback("video")
     on_share(0.0)
-    draw_rows(
-        {name: motions.place(motion) for name, motion in motions.viewer_motions.items()},
+    render_row_videos(
+        {name: motions.align(motion) for name, motion in motions.viewer_motions.items()},
         request.video,
         motions.body,
         motions.tracked_point,
@@ -248,7 +248,7 @@ def _comparison(
     if not request.output.has_video:
         return nullcontext()
     names = list(motions.figure_motions)
-    return comparison_video(names, motions.audio_path, run.folder, run, run.add_files)
+    return composing_comparison_video(names, motions.audio_path, run.folder, run, run.add_files)
 
 
 def _small(video: VideoOptions) -> VideoOptions:
@@ -272,7 +272,9 @@ def _draw_figures(
     drawn, tip, clip = motions.figure_motions, motions.tracked_point, motions.clip
     post_filter = request.sampling.post_filter if isinstance(request, GenerateRequest) else None
     figures, forms = request.figures, request.figures.figure_forms
-    contents = figure6_of(drawn, snapshots, tip, figures, clip, run.raise_if_cancelled, post_filter)
+    contents = make_figure6(
+        drawn, snapshots, tip, figures, clip, run.raise_if_cancelled, post_filter
+    )
     run.write_figure("figure6", contents, contents.caption, forms)
     on_share((_POSES + 1) / 2)
     systems = [name for name in drawn if name != REFERENCE_NAME]
@@ -291,7 +293,7 @@ def _draw_poses(
     frames = snapshot_frames(motions.figure_motions, figures)
     if not request.output.has_poses or "b" not in figures.figure_panels:
         return Snapshots(frames)
-    placed = {name: motions.place(motion) for name, motion in motions.figure_motions.items()}
+    placed = {name: motions.align(motion) for name, motion in motions.figure_motions.items()}
     on_share = run.progress_callback("figure", _POSES)
     return draw_poses(placed, video, motions.body, on_share, frames)
 
@@ -313,18 +315,20 @@ def redraw_figure6(
     """
     record, figures = read_run(request.run), request.figures
     files = row_files(request.run, "motion")
-    names = limit_compared([row.name for row in record.rows if row.name in files and not row.edit])
+    names = choose_compared_motions(
+        [row.name for row in record.rows if row.name in files and not row.edit]
+    )
     motions = {name: load_motion(files[name]) for name in names[0]}
     if not motions:
         raise RunError(f"The run in {printable(request.run.name)} has no motion to draw.")
-    check_figure(figures, min(each.num_frames for each in motions.values()), len(motions))
+    check_figure6(figures, min(each.num_frames for each in motions.values()), len(motions))
     snapshots = Snapshots(snapshot_frames(motions, figures))
     if "b" in figures.figure_panels and not rendering_unavailable_reason():
-        placed, video = picture_motions(motions)[0], _small(VideoOptions(body=request.body))
+        placed, video = align_and_cut_motions(motions)[0], _small(VideoOptions(body=request.body))
         on_share = callbacks.progress_callback("figure", _POSES)
         snapshots = draw_poses(placed, video, get_body(request.body), on_share, snapshots.frames)
     is_generated, is_raw = record.kind == "generated", record.settings.get("filter") == NONE
-    contents = figure6_of(
+    contents = make_figure6(
         motions,
         snapshots,
         make_tracked_point(request.body, record.point),
@@ -338,7 +342,7 @@ def redraw_figure6(
     return save_figure(draw, request.out, caption, figures.figure_forms)
 
 
-def _wait_for_words(motions: RunMotions, words: WordSearch, run: RunWriter) -> Transcript:
+def _wait_for_words(motions: RunMotions, words: TranscriptLoader, run: RunWriter) -> Transcript:
     """Return the transcript, with the recognised words added to the timeline."""
     transcript, notes = words.wait(run.raise_if_cancelled)
     run.add_notes(*notes)

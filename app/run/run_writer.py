@@ -33,7 +33,7 @@ from app.run.output.run_folder import (
     RowFileKind,
     RunRecord,
     VerdictRecord,
-    rows_of,
+    make_rows,
     truncate,
     viewer_file_name,
 )
@@ -74,23 +74,23 @@ FAULT = "The run stopped because of an internal error."
 
 
 @dataclass
-class _Growing:
+class _GrowingMotion:
     """Motion of one row that is being generated."""
 
     path: Path
-    register: RootTransform | None
-    is_placed: bool
+    root_transform: RootTransform | None
+    is_fixed: bool
     parts: list[Motion] = field(default_factory=list)
-    end: int = 0
+    num_written: int = 0
     aligned_at_frame: int = 0
 
-    def placed(self, num_frames: int) -> RootTransform:
+    def updated_transform(self, num_frames: int) -> RootTransform:
         """Return the alignment of the motion, computed anew as it grows and at its end."""
-        is_due = self.end >= min(_GROWN * self.aligned_at_frame, num_frames)
-        if self.register is None or (is_due and not self.is_placed):
-            self.register = root_transform_of(concatenate(self.parts))
-            self.aligned_at_frame = self.end
-        return self.register
+        is_due = self.num_written >= min(_GROWN * self.aligned_at_frame, num_frames)
+        if self.root_transform is None or (is_due and not self.is_fixed):
+            self.root_transform = root_transform_of(concatenate(self.parts))
+            self.aligned_at_frame = self.num_written
+        return self.root_transform
 
 
 @dataclass(frozen=True)
@@ -118,12 +118,12 @@ class RunMotions:
     """Further inputs of published protocols."""
     notes: tuple[str, ...] = ()
     """Notes on reading imported motions, added to the metrics."""
-    readings: Mapping[str, ImportedMotion] = field(default_factory=dict)
+    imported_files: Mapping[str, ImportedMotion] = field(default_factory=dict)
     """Imported files as they were read."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     """Provenance of generated motions."""
 
-    place: Callable[[Motion], Motion] = lambda motion: motion
+    align: Callable[[Motion], Motion] = lambda motion: motion
     """Function that aligns a motion for pictures; imported ones are aligned when they are read."""
     clip: str = ""
     """Name of the speech in captions of figures."""
@@ -162,7 +162,7 @@ class RunWriter(RunCallbacks):
         self.folder = folder
         self.record = record
         self._path = folder.path(RUN, grows=True)
-        self._growing: dict[str, _Growing] = {}
+        self._growing: dict[str, _GrowingMotion] = {}
         self.write_record()
 
     def add_notes(self, *sentences: str) -> None:
@@ -183,7 +183,7 @@ class RunWriter(RunCallbacks):
 
     def declare_rows(self, names: Iterable[str]) -> None:
         """Set the names of all rows, in order."""
-        self.record.rows = rows_of(list(names)[:MAX_ROWS])
+        self.record.rows = make_rows(list(names)[:MAX_ROWS])
 
     def _row(self, name: str) -> Row:
         row = self.record.row(name)
@@ -234,12 +234,12 @@ class RunWriter(RunCallbacks):
         self.add_files(*(self.folder.path(path.name) for path in files))
 
     def append_motion(
-        self, name: str, motion: Motion, num_frames: int, like: Motion | None = None
+        self, name: str, motion: Motion, num_frames: int, aligned_like: Motion | None = None
     ) -> None:
         """Append frames to the motion of a row, which will have ``num_frames``.
 
         Args:
-            like: motion with the alignment to use; by default that of the row's own motion.
+            aligned_like: motion with the alignment to use; by default that of the row's own motion.
         """
         if num_frames > MAX_FRAMES:
             return
@@ -247,21 +247,21 @@ class RunWriter(RunCallbacks):
         if name not in self._growing:
             path = self.folder.path(viewer_file_name(name, ".frames"), grows=True)
             path.unlink(missing_ok=True)
-            register = None if like is None else root_transform_of(like)
-            self._growing[name] = _Growing(path, register, like is not None)
+            root_transform = None if aligned_like is None else root_transform_of(aligned_like)
+            self._growing[name] = _GrowingMotion(path, root_transform, aligned_like is not None)
         growing = self._growing[name]
         with growing.path.open("ab") as file:
-            file.write(frames_message(growing.end, motion))
+            file.write(frames_message(growing.num_written, motion))
             size = file.tell()
         growing.parts.append(motion)
-        growing.end += motion.num_frames
-        place = growing.placed(num_frames)
+        growing.num_written += motion.num_frames
+        place = growing.updated_transform(num_frames)
         row.files["frames"] = self.folder.mark_complete(growing.path)
         row.available = FramesAvailable(
-            num_ready=growing.end,
+            num_ready=growing.num_written,
             num_frames=num_frames,
             bytes=size,
-            root_transform=(place.turn_rad, *place.shift_m),
+            root_transform=(place.yaw_rad, *place.translation_m),
         )
         self.write_record()
 
@@ -283,7 +283,7 @@ class RunWriter(RunCallbacks):
         write_wav(path, waveform)
         self.record.audio = SPEECH
         self.add_files(path)
-        return self.folder.final_path(SPEECH)
+        return self.folder.current_path(SPEECH)
 
     def write_viewer_files(
         self,

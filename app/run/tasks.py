@@ -42,7 +42,7 @@ MEASURE_SETS = Task("app.run.batch.motion_sets", "measure_sets")
 MEASURE_STEPS = Task("app.run.experiments.step_sweep", "measure_step_sweep")
 RENDER = Task("app.run.videos.export", "render_motion")
 COMPARE_ROTATION_NOISE = Task("app.run.experiments.rotation_noise", "compare_rotation_noise")
-WRITE_STAGE_BODY = Task("app.run.frame_packets", "write_stage_body")
+WRITE_STAGE_BODY = Task("app.run.frame_packets", "write_viewer_body")
 WRITE_PLAN = Task("app.run.videos.export", "write_plan")
 
 

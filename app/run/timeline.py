@@ -11,8 +11,8 @@ from jaxtyping import Float, Float32
 from pydantic import BaseModel, Field
 
 from app.run.bodies import TrackedPoint
-from app.run.diagnostics import onsets_of
-from app.run.output.run_folder import Text, file_of, read_run
+from app.run.diagnostics import cached_speech_onsets
+from app.run.output.run_folder import Text, existing_file, read_run
 from app.run.output.viewer_files import MAX_POINTS, NUM_PEAKS, Curve
 from app.run.requests.parts import NUM_WORST_SECONDS, WordSource
 from conventions.names import REFERENCE_NAME, FilterVersion
@@ -171,10 +171,10 @@ def make_timeline(
         for name, motion in motions.items()
     }
     return {
-        "duration_s": round(max(longest_s(motions), speech.duration_s if speech else 0.0), 4),
+        "duration_s": round(max(max_duration_s(motions), speech.duration_s if speech else 0.0), 4),
         "fps": FPS,
         "peaks": [] if speech is None else waveform_peaks(padded_waveform(speech, motions)),
-        "onsets_s": [] if speech is None else np.round(onsets_of(speech), 3).tolist(),
+        "onsets_s": [] if speech is None else np.round(cached_speech_onsets(speech), 3).tolist(),
         "heard_accents": [(accent.time_s, accent.strength) for accent in accents],
         "point": tip.title,
         "curves": curves,
@@ -240,7 +240,7 @@ class _Line(BaseModel):
 
 def read_transcript_of_run(folder: Path) -> Transcript:
     """Return the transcript in a run's timeline; empty if it is damaged."""
-    path = file_of(folder, read_run(folder).timeline)
+    path = existing_file(folder, read_run(folder).timeline)
     try:
         return (
             EMPTY_TRANSCRIPT if path is None else read_json(path, _Line, _MAX_LINE_BYTES).transcript
@@ -249,7 +249,7 @@ def read_transcript_of_run(folder: Path) -> Transcript:
         return EMPTY_TRANSCRIPT
 
 
-class WordSearch:
+class TranscriptLoader:
     """Words of a run's speech, from a TextGrid, else aligned text, else recognised on request.
 
     As a context manager, it stops the recognition at the end of the block.
@@ -264,7 +264,7 @@ class WordSearch:
         self._source: WordSource = source
         self._recognition: WordRecognition | None = None
 
-    def __enter__(self) -> WordSearch:
+    def __enter__(self) -> TranscriptLoader:
         return self
 
     def __exit__(self, *_: Any) -> None:
@@ -355,7 +355,7 @@ def derivative_curve(
     }
 
 
-def longest_s(motions: Mapping[str, Motion]) -> float:
+def max_duration_s(motions: Mapping[str, Motion]) -> float:
     """Return the duration of the longest motion (s)."""
     return max(motion.duration_s for motion in motions.values())
 
@@ -363,5 +363,5 @@ def longest_s(motions: Mapping[str, Motion]) -> float:
 def padded_waveform(speech: Speech | None, motions: Mapping[str, Motion]) -> np.ndarray:
     """Return the speech, or silence without one, padded with zeros to the longest motion."""
     waveform = np.zeros(0, np.float32) if speech is None else speech.waveform
-    missing = round(longest_s(motions) * SAMPLE_RATE) - len(waveform)
+    missing = round(max_duration_s(motions) * SAMPLE_RATE) - len(waveform)
     return np.pad(waveform, (0, max(0, missing)))

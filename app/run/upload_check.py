@@ -44,7 +44,7 @@ _UNREADABLE = (
 )
 
 
-def kind_of(path: Path) -> FileKind:
+def file_kind(path: Path) -> FileKind:
     """Return the kind of a file by its name, and of an archive by the names in it.
 
     Nothing is unpacked.
@@ -91,7 +91,7 @@ def rejection_reason(upload: Upload, *_: object) -> str:
             check_clips(upload.paths, upload.max_speech_s)
             return ""
         for path in upload.paths:
-            kind = kind_of(path) if upload.kind == "files" else upload.kind
+            kind = file_kind(path) if upload.kind == "files" else upload.kind
             _read(kind, path, upload.max_speech_s)
     except Exception as error:
         sentence = message_for_user(error)

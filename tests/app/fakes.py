@@ -28,10 +28,10 @@ from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, StagePr
 from app.run.generated_motions import row_names
 from app.run.output.result_folder import ResultFolder
 from app.run.output.run_folder import add_file, read_run
-from app.run.pipeline import MEASURED, record_of
+from app.run.pipeline import MEASURED, make_run_record
 from app.run.requests.requests import AnyRun
 from app.run.run_writer import RunWriter, open_run_writer
-from app.run.timeline import WordSearch, make_timeline
+from app.run.timeline import TranscriptLoader, make_timeline
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME, safe_file_stem
 from model.diagnostics import RawAndFiltered
@@ -185,7 +185,7 @@ def make_generate(
             on_start(request)
         names, num_frames = row_names(request, request.sampling.systems), round(30 * seconds)
         systems = [name for name in names if name != REFERENCE_NAME]
-        how = request.output.out, record_of(request), callbacks
+        how = request.output.out, make_run_record(request), callbacks
         with open_run_writer(*how, is_incremental=request.output.is_incremental) as run:
             run.report_progress("speech", 1.0)
             run.report_progress("motion", 0.4, names[0])
@@ -217,7 +217,7 @@ def make_generate(
             said = (
                 RECOGNISED
                 if request.speech.words == "recognise"
-                else WordSearch(request.speech.transcript, "none").provided
+                else TranscriptLoader(request.speech.transcript, "none").provided
             )
             run.write_timeline(make_timeline(speech, motions | recorded, "raw", tip), said)
             run.detect_plans(motions | recorded)
@@ -244,7 +244,7 @@ def diagnose(request: AnyRun, callbacks: RunCallbacks) -> None:
     callbacks.on_event(StageProgress("numbers", 0.5))
     with open_run_writer(
         request.output.out,
-        record_of(request),
+        make_run_record(request),
         callbacks,
         is_incremental=request.output.is_incremental,
     ) as run:

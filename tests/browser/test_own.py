@@ -17,7 +17,7 @@ from playwright.sync_api import BrowserContext, Page, expect
 from app import text
 from app.page.tabs.own_motion import CLIP_LABEL, TAB
 from app.run.bodies import align_to_origin
-from app.run.examples import CLEAN, slide
+from app.run.examples import CLEAN, add_foot_sliding
 from conventions.joints import HANDS
 from model.formats.convention_detection import RELAXED_HANDS
 from model.motion.motion import load_motion, save_motion
@@ -197,7 +197,7 @@ def test_the_worst_of_a_set_shows_its_findings_and_is_kept_as_a_file(
     page.locator("#own-videos input").uncheck()
     zipped, clean = tmp_path / "mine.zip", load_motion(CLEAN).part(slice(180))
     with zipfile.ZipFile(zipped, "w") as archive:
-        for clip, motion in (("calm", clean), ("sliding", slide(clean))):
+        for clip, motion in (("calm", clean), ("sliding", add_foot_sliding(clean))):
             save_motion(motion, tmp_path / f"{clip}.npz")
             archive.write(tmp_path / f"{clip}.npz", f"results/{clip}.npz")
     give_motions(page, zipped)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from app.run.bodies import body_motion
-from app.run.frame_packets import reaches
+from app.run.frame_packets import camera_bound_poses
 from app.study.design.key import read_key, write_key
 from app.study.design.plan import read_plan
 from app.study.statistics.answers import collect_answers
@@ -167,7 +167,7 @@ def test_characters(kind: str, tmp_path: Path) -> None:
 
     def read_and_write(path: Path) -> None:
         body = load_body(path)
-        motion = reaches(body)
+        motion = camera_bound_poses(body)
         (vertices,) = body.vertices(motion)
         assert np.isfinite(vertices).all()
         glb_bytes(body, motion, clustered_lod_faces(body))

@@ -14,7 +14,7 @@ import gradio as gr
 from pydantic import ConfigDict, ValidationError, create_model
 
 from app.errors import RunError
-from app.run.requests.convert import all_names, parse_field, request_field
+from app.run.requests.convert import accepted_field_names, parse_field, request_field
 from model.storage.json_validation import validation_message
 
 LONGEST_TEXT = 5000
@@ -64,7 +64,7 @@ def _read(part: Any, value: Any, request: type, name: str) -> Any:
     if isinstance(part, gr.File | gr.Audio):
         paths = tuple(map(Path, [value] if isinstance(value, str) else value or ()))
         return paths if _kind(part) != str | None else next(iter(paths), None)
-    if name not in all_names(request):
+    if name not in accepted_field_names(request):
         return tuple(value) if isinstance(value, list) else value
     if isinstance(value, str):
         value = value.strip()

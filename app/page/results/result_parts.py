@@ -95,7 +95,9 @@ def _figure(
     about = text.FIGURES.get(stem, text.FigureText(stem, "", ()))
     links = "".join(download_link(url, f"{stem}.{end}", end.upper()) for end, url in urls.items())
     captions = "".join(
-        f"<p>{add_tooltips(sentences[key])}</p>" for key in about.says if sentences.get(key)
+        f"<p>{add_tooltips(sentences[key])}</p>"
+        for key in about.sentence_keys
+        if sentences.get(key)
     )
     beside = (
         f"<details><summary>{text.CAPTION}</summary><p>{escape(caption)}</p></details>"

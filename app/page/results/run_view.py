@@ -17,10 +17,10 @@ from app.run.output.run_folder import (
     Row,
     RowFileKind,
     RunRecord,
-    file_of,
+    existing_file,
+    find_runs,
     noise_group,
     read_run,
-    runs_in,
 )
 from app.run.requests.requests import MAX_NOISE_RAD, MIN_NOISE_RAD, RotationNoiseRequest
 from conventions.colors import colors_of
@@ -63,7 +63,7 @@ class RunView:
     def file(self, kind: RowFileKind, name: str) -> Path | None:
         """Return the path of a row's file of a kind, or None."""
         row = self.record.row(name)
-        return None if row is None else file_of(self.folder, row.files.get(kind))
+        return None if row is None else existing_file(self.folder, row.files.get(kind))
 
     def planned_rows(self) -> list[str]:
         """Return the names of the run's original rows from systems that follow a gesture plan."""
@@ -154,7 +154,7 @@ class RunView:
         }
 
     def _addresses(self, names: Any) -> dict[str, str]:
-        paths = {kind: file_of(self.folder, name) for kind, name in names.items()}
+        paths = {kind: existing_file(self.folder, name) for kind, name in names.items()}
         return {kind: self.address(path) for kind, path in paths.items() if path is not None}
 
 
@@ -162,7 +162,7 @@ def run_views_in(
     folder: Path, address: FileToUrl, name: str, will_have_video: bool = False
 ) -> dict[str, RunView]:
     """Return the player data of a folder's run under "", or of several clips by name."""
-    runs = runs_in(folder)
+    runs = find_runs(folder)
     return {
         clip: RunView(run, address, f"{name}{clip}", will_have_video) for clip, run in runs.items()
     }

@@ -31,7 +31,7 @@ from app.page.routes.media import GONE, OnDemandFiles, SharedFolders
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore, equal_in_constant_time
 from app.run.batch.saved_run import copy_run
-from app.run.output.run_folder import READABLE_TABLES, RunRecord, file_of
+from app.run.output.run_folder import READABLE_TABLES, RunRecord, existing_file
 
 RUN_QUERY_PARAMETER = "run"
 """Query parameter of the page's URL."""
@@ -119,7 +119,7 @@ class SavedRun:
 def progress_updates(run_view: RunView, parts: ResultParts) -> Updates:
     """Return the updates of player, verdict, metrics and figures of a run, finished or not."""
     record = run_view.record
-    files = (file_of(run_view.folder, name) for name in record.files)
+    files = (existing_file(run_view.folder, name) for name in record.files)
     figures = figures_html(filter(None, files), run_view.address, record.figure_captions)
     verdict_html = ""
     if (verdict := record.verdict) is not None:

@@ -39,7 +39,12 @@ from app.page.routes.bodies import CHARACTER_ROUTE
 from app.page.visitors.characters import FILE, Characters
 from app.page.visitors.quota import Quota
 from app.page.visitors.visitors import TokenStore, cookie_of
-from app.run.frame_packets import body_glb, body_shapes_bytes, encode_camera_bound_poses, face_names
+from app.run.frame_packets import (
+    body_shapes_bytes,
+    encode_camera_bound_poses,
+    face_blendshape_names,
+    open_body_glb,
+)
 from app.run.requests.convert import parse_field, request_from
 from app.run.requests.parts import FigureWidth, VideoOptions, check_choice
 from app.run.requests.requests import MARKERS_SUFFIX, FigureRequest, RenderRequest
@@ -425,7 +430,7 @@ def _route(path: str, make: Callable[[], bytes], media_type: str) -> APIRoute:
 
 def warm_caches() -> None:
     """Make the data that the first page would wait for."""
-    body_glb()
+    open_body_glb()
     viewer_constants()
 
 
@@ -441,7 +446,7 @@ def viewer_constants() -> bytes:
 
     constants = {
         **browser_render_constants(),
-        "faces": list(face_names()),
+        "faces": list(face_blendshape_names()),
         "reaches": base64.b64encode(encode_camera_bound_poses()).decode("ascii"),
         "exaggeration": {"cutoff": CUTOFF_HZ, "max_turn": MAX_EXAGGERATED_RAD},
         "scales": {"speed": FULL_SPEED_M_S},
@@ -454,7 +459,7 @@ def viewer_constants() -> bytes:
 
 
 VIEWER_ASSETS: Mapping[str, tuple[Callable[[], bytes], str]] = {
-    "live/body.glb": (body_glb, "model/gltf-binary"),
+    "live/body.glb": (open_body_glb, "model/gltf-binary"),
     "stage/facts.json": (viewer_constants, "application/json"),
     "stage/builds.bin": (body_shapes_bytes, "application/octet-stream"),
 }

@@ -29,7 +29,7 @@ from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import cookie_of, equal_in_constant_time, visitor_of
 from app.run.batch.saved_run import OPENED, run_request
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, RunStage, StageProgress
-from app.run.output.run_folder import end_run
+from app.run.output.run_folder import mark_run_failed
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest
 
@@ -180,7 +180,7 @@ class MotionRunner(TabRunner):
         except Exception as error:
             begun, sentence = run_views().values(), visitor_message(error)
             undone = [each.folder for each in begun if each.record.state != "done"]
-            has_left = [end_run(folder, sentence) for folder in undone]
+            has_left = [mark_run_failed(folder, sentence) for folder in undone]
             if not any(has_left) and len(undone) == len(begun):
                 raise
         saved = services.saved_runs.add_run(job, run_views(), form)

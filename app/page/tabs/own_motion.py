@@ -45,7 +45,7 @@ from app.run.requests.convert import replace_fields, request_from
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, MAX_COMPARED
 from app.run.requests.requests import AnyRun, DiagnoseRequest
 from app.run.tasks import MEASURE_SETS, SetResults
-from app.run.upload_check import FileKind, kind_of
+from app.run.upload_check import FileKind, file_kind
 from conventions.names import REFERENCE_NAME, pluralise, printable
 from model.speech.transcript import ENDINGS as WORD_ENDINGS
 
@@ -187,7 +187,7 @@ def build_own_form(services: Services) -> FormParts:
 def _choices(paths: list[str] | None) -> tuple[Any, Any, Any]:
     """Update the choices of files: the recorded motion by its name, shown motions, and channels."""
     paths = list(dict.fromkeys(paths or ()))[: MAX_FILES + len(SINGLE_FILE_KINDS)]
-    kinds = {path: kind_of(path) for path in map(Path, paths)}
+    kinds = {path: file_kind(path) for path in map(Path, paths)}
     names = display_names([archive_stem(path) for path, kind in kinds.items() if kind == "motions"])
     recorded = next(filter(_IS_RECORDED.search, names), "")
     first = list(names[:MAX_COMPARED])
@@ -255,7 +255,7 @@ def sort_files_by_kind(files: Sequence[Path], recorded: str | None) -> dict[str,
         raise RunError(TOO_MANY.format(limit=MAX_FILES, count=len(files)))
     by_kind: dict[FileKind, list[Path]] = {"motions": [], "sounds": [], "transcript": []}
     for path in files:
-        by_kind[kind_of(path)].append(path)
+        by_kind[file_kind(path)].append(path)
     for kind, what in SINGLE_FILE_KINDS.items():
         if len(by_kind[kind]) > 1:
             raise RunError(ONE_FILE.format(what=what, count=len(by_kind[kind])))

@@ -32,7 +32,7 @@ from app.page.visitors.visitors import CHECKS, RUNS, TokenStore, cookie_of, visi
 from app.page.worker import Task, Worker
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.display import Display
-from app.run.requests.convert import all_names, request_from
+from app.run.requests.convert import accepted_field_names, request_from
 from app.run.upload_check import Upload, UploadKind, rejection_reason
 from conventions.views import CLOSE_UPS
 
@@ -57,7 +57,7 @@ def page_request(
         "max_speech_s": config.max_speech_s,
         "figure_forms": ("png",),
     }
-    names = all_names(request_type)
+    names = accepted_field_names(request_type)
     return request_from(
         request_type, {name: own[name] for name in own if name in names} | dict(values)
     )

@@ -25,7 +25,7 @@ from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import visitor_of
 from app.run.callbacks import FolderUpdated, RunEvent
 from app.run.display import ViewerState
-from app.run.output.run_folder import drop_unfinished, expect_videos
+from app.run.output.run_folder import declare_expected_videos, drop_unfinished_edits
 from app.run.plan_edits.edits import MAX_PLAN_CHARACTERS, PlanEditRequest, parse_edits
 from app.run.requests.parts import VideoOptions
 from app.run.requests.requests import RunVideosRequest, ViewerVideoRequest
@@ -98,7 +98,7 @@ class EditRunner(TabRunner):
             number = max(row.edit.number for row in run_view.record.rows if row.edit)
             return message_update(text.TAKE_COMING.format(number=number), state="working")
 
-        drop_unfinished(run_view.folder)  # left by closed pages
+        drop_unfinished_edits(run_view.folder)  # left by closed pages
         yield message_update(
             text.TAKE_BEGINS if message.edits else text.EDITOR_BEGINS, state="working"
         )
@@ -106,18 +106,18 @@ class EditRunner(TabRunner):
             wanted = PlanEditRequest(
                 run=run_view.folder,
                 weights=self.services.config.weights,
-                start=message.start,
+                source_row=message.start,
                 edits=parse_edits(message.edits),
                 body=self.services.config.body,
             )
             take = yield from self.run_task(job, REGENERATE_EDITED, wanted, coming)
         except Exception as error:
-            drop_unfinished(run_view.folder)
+            drop_unfinished_edits(run_view.folder)
             yield message_update(visitor_message(error), is_refused=True)
             return
-        if take.offers:
+        if take.suggestions:
             yield message_update(
-                without_cli_options(take.notes[0]), is_refused=True, offers=take.offers
+                without_cli_options(take.notes[0]), is_refused=True, offers=take.suggestions
             )
             return
         done = text.TAKE_DONE.format(number=take.number) if take.number else text.EDITOR_READY
@@ -253,7 +253,7 @@ class BackgroundVideos:
 
     def request_videos(self, run: SavedRun, video: VideoOptions) -> None:
         """Request the videos of a run, which start with the next event of its visitor's page."""
-        expect_videos(run.view.folder, video.views)
+        declare_expected_videos(run.view.folder, video.views)
         wanted = {who: each for who, each in self._wanted.items() if each[0].folder.exists()}
         self._wanted = wanted | {run.job.visitor: (run, video)}
 

@@ -49,10 +49,10 @@ from app.run.batch.speech_batch import ENDINGS as SOUND_ENDINGS
 from app.run.batch.speech_batch import inputs_digest, run_jobs
 from app.run.batch.table import average_samples, draw_distribution_figure, write_tables
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
-from app.run.diagnostics import onsets_of
+from app.run.diagnostics import cached_speech_onsets
 from app.run.imported_motions import protocol_inputs
 from app.run.output.result_folder import ResultFolder
-from app.run.requests.convert import replace_fields, with_paths
+from app.run.requests.convert import map_paths, replace_fields
 from app.run.requests.parts import MetricOptions
 from app.run.requests.requests import DiagnoseRequest
 from app.run.tasks import SetResults
@@ -119,7 +119,7 @@ def diagnose_folders(
         CheckpointError: for weights that are not EMAGE's.
         JobsError: if the workers are lost.
     """
-    check_encoder_files(with_paths(request, Path.absolute).metrics, request.imports.reference)
+    check_encoder_files(map_paths(request, Path.absolute).metrics, request.imports.reference)
     with ResultFolder(request.output.out, is_incremental=True) as results:
         folders = unpack_archives(input_sets(request), results.scratch("sets"))
         return _diagnose_sets(
@@ -201,7 +201,7 @@ def _diagnose_clips(
     on_progress: Callable[[float], None],
     pool: JobPool,
 ) -> SetResults:
-    clips_folder, here = request.output.out.absolute() / "clips", with_paths(request, Path.absolute)
+    clips_folder, here = request.output.out.absolute() / "clips", map_paths(request, Path.absolute)
     measured = {
         clip: _ClipJob(
             files={
@@ -489,7 +489,7 @@ class _ClipJob:
         if speech is None:
             return {"inputs": inputs}
         bands = speech_bands_by_frame(speech.waveform)
-        return {"onsets_s": onsets_of(speech), "speech_bands": bands, "inputs": inputs}
+        return {"onsets_s": cached_speech_onsets(speech), "speech_bands": bands, "inputs": inputs}
 
     def _readings(self, name: str, unread: list[str]) -> dict[str, ImportedMotion]:
         """Read the samples of a set, and append the reasons of unreadable ones to ``unread``.

@@ -16,17 +16,17 @@ from app.run.output.run_folder import (
     NO_RUN,
     READABLE_TABLES,
     RUN,
-    file_of,
-    files_of,
+    existing_file,
+    files_of_run,
+    find_runs,
     is_run_zip,
     read_run,
     row_files,
-    runs_in,
 )
 from app.run.output.viewer_files import check_viewer_files
 from app.run.requests.convert import replace_fields
 from app.run.requests.parts import MAX_CLIPS, MAX_COMPARED
-from app.run.requests.requests import AnyRun, DiagnoseRequest, systems_of
+from app.run.requests.requests import AnyRun, DiagnoseRequest, requested_systems
 from app.run.upload_check import check_clips
 from conventions.names import REFERENCE_NAME, printable
 from processes.pool import JobPool
@@ -51,7 +51,7 @@ def run_request(request: AnyRun, callbacks: RunCallbacks) -> None:
     Raises:
         Exception: also if every clip has failed.
     """
-    from app.run.models import pool_for
+    from app.run.models import make_job_pool
     from app.run.pipeline import run
 
     requests: dict[str, AnyRun] = {"": request}
@@ -64,7 +64,7 @@ def run_request(request: AnyRun, callbacks: RunCallbacks) -> None:
         requests = {**clip_requests(request)}
         paths = [each.speech.path for each in requests.values() if each.speech.path]
         seconds = check_clips(paths, request.speech.max_speech_s)
-        pool = pool_for(seconds * len(systems_of(request)) * request.sampling.samples)
+        pool = make_job_pool(seconds * len(requested_systems(request)) * request.sampling.samples)
     if "" in requests:
         run(requests[""], callbacks)
         return
@@ -84,7 +84,7 @@ def reopen_requests(request: DiagnoseRequest, into: Path) -> dict[str, DiagnoseR
     Args:
         into: folder to unpack into, which must not exist.
     """
-    runs = runs_in(find_run_folder(request.motions.motions[0], into))
+    runs = find_runs(find_run_folder(request.motions.motions[0], into))
     limit = request.motions.max_frames
     share = replace_fields(request, max_frames=limit and limit // len(runs))
     return {
@@ -101,7 +101,7 @@ def _of_run(request: DiagnoseRequest, folder: Path) -> DiagnoseRequest:
     if not others:
         raise RunError(NO_RUN.format(name=name, why="it has no motion"))
     shown = others[: MAX_COMPARED - (REFERENCE_NAME in motions)]
-    speech = file_of(folder, record.audio) if record.speech_sha256 else None
+    speech = existing_file(folder, record.audio) if record.speech_sha256 else None
     return replace_fields(
         request,
         motions=tuple(motions[each] for each in shown),
@@ -126,7 +126,7 @@ def find_run_folder(
         into.mkdir(parents=True)
         _unpack_runs(path, into, endings, limits)
         folders = [into, *into.iterdir()]
-    runs = next(filter(None, map(runs_in, folders)), {})
+    runs = next(filter(None, map(find_runs, folders)), {})
     if not runs:
         raise RunError(NO_RUN.format(name=printable(path.name), why=f"{RUN} is missing"))
     first = next(iter(runs.values()))
@@ -141,7 +141,7 @@ def _unpack_runs(path: Path, into: Path, endings: Sequence[str], limits: UnpackL
     for run in into.rglob(RUN):
         below, record = run.parent.relative_to(into), read_run(run.parent)
         of_rows = [name for row in record.rows for name in row.files.values()]
-        own = filter(None, (*record.named, *of_rows, record.audio, record.timeline))
+        own = filter(None, (*record.all_files, *of_rows, record.audio, record.timeline))
         names.update((below / name).as_posix() for name in own if name != RUN)
         names.update((below.parent / name).as_posix() for name in READABLE_TABLES if below.parts)
     unpack_archive(path, into, endings, replace(limits), names.__contains__)
@@ -160,10 +160,10 @@ def copy_run(path: Path, into: Path) -> Path:
         RunError: if there is no run, or one is damaged.
     """
     folder = find_run_folder(path, into / "unpacked", ALL_ENDINGS, UnpackLimits())
-    for file in files_of(folder):
+    for file in files_of_run(folder):
         copy = into / "results" / file.relative_to(folder)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, copy)
-    for run in runs_in(into / "results").values():
+    for run in find_runs(into / "results").values():
         check_viewer_files(run)
     return into / "results"

@@ -21,7 +21,7 @@ from app.run.batch.table import write_tables
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks, RunEvent, RunStage, StageProgress
 from app.run.output.result_folder import lock_folder
 from app.run.output.run_folder import RUN, RunRecord, read_run
-from app.run.requests.convert import flat_json, replace_fields, with_paths
+from app.run.requests.convert import flat_json, map_paths, replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest
 from app.run.upload_check import SOUNDS
 from conventions.names import REFERENCE_NAME, pluralise, safe_file_stem
@@ -70,7 +70,7 @@ def clip_requests(request: GenerateRequest) -> dict[str, GenerateRequest]:
             "several. To compare with recordings, use `python -m app diagnose`."
         )
     speeches = find_speech_files(request.speech.path)
-    plans, request = _plans(request.planning.plan, speeches), with_paths(request, Path.absolute)
+    plans, request = _plans(request.planning.plan, speeches), map_paths(request, Path.absolute)
     return {
         clip: replace_fields(
             request,

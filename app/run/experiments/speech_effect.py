@@ -15,13 +15,13 @@ from typing import Any
 
 from app.errors import RunError
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
-from app.run.generated_motions import generation_options, load_beginning
-from app.run.models import get_system, pool_for
+from app.run.generated_motions import generation_options, load_first_seconds
+from app.run.models import get_system, make_job_pool
 from app.run.output.run_folder import RunRecord, check_file_stems
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.requests.requests import (
     SpeechEffectRequest,
-    systems_of,
+    requested_systems,
 )
 from app.run.run_writer import RunWriter, open_run_writer
 from conventions.names import pluralise, safe_file_stem, short_names
@@ -80,10 +80,11 @@ def measure_speech_effect(
     """
     request.check()
     record = RunRecord(
-        kind="imported" if request.is_of_motions else "generated", point=DEFAULT_TRACKED_POINT
+        kind="imported" if request.compares_existing_motions else "generated",
+        point=DEFAULT_TRACKED_POINT,
     )
     with open_run_writer(request.output.out, record, callbacks) as run:
-        if request.is_of_motions:
+        if request.compares_existing_motions:
             of_system = {
                 name: _GeneratedGrid(grid)
                 for name, grid in _read_grids(request.speeches[0]).items()
@@ -91,10 +92,12 @@ def measure_speech_effect(
             run.progress_callback("numbers")(1.0)
         else:
             speeches = {
-                safe_file_stem(path.stem): load_beginning(path, MAX_SPEECH_S, request.max_speech_s)
+                safe_file_stem(path.stem): load_first_seconds(
+                    path, MAX_SPEECH_S, request.max_speech_s
+                )
                 for path in request.speeches
             }
-            names = systems_of(request)
+            names = requested_systems(request)
             check_file_stems(f"{name}__{speech}" for name in names for speech in speeches)
             of_system = _generate_grids(request, speeches, run)
             for system, made in of_system.items():
@@ -126,7 +129,7 @@ def _generate_grids(
     request: SpeechEffectRequest, speeches: Mapping[str, Speech], run: RunWriter
 ) -> dict[str, _GeneratedGrid]:
     """Generate all motions, in several processes where that is worth their start."""
-    systems = [get_system(name, request.weights) for name in systems_of(request)]
+    systems = [get_system(name, request.weights) for name in requested_systems(request)]
     first, seeds, speakers = next(iter(speeches)), range(request.seeds), request.speakers or ()
     folder, jobs = run.folder.scratch("motions").absolute(), list[Job]()
     folder.mkdir()
@@ -158,7 +161,7 @@ def _generate_grids(
     }
     on_share, done = run.progress_callback("numbers"), itertools.count(1)
     on_share(0.0)
-    failed = pool_for(seconds_of_motion).run_all(
+    failed = make_job_pool(seconds_of_motion).run_all(
         jobs, lambda _: on_share(next(done) / len(jobs)), should_cancel=run.should_cancel
     )
     for error in failed.values():

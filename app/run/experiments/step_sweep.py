@@ -10,13 +10,13 @@ import numpy as np
 from pandas import DataFrame
 
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks
-from app.run.generated_motions import load_beginning
+from app.run.generated_motions import load_first_seconds
 from app.run.models import get_system
 from app.run.output.run_folder import RunRecord
 from app.run.requests.parts import DEFAULT_TRACKED_POINT
 from app.run.requests.requests import (
     StepSweepRequest,
-    systems_of,
+    requested_systems,
 )
 from app.run.run_writer import open_run_writer
 from conventions.names import short_names
@@ -60,8 +60,8 @@ def measure_step_sweep(request: StepSweepRequest, callbacks: RunCallbacks = NO_C
         RunError, SpeechError, UnknownNameError, CheckpointError, WriteError: with a sentence.
     """
     request.check()
-    speech = load_beginning(request.speech, MAX_S, request.max_speech_s)
-    systems = [get_system(name, request.weights) for name in systems_of(request)]
+    speech = load_first_seconds(request.speech, MAX_S, request.max_speech_s)
+    systems = [get_system(name, request.weights) for name in requested_systems(request)]
     record = RunRecord(kind="generated", point=DEFAULT_TRACKED_POINT)
     points: list[StepPoint] = []
     with open_run_writer(request.output.out, record, callbacks) as run:

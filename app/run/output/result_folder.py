@@ -185,7 +185,7 @@ class ResultFolder:
             self._move(name)
         return name
 
-    def final_path(self, name: str) -> Path:
+    def current_path(self, name: str) -> Path:
         """Return the current path of a written file."""
         path = self._staging / name
         return path if path.exists() else self.out / name

@@ -301,7 +301,7 @@ class RunRecord(_Strict):
         return name if row is None else row.label
 
     @property
-    def named(self) -> list[str]:
+    def all_files(self) -> list[str]:
         """All files that the record names."""
         frames = [row.files["frames"] for row in self.rows if "frames" in row.files]
         return list(dict.fromkeys([*self.files, *frames]))
@@ -359,7 +359,7 @@ def check_file_stems(names: Iterable[str]) -> None:
             )
 
 
-def rows_of(names: Sequence[str]) -> list[Row]:
+def make_rows(names: Sequence[str]) -> list[Row]:
     """Make rows with labels and colours; raises RunError if two would share their files."""
     check_file_stems(names)
     labels = short_names(names)
@@ -381,16 +381,18 @@ def read_run(folder: Path) -> RunRecord:
         raise RunError(NO_RUN.format(name=name, why=why)) from None
 
 
-def runs_in(folder: Path) -> dict[str, Path]:
+def find_runs(folder: Path) -> dict[str, Path]:
     """Return the folders of runs by clip: the folder itself under "", or its subfolders."""
-    if file_of(folder, RUN) is not None:
+    if existing_file(folder, RUN) is not None:
         return {"": folder}
     folders = (path.parent for path in sorted(folder.glob(f"*/{RUN}")))
-    own = (path for path in folders if not path.is_symlink() and file_of(path, RUN) is not None)
+    own = (
+        path for path in folders if not path.is_symlink() and existing_file(path, RUN) is not None
+    )
     return {path.name: path for path in own if not path.name.startswith(".")}
 
 
-def file_of(folder: Path, name: str | None) -> Path | None:
+def existing_file(folder: Path, name: str | None) -> Path | None:
     """Return the path of a file named by ``run.json``; None if it is missing or leads outside."""
     path = None if name is None else folder / name
     if path is None or not path.is_file():
@@ -400,7 +402,9 @@ def file_of(folder: Path, name: str | None) -> Path | None:
 
 def row_files(folder: Path, kind: RowFileKind) -> dict[str, Path]:
     """Return the files of one kind by row; raises RunError as `read_run`."""
-    files = ((row.name, file_of(folder, row.files.get(kind))) for row in read_run(folder).rows)
+    files = (
+        (row.name, existing_file(folder, row.files.get(kind))) for row in read_run(folder).rows
+    )
     return {name: path for name, path in files if path is not None}
 
 
@@ -435,15 +439,15 @@ def add_file(folder: Path, path: Path, row: str = "", kind: RowFileKind | None =
         record.missing = [name for name in record.missing if name != own]
 
 
-def expect_videos(folder: Path, views: Sequence[str]) -> None:
+def declare_expected_videos(folder: Path, views: Sequence[str]) -> None:
     """Record in `RunRecord.missing` the videos that will be rendered of a run's motions."""
     with edit_record(folder) as record:
         names = [row.name for row in record.rows if row.edit is None and "motion" in row.files]
-        videos = [video_file(name, view, views) for view in views for name in names]
+        videos = [video_file_name(name, view, views) for view in views for name in names]
         record.missing = videos + [f"{COMPARISON}.mp4"] * (len(names) > 1)
 
 
-def drop_unfinished(folder: Path) -> None:
+def drop_unfinished_edits(folder: Path) -> None:
     """Remove takes that are incomplete."""
     with edit_record(folder) as record:
         for row in [row for row in record.rows if row.edit and "editor" not in row.files]:
@@ -453,7 +457,7 @@ def drop_unfinished(folder: Path) -> None:
             record.files = [name for name in record.files if name not in row.files.values()]
 
 
-def end_run(folder: Path, sentence: str) -> bool:
+def mark_run_failed(folder: Path, sentence: str) -> bool:
     """Record the reason of a failure as visitors see it; return whether any motion was written."""
     try:
         with edit_record(folder) as record:
@@ -470,15 +474,15 @@ def save_run(paths: tuple[Path, Path], *_: object) -> None:
 
 def zip_run(folder: Path, out: Path) -> Path:
     """Zip all files of a run, or of the runs of several clips with their tables."""
-    return zip_files(files_of(folder), out, below=folder)
+    return zip_files(files_of_run(folder), out, below=folder)
 
 
-def files_of(folder: Path) -> list[Path]:
+def files_of_run(folder: Path) -> list[Path]:
     """Return all files of a run, or of the runs of several clips; raises RunError without any."""
-    runs = runs_in(folder) or {"": folder}
-    named = [(run, name) for run in runs.values() for name in (RUN, *read_run(run).named)]
+    runs = find_runs(folder) or {"": folder}
+    named = [(run, name) for run in runs.values() for name in (RUN, *read_run(run).all_files)]
     named += [(folder, name) for name in READABLE_TABLES if "" not in runs]
-    paths = (file_of(*each) for each in named)
+    paths = (existing_file(*each) for each in named)
     return [path for path in paths if path is not None]
 
 
@@ -504,7 +508,7 @@ def safe_suffix(path: Path) -> str:
     return ending if re.fullmatch(_SUFFIX, ending) else ""
 
 
-def video_file(name: str, view: str, views: Sequence[str]) -> str:
+def video_file_name(name: str, view: str, views: Sequence[str]) -> str:
     """Return the file name of a row's video in one of the rendered views."""
     return f"{safe_file_stem(name)}{'' if view == views[0] else f'.{view}'}.mp4"
 

@@ -9,7 +9,7 @@ from pydantic import Field, RootModel
 from typing_extensions import TypeAliasType, TypedDict
 
 from app.errors import RunError
-from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RunRecord, file_of, read_run
+from app.run.output.run_folder import DAMAGED, MAX_RUN_BYTES, RunRecord, existing_file, read_run
 from conventions.names import FilterVersion
 from model.plan.files import read_plan_file, write_plan_file
 from model.plan.kinds import Position
@@ -114,7 +114,7 @@ T = TypeVar("T", bound=RootModel)
 
 def read_timeline(folder: Path, record: RunRecord) -> dict[str, Any]:
     """Return the timeline of a run, empty if there is none yet; raises RunError if damaged."""
-    path = file_of(folder, record.timeline)
+    path = existing_file(folder, record.timeline)
     return {} if path is None else {**_read(path, _TimelineFile).root}
 
 
@@ -129,9 +129,9 @@ def check_viewer_files(folder: Path) -> None:
     record = read_run(folder)
     read_timeline(folder, record)
     for row in record.rows:
-        if data := file_of(folder, row.files.get("editor")):
+        if data := existing_file(folder, row.files.get("editor")):
             _read(data, _EditorFile)
-        for plan in {file_of(folder, row.files.get(kind)) for kind in ("plan", "input_plan")}:
+        for plan in {existing_file(folder, row.files.get(kind)) for kind in ("plan", "input_plan")}:
             try:
                 if plan is not None:
                     write_plan_file(read_plan_file(plan).plan, plan)

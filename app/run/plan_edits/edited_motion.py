@@ -24,9 +24,9 @@ from app.run.output.run_folder import (
     Row,
     RunRecord,
     edit_record,
-    file_of,
+    existing_file,
+    make_rows,
     read_run,
-    rows_of,
     viewer_file_name,
 )
 from app.run.plan_edits.edits import EditResult, PlanEditRequest, apply_edits, suggest_edits
@@ -90,8 +90,8 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
     """
     record = read_run(request.run)
     sampling, sound = _as_the_run(request, record)
-    start = record.row(request.start)
-    performed = start and file_of(request.run, start.files.get("input_plan"))
+    start = record.row(request.source_row)
+    performed = start and existing_file(request.run, start.files.get("input_plan"))
     if start is None or performed is None:
         raise RunError(text.EDITS_GONE)
     plan, words = read_plan_file(performed).plan, read_transcript_of_run(request.run).words
@@ -122,7 +122,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
             return EditResult(0, (str(error),), offers)
         number = 1 + max(numbers, default=0)
         name = f"{of}.take{number}"
-        row = rows_of([*(each.name for each in record.rows), name])[-1]
+        row = make_rows([*(each.name for each in record.rows), name])[-1]
         row.label = f"version {number}"
         row.edit = take = EditInfo(number=number, original_row=of, parent_row=start.name)
         alone = RunRecord(kind=record.kind, point=record.point, rows=[row])
@@ -133,7 +133,7 @@ def regenerate_edited(request: PlanEditRequest, callbacks: RunCallbacks) -> Edit
 
         def on_piece(motion: Motion) -> None:
             if sampling.post_filter != "savgol":
-                run.append_motion(name, motion, speech.num_frames, like=beside)
+                run.append_motion(name, motion, speech.num_frames, aligned_like=beside)
 
         options = replace(options, conditions=(written,))
         made = regenerate(system, speech, options, before, callbacks.should_cancel, on_piece)
@@ -158,7 +158,7 @@ def _add_curves(
     post_filter: PostFilter,
 ) -> tuple[str, ...]:
     """Add the curves of a take to the run's timeline; return a sentence on its jerk."""
-    path = file_of(request.run, record.timeline)
+    path = existing_file(request.run, record.timeline)
     if path is None or row.edit is None:
         return ()
     timeline = read_json(path, dict[str, Any], MAX_RUN_BYTES)
@@ -185,7 +185,7 @@ def _ready(
     callbacks: RunCallbacks,
 ) -> GenerationState:
     """Return the motion that a take starts from, generated again if its windows are missing."""
-    windows = file_of(folder, row.files.get("state"))
+    windows = existing_file(folder, row.files.get("state"))
     if windows is not None:
         motion = load_motion(_there(folder, read_run(folder), row.name))
         return load_state(windows, system, plan, motion)
@@ -203,19 +203,19 @@ def _tell(folder: Path, row: Row, plan: GesturePlan, words: Sequence[Word]) -> N
     """Write the editor's data of a row, which can be edited from then on."""
     row.files["editor"] = viewer_file_name(row.name, ".told.json")
     (folder / row.files["editor"]).write_text(
-        json.dumps(request_as_json(plan, words), allow_nan=False)
+        json.dumps(plan_editor_json(plan, words), allow_nan=False)
     )
 
 
 def _there(folder: Path, record: RunRecord, name: str) -> Path:
     row = record.row(name)
-    path = row and file_of(folder, row.files.get("motion"))
+    path = row and existing_file(folder, row.files.get("motion"))
     if path is None:
         raise RunError(text.EDITS_GONE)
     return path
 
 
-def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
+def plan_editor_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
     """Return the plan editor's JSON: gestures, style parameters and available gesture types."""
     gestures = []
     for stroke in gesture_spans(plan):
@@ -244,7 +244,7 @@ def request_as_json(plan: GesturePlan, words: Sequence[Word]) -> dict[str, Any]:
 
 def _as_the_run(request: PlanEditRequest, record: RunRecord) -> tuple[SamplingOptions, Path]:
     """Return the sampling options and the speech of a run."""
-    speech = file_of(request.run, record.audio)
+    speech = existing_file(request.run, record.audio)
     if record.kind != "generated" or speech is None:
         raise RunError(text.EDITS_GONE)
     try:

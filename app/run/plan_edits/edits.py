@@ -69,8 +69,8 @@ class EditSuggestion:
 class EditKind:
     """Kind of edit: its function, and the validator of its values."""
 
-    reader: TypeAdapter
-    does: ApplyEdit
+    validator: TypeAdapter
+    apply: ApplyEdit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +81,7 @@ class PlanEditRequest:
     """Folder of the run, to which the motion is added."""
     weights: Path
     """Folder of trained systems."""
-    start: str
+    source_row: str
     """Name of the row with the plan to edit."""
     edits: tuple[Edit, ...] = ()
     """Edits in order; without any, the row is only prepared for editing."""
@@ -100,7 +100,7 @@ class EditResult:
     notes: tuple[str, ...] = ()
     """Sentences on corrections of the plan, or on why the edit was not done if there are
     alternatives."""
-    offers: tuple[EditSuggestion, ...] = ()
+    suggestions: tuple[EditSuggestion, ...] = ()
 
 
 def parse_edits(message: object) -> tuple[Edit, ...]:
@@ -128,7 +128,7 @@ def apply_edits(plan: GesturePlan, edits: Sequence[Edit], words: Words) -> PlanR
     """
     done = PlanResult(plan)
     for edit in edits:
-        done = done.then(lambda new, one=edit: KINDS[one.do].does(new, one.values, words))
+        done = done.then(lambda new, one=edit: EDIT_KINDS[one.do].apply(new, one.values, words))
     return done
 
 
@@ -149,7 +149,7 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
     try:
         apply_edits(plan, (edit,), words)
     except NoRoomError as error:
-        offers = []
+        suggestions = []
         if edit.do in ("add", "move"):
             stroke_end_s, _ = _place(edit.values, words)
             steps = range(1, 1 + round(plan.duration_s / STEP_S))
@@ -160,7 +160,7 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
             moved = (Edit(edit.do, {**others, "at": at}) for at in places if at >= 0)
             suggestion = next((each for each in moved if can_be(each)), None)
             if suggestion is not None:
-                offers.append(
+                suggestions.append(
                     EditSuggestion(
                         f"Nearest free time, {suggestion.values['at']:.1f} s", (suggestion,)
                     )
@@ -169,8 +169,8 @@ def suggest_edits(plan: GesturePlan, edit: Edit, words: Words) -> tuple[EditSugg
             one = {"side": error.gesture.side, "lands": error.gesture.stroke_end_s}
             kind = repr(error.kind.replace("_", " ")) if error.kind else "existing"
             instead = EditSuggestion(f"Replace the {kind} gesture", (Edit("delete", one), edit))
-            offers += [instead] if can_be(*instead.edits) else []
-        return tuple(offers)
+            suggestions += [instead] if can_be(*instead.edits) else []
+        return tuple(suggestions)
     except (PlanError, RunError):
         pass
     return ()
@@ -190,12 +190,12 @@ def _edit(message: object) -> Edit:
     if not isinstance(message, dict):
         raise RunError("An edit must be an object with the kind of edit in 'do'.")
     do = message.get("do")
-    kind = KINDS.get(do) if isinstance(do, str) else None
+    kind = EDIT_KINDS.get(do) if isinstance(do, str) else None
     if not isinstance(do, str) or kind is None:
-        kinds = ", ".join(KINDS)
+        kinds = ", ".join(EDIT_KINDS)
         raise RunError(f"There is no edit {printable(str(do))[:40]!r}; choose from {kinds}.")
     try:
-        values = kind.reader.validate_python({k: v for k, v in message.items() if k != "do"})
+        values = kind.validator.validate_python({k: v for k, v in message.items() if k != "do"})
     except ValidationError as error:
         raise RunError(f"The edit {do!r} cannot be read: {validation_message(error)}.") from error
     if do in ("move", "add") and ("at" in values) == ("word" in values):
@@ -325,7 +325,7 @@ _one: dict[str, Any] = {"side": Side, "lands": _Second}
 _where: dict[str, Any] = {
     "at": NotRequired[_Second], "word": NotRequired[Annotated[int, Field(ge=0, lt=200_000)]],
 }  # fmt: skip
-KINDS: Mapping[str, EditKind] = {
+EDIT_KINDS: Mapping[str, EditKind] = {
     "move": _kind(_move, **_one, **_where),
     "delete": _kind(_of_both(editing.delete_gesture), **_one),
     "add": _kind(_add, kind=_text(40), hands=NotRequired[Hands], **_where),

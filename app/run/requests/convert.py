@@ -17,7 +17,7 @@ from app.run.requests.parts import LiveRecording
 from conventions.names import join_names, printable
 
 Request = TypeVar("Request")
-OLD_NAMES: Mapping[str, str] = {
+FORMER_FIELD_NAMES: Mapping[str, str] = {
     "told": "import_overrides",
     "take": "live_recording",
     "opened": "source_run",
@@ -90,13 +90,13 @@ def _fields(kind: type, default: object) -> dict[str, RequestField]:
 
 def request_field(kind: type, name: str) -> RequestField:
     """Return a field of a request by its name or a former one."""
-    return request_fields(kind)[OLD_NAMES.get(name, name)]
+    return request_fields(kind)[FORMER_FIELD_NAMES.get(name, name)]
 
 
-def all_names(kind: type) -> frozenset[str]:
+def accepted_field_names(kind: type) -> frozenset[str]:
     """Return the accepted names of a request's fields, including former ones."""
     names = request_fields(kind)
-    return frozenset((*names, *(old for old, name in OLD_NAMES.items() if name in names)))
+    return frozenset((*names, *(old for old, name in FORMER_FIELD_NAMES.items() if name in names)))
 
 
 def request_from(kind: type[Request], values: Mapping[str, Any]) -> Request:
@@ -110,7 +110,7 @@ def request_from(kind: type[Request], values: Mapping[str, Any]) -> Request:
 
 
 def _check_names(kind: type, names: Iterable[str]) -> None:
-    names_of_kind = all_names(kind)
+    names_of_kind = accepted_field_names(kind)
     for name in names:
         if name not in names_of_kind:
             there = ", ".join(sorted(request_fields(kind)))
@@ -121,7 +121,7 @@ def nested_fields(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values by field name as nested dictionaries by part; unknown names are dropped."""
     nested: dict[str, Any] = {}
     for name, value in values.items():
-        if name in all_names(kind):
+        if name in accepted_field_names(kind):
             *parts, last = request_field(kind, name).path
             reduce(lambda place, part: place.setdefault(part, {}), parts, nested)[last] = value
     return nested
@@ -216,7 +216,7 @@ def refuse_ignored(request: object, names: Sequence[str], why: str, **usual: Any
         raise RunError(f"{why}; remove {join_names(ignored)}.")
 
 
-def with_paths(request: Request, change: Callable[[Path], Path]) -> Request:
+def map_paths(request: Request, change: Callable[[Path], Path]) -> Request:
     """Return the request with each of its paths changed."""
     changed: dict[str, Any] = {}
     for of in fields(request):  # type: ignore[arg-type]
@@ -226,7 +226,7 @@ def with_paths(request: Request, change: Callable[[Path], Path]) -> Request:
         elif isinstance(value, tuple) and value and all(isinstance(each, Path) for each in value):
             changed[of.name] = tuple(map(change, value))
         elif is_dataclass(value):
-            changed[of.name] = with_paths(value, change)
+            changed[of.name] = map_paths(value, change)
     return replace(request, **changed)  # type: ignore[type-var]
 
 

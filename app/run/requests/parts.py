@@ -242,7 +242,7 @@ class SpeechInput:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpeechToMove(SpeechInput):
+class GenerationSpeech(SpeechInput):
     """Speech recording for which motion is generated."""
 
     path: Annotated[

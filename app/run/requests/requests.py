@@ -17,6 +17,7 @@ from app.run.requests.parts import (
     MAX_STEPS,
     ExperimentOutput,
     FigureOptions,
+    GenerationSpeech,
     GuidanceScale,
     Height,
     ImportOptions,
@@ -30,7 +31,6 @@ from app.run.requests.parts import (
     PlanSource,
     SamplingOptions,
     SpeechInput,
-    SpeechToMove,
     VideoOptions,
     check_size,
 )
@@ -75,14 +75,14 @@ class GenerateRequest(RunRequest):
 
     Example:
         >>> request = GenerateRequest(
-        ...     speech=SpeechToMove(path=Path("examples/three_reasons.wav")),
+        ...     speech=GenerationSpeech(path=Path("examples/three_reasons.wav")),
         ...     sampling=SamplingOptions(systems=("globaldiff/local",), seed=3),
         ...     output=OutputOptions(out=Path("runs/three_reasons"), has_video=False),
         ... )
         >>> request.check()  # raises RunError if an option is out of range
     """
 
-    speech: SpeechToMove
+    speech: GenerationSpeech
     sampling: SamplingOptions = field(default_factory=SamplingOptions)
     planning: PlanOptions = field(default_factory=PlanOptions)
     live_recording: Suppress[LiveRecording | None] = None
@@ -220,7 +220,7 @@ class RenderRequest:
         raise RunError(f"{self.out.name} must end in one of {', '.join(RENDER_SUFFIXES)}.")
 
     @property
-    def is_picture(self) -> bool:
+    def is_video_or_picture(self) -> bool:
         """True for a video or picture, false for a file for 3D software."""
         return self.suffix in (".mp4", ".png")
 
@@ -229,7 +229,7 @@ class RenderRequest:
         self.video.check()
         display = self.video.display
         is_transparent = self.stills.background == "transparent"
-        if not self.is_picture and not display.is_default:
+        if not self.is_video_or_picture and not display.is_default:
             raise RunError(
                 f"A {self.suffix} file stores the unchanged motion; for trails, colours and "
                 "exaggeration write a .png or .mp4."
@@ -237,7 +237,7 @@ class RenderRequest:
         if not self.out.parent.is_dir():
             raise RunError(f"The folder {self.out.parent} does not exist; create it first.")
         self.stills.check()
-        if not self.is_picture and (self.stills.num_stills or self.stills.sheet_every):
+        if not self.is_video_or_picture and (self.stills.num_stills or self.stills.sheet_every):
             raise RunError(
                 f"A {self.suffix} file cannot store pictures; write stills to a .png or .mp4."
             )
@@ -313,14 +313,14 @@ class SpeechEffectRequest:
         )
 
     @property
-    def is_of_motions(self) -> bool:
+    def compares_existing_motions(self) -> bool:
         """True if a folder of motions is compared and nothing is generated."""
         return len(self.speeches) == 1 and self.speeches[0].is_dir()
 
     def check(self) -> None:
         """Check everything that needs no open file; raises RunError."""
         self.sampling.check()
-        if self.is_of_motions:
+        if self.compares_existing_motions:
             if self.speakers:
                 raise RunError("Speakers cannot be compared for a folder of motions.")
             return
@@ -461,7 +461,7 @@ class RunVideosRequest:
     video: VideoOptions
 
 
-def systems_of(
+def requested_systems(
     request: GenerateRequest | SpeechEffectRequest | StepSweepRequest,
 ) -> tuple[str, ...]:
     """Return the names of the requested systems; without any, all systems."""
@@ -470,7 +470,7 @@ def systems_of(
 
 
 def _check_count(request: SpeechEffectRequest | StepSweepRequest) -> None:
-    systems = systems_of(request)
+    systems = requested_systems(request)
     if not 1 <= len(systems) <= MAX_SYSTEMS:
         raise RunError(
             f"One to {MAX_SYSTEMS} systems can be compared at once; got {len(systems)}"

@@ -59,7 +59,7 @@ def render_motion(
         read = flame_to_arkit(read, read_flame_matrix(request.flame_to_arkit))
     motion = body_motion(read)
     body = get_body(request.video.body, request.video.look)
-    if request.is_picture:
+    if request.is_video_or_picture:
         files = _draw(request, read, body, callbacks.progress_callback("video"))
     else:
         files = _export(request, body, motion)

@@ -17,12 +17,18 @@ from jaxtyping import Float
 from scipy import ndimage
 
 from app.errors import RunError
-from app.run.bodies import TrackedPoint, body_motion, make_tracked_point, picture_motions
+from app.run.bodies import TrackedPoint, align_and_cut_motions, body_motion, make_tracked_point
 from app.run.callbacks import FolderUpdated, RunCallbacks
 from app.run.display import FULL_SPEED_M_S, Display
 from app.run.models import get_body
 from app.run.output.result_folder import ResultFolder
-from app.run.output.run_folder import RowFileKind, add_file, file_of, read_run, video_file
+from app.run.output.run_folder import (
+    RowFileKind,
+    add_file,
+    existing_file,
+    read_run,
+    video_file_name,
+)
 from app.run.requests.parts import MAX_COMPARED, VideoOptions
 from app.run.requests.requests import RunVideosRequest
 from conventions.joints import FINGERTIP_VERTICES
@@ -127,8 +133,8 @@ def draw_videos(
     posed = [body_motion(motion) for motion in framed or motions.values()]
     looks = {
         name: {
-            "motion": body_motion(displayed(motion, video.display)),
-            "marks": marks_of(motion, video.display, tip, body),
+            "motion": body_motion(with_exaggeration(motion, video.display)),
+            "marks": make_overlays(motion, video.display, tip, body),
         }
         for name, motion in motions.items()
     }
@@ -151,7 +157,7 @@ def draw_videos(
     return (draw or run_render_jobs)(move_cameras(jobs), on_progress=on_progress, on_done=on_done)
 
 
-def draw_rows(
+def render_row_videos(
     motions: Mapping[str, Motion],
     video: VideoOptions,
     body: Body,
@@ -169,7 +175,7 @@ def draw_rows(
     """
 
     def out(name: str, view: View) -> Path:
-        return folder.path(video_file(name, view, video.views))
+        return folder.path(video_file_name(name, view, video.views))
 
     def on_done(key: PictureKey) -> None:
         name, view = key
@@ -232,12 +238,14 @@ _HEAT_SIGMA_FRAMES = 3.0
 """Smoothing of jerk over time (frames); the jerk of single frames is noise, and would flicker."""
 
 
-def displayed(motion: Motion, display: Display) -> Motion:
+def with_exaggeration(motion: Motion, display: Display) -> Motion:
     """Return the motion as it is rendered, exaggerated if requested."""
     return exaggerate_tremor(motion, display.exaggeration, display.cutoff_hz)
 
 
-def marks_of(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> Overlays | None:
+def make_overlays(
+    motion: Motion, display: Display, tip: TrackedPoint, body: Body
+) -> Overlays | None:
     """Return the overlays of a motion's pictures; None if nothing is displayed.
 
     Jerk and speed are those of the original motion, also if it is exaggerated.
@@ -264,7 +272,9 @@ def _trail(motion: Motion, display: Display, tip: TrackedPoint, body: Body) -> T
     jerk = _by_frame(derivative_magnitudes(track, 3), len(track))
     side = tip.point.split("_")[0]
     return Trail(
-        points=drawn.track(motion if display.exaggeration == 1 else displayed(motion, display)),
+        points=drawn.track(
+            motion if display.exaggeration == 1 else with_exaggeration(motion, display)
+        ),
         speeds=np.minimum(speed / FULL_SPEED_M_S, 1.0),
         is_spike=jerk > display.jerk_m_s3,
         legend=f"0 to {FULL_SPEED_M_S:g} m/s, dot: jerk over {display.jerk_m_s3:g} m/s³",
@@ -339,7 +349,7 @@ def _round_up(value: float) -> float:
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= value))
 
 
-def limit_compared(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
+def choose_compared_motions(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
     """Return the motions that fit a comparison, and a note if some are omitted.
 
     If there are too many, these are the first sample of each system and the reference.
@@ -357,7 +367,7 @@ def limit_compared(names: list[str]) -> tuple[list[str], tuple[str, ...]]:
 
 
 @contextmanager
-def comparison_video(
+def composing_comparison_video(
     names: Sequence[str],
     wav: Path | None,
     folder: ResultFolder,
@@ -374,7 +384,7 @@ def comparison_video(
     with ThreadPoolExecutor(1) as beside:
         joining = beside.submit(
             compose_videos,
-            [folder.final_path(f"{safe_file_stem(name)}.mp4") for name in names],
+            [folder.current_path(f"{safe_file_stem(name)}.mp4") for name in names],
             names,
             out,
             wav,
@@ -408,13 +418,13 @@ def draw_videos_in_background(request: RunVideosRequest, callbacks: RunCallbacks
     motions = {
         row.name: load_motion(file)
         for row in record.rows
-        if row.edit is None and (file := file_of(run, row.files.get("motion")))
+        if row.edit is None and (file := existing_file(run, row.files.get("motion")))
     }
-    speech = file_of(run, record.audio) if record.speech_sha256 else None
+    speech = existing_file(run, record.audio) if record.speech_sha256 else None
     body = get_body(video.body, video.look)
     with ResultFolder(request.out) as folder:
-        draw_rows(
-            picture_motions(motions)[0],
+        render_row_videos(
+            align_and_cut_motions(motions)[0],
             video,
             body,
             make_tracked_point(video.body, record.point),
@@ -424,6 +434,6 @@ def draw_videos_in_background(request: RunVideosRequest, callbacks: RunCallbacks
             add,
         )
         if len(motions) > 1:
-            names = limit_compared(list(motions))[0]
-            with comparison_video(names, speech, folder, callbacks, add):
+            names = choose_compared_motions(list(motions))[0]
+            with composing_comparison_video(names, speech, folder, callbacks, add):
                 pass

@@ -66,7 +66,7 @@ def draw_viewer_video(request: ViewerVideoRequest, callbacks: RunCallbacks) -> V
     }
     body = get_body(request.body)
     tip = make_tracked_point(request.body, viewer.look.point)
-    room = _Room.of(viewer)
+    room = _VideoLayout.of(viewer)
     with ResultFolder(request.out) as folder:
         parts = folder.scratch("parts")
         parts.mkdir()
@@ -166,7 +166,7 @@ def _laid_on(
 
 
 @dataclass(frozen=True)
-class _Room:
+class _VideoLayout:
     """Layout of the video, enlarged as far as a screen has room, with even edges for chroma."""
 
     width: int
@@ -176,7 +176,7 @@ class _Room:
     columns: int
 
     @classmethod
-    def of(cls, viewer: ViewerState) -> _Room:
+    def of(cls, viewer: ViewerState) -> _VideoLayout:
         width, height = viewer.size
         columns = min(viewer.columns, len(viewer.visible)) if viewer.mode == "grid" else 1
         rows = -(-len(viewer.visible) // columns) if viewer.mode == "grid" else 1
@@ -207,7 +207,7 @@ def _compose(
     request: ViewerVideoRequest,
     videos: Sequence[Path],
     labels: Sequence[str],
-    room: _Room,
+    room: _VideoLayout,
     folder: ResultFolder,
     on_progress: Callable[[float], None],
 ) -> None:

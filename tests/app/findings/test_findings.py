@@ -32,7 +32,7 @@ from app.findings.metric_table import (
 )
 from app.findings.sentences import figure_sentences
 from app.findings.verdict import make_verdict
-from app.run.examples import FIRST_MOTION, tremble
+from app.run.examples import FIRST_MOTION, add_tremble
 from app.run.output.run_folder import read_run
 from app.run.pipeline import run
 from app.run.run_writer import finding_records
@@ -403,7 +403,7 @@ def test_the_first_finding_is_of_the_motion_that_the_headline_tells_to_be_worst(
     tmp_path: Path,
 ) -> None:
     trembling = tmp_path / "b.npz"
-    save_motion(tremble(load_motion(FIRST_MOTION)), trembling)
+    save_motion(add_tremble(load_motion(FIRST_MOTION)), trembling)
     motions = (FIRST_MOTION, trembling)
     run(
         diagnose_request(motions=motions, out=tmp_path / "out", names=("A", "B"), has_figures=False)

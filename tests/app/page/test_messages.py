@@ -13,7 +13,7 @@ from app.page.routes.media import SharedFolders
 from app.run.examples import FIRST_LOOK
 from app.run.output.run_folder import TIMELINE
 from app.run.output.viewer_files import PlanEditorData, Timeline
-from app.run.plan_edits.edited_motion import request_as_json
+from app.run.plan_edits.edited_motion import plan_editor_json
 from model.plan.files import read_plan_file
 from model.speech.transcript import Word
 from tests.helpers import ROOT
@@ -27,7 +27,7 @@ def player_value() -> dict[str, Any]:
 
 def editor_data() -> dict[str, Any]:
     plan = read_plan_file(FIRST_LOOK / "viewer" / "A.plan.json").plan
-    return request_as_json(plan, [Word(0.0, 1.0, "one")])
+    return plan_editor_json(plan, [Word(0.0, 1.0, "one")])
 
 
 @pytest.mark.parametrize(

@@ -14,14 +14,14 @@ from app.config import EXAMPLES
 from app.errors import Cancelled, RunError
 from app.run.bodies import TrackedPoint, body_motion
 from app.run.callbacks import RunStage
-from app.run.diagnostics import measure_motions, onsets_of, write_diagnostics
+from app.run.diagnostics import cached_speech_onsets, measure_motions, write_diagnostics
 from app.run.display import Display
 from app.run.examples import (
     CLEAN,
     FAULTY,
     TWO_MINUTES,
+    add_tremble,
     inject_faults,
-    tremble,
     write_faulty_example,
 )
 from app.run.imported_motions import protocol_inputs
@@ -323,7 +323,7 @@ def test_onsets_are_those_of_the_clip() -> None:
     first = Speech(made_waveform(32_000), "first")
     second = Speech(np.roll(first.waveform, 4_000), "second")
     for speech in (first, second, first):
-        np.testing.assert_array_equal(onsets_of(speech), speech_onsets(speech.waveform))
+        np.testing.assert_array_equal(cached_speech_onsets(speech), speech_onsets(speech.waveform))
 
 
 @pytest.mark.gl
@@ -331,7 +331,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
     name, frames = "trembling", 15
     clean = load_motion(CLEAN).part(slice(frames))
     save_motion(clean, tmp_path / "clean.npz")
-    save_motion(tremble(clean), tmp_path / f"{name}.npz")
+    save_motion(add_tremble(clean), tmp_path / f"{name}.npz")
     left = made_waveform(8_000)
     right = np.random.default_rng(0).uniform(-0.5, 0.5, len(left))
     with wave.open(str(tmp_path / "dialogue.wav"), "wb") as wav:
@@ -356,7 +356,7 @@ def test_each_file_is_drawn_as_long_as_it_is_and_told_of(tmp_path: Path) -> None
     names, told = (name, "reference"), read_run(request.output.out)
     kinds = {"motion", "frames", "plan", "video"}
     assert {each.name: set(each.files) for each in told.rows} == dict.fromkeys(names, kinds)
-    assert all((request.output.out / each).is_file() for each in told.named)
+    assert all((request.output.out / each).is_file() for each in told.all_files)
     videos = [*request.output.out.glob("*.mp4")]
     assert {path.stem for path in videos} == set(names)
     assert all(probe_video(path).num_frames == frames for path in videos)

@@ -17,7 +17,7 @@ from app.findings.metric_table import JERK
 from app.run.bodies import root_transform_of
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.frame_packets import HEADER, frames_message
-from app.run.models import get_system, warm_up_steps
+from app.run.models import get_system, warm_up_in_steps
 from app.run.output.run_folder import RunRecord, read_run
 from app.run.pipeline import redraw_figure6, run
 from app.run.requests.convert import replace_fields
@@ -100,7 +100,7 @@ def test_a_whole_run_leaves_every_file_with_exactly_the_frames_of_the_speech(who
     assert names_in(result.out) == WITHOUT_VIDEO | figures | videos | {"comparison.mp4"}
     told = read_run(result.out)
     assert names_in(result.out) == {name for name in told.files if "/" not in name} | {"run.json"}
-    assert told.state == "done" and all((result.out / name).is_file() for name in told.named)
+    assert told.state == "done" and all((result.out / name).is_file() for name in told.all_files)
     assert [row.files["video"] for row in told.rows] == ["globaldiff-global.mp4", "reference.mp4"]
     assert [row.name for row in told.rows] == [WORLD, "reference"]
     for name in (*videos, "comparison.mp4"):
@@ -319,7 +319,7 @@ def test_windows_are_told_in_turns_and_hold_the_bytes_of_the_whole(ask: Asks, lo
         each = zip(*messages, strict=True)
         assert tuple(map(b"".join, each)) == parts(frames_message(0, motion)), "to the bit"
         place = root_transform_of(motion)
-        assert row.available.root_transform == (place.turn_rad, *place.shift_m)
+        assert row.available.root_transform == (place.yaw_rad, *place.translation_m)
 
 
 def _frames(record: RunRecord, name: str) -> int:
@@ -409,7 +409,7 @@ def test_figure_6_has_poses_where_no_video_is_drawn(ask: Asks, short: Path) -> N
 def test_reading_stops_after_each_system_so_that_work_can_come_between(weights: Path) -> None:
     names = list_systems(weights)
     assert len(names) > 1
-    assert sum(1 for _ in warm_up_steps(weights, None)) == 1 + len(names)
+    assert sum(1 for _ in warm_up_in_steps(weights, None)) == 1 + len(names)
     assert all(get_system(name, weights) is get_system(name, weights) for name in names)
 
 

@@ -12,7 +12,7 @@ from app.errors import Cancelled, RunError
 from app.page.routes.media import WEB_FOLDER
 from app.run.batch.saved_run import copy_run
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, RunEvent
-from app.run.output.run_folder import Row, drop_unfinished, read_run, zip_run
+from app.run.output.run_folder import Row, drop_unfinished_edits, read_run, zip_run
 from app.run.pipeline import generate
 from app.run.plan_edits.edited_motion import EditResult, PlanEditRequest, regenerate_edited
 from app.run.plan_edits.edits import MAX_EDITS, Edit, apply_edits, parse_edits, suggest_edits
@@ -226,7 +226,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
 ) -> None:
     folder = tmp_path / "run"
     shutil.copytree(run.output.out, folder)
-    asked = PlanEditRequest(run=folder, weights=run.sampling.weights, start=PLANNED)
+    asked = PlanEditRequest(run=folder, weights=run.sampling.weights, source_row=PLANNED)
     assert regenerate_edited(asked, NO_CALLBACKS) == EditResult(0)
     rows: list[Row] = []
 
@@ -270,7 +270,7 @@ def test_a_take_changes_what_was_edited_keeps_the_rest_and_goes_where_its_run_go
     assert all((elsewhere / made.files[kind]).is_file() for kind in ("frames", "motion", "plan"))
     assert not (elsewhere / made.files["state"]).exists(), "which are large, and made again"
     back = Edit("move", {"side": "right", "lands": 9.5, "at": 9.0})
-    again = replace_fields(asked, run=elsewhere, start=made.name, edits=(back,))
+    again = replace_fields(asked, run=elsewhere, source_row=made.name, edits=(back,))
     assert regenerate_edited(again, NO_CALLBACKS).number == 2
     last = read_run(elsewhere).rows[-1]
     assert last.edit is not None and (last.edit.original_row, last.edit.parent_row) == (
@@ -285,14 +285,16 @@ def test_what_cannot_be_leaves_nothing(run: AnyRun, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     shutil.copytree(run.output.out, folder)
     late = Edit("move", {"side": "right", "lands": 9.0, "at": 40.0})
-    asked = PlanEditRequest(run=folder, weights=run.sampling.weights, start=PLANNED, edits=(late,))
+    asked = PlanEditRequest(
+        run=folder, weights=run.sampling.weights, source_row=PLANNED, edits=(late,)
+    )
     before = read_run(folder)
     with pytest.raises(Cancelled):
         regenerate_edited(asked, RunCallbacks(should_cancel=lambda: True))
     assert read_run(folder) == before
     with pytest.raises(PlanError, match=r"before the speech does, at 12.00 s"):
         regenerate_edited(asked, NO_CALLBACKS)
-    drop_unfinished(folder)
+    drop_unfinished_edits(folder)
     assert [row.name for row in read_run(folder).rows] == [PLANNED]
 
 

@@ -12,8 +12,8 @@ from app.errors import RunError
 from app.run.bodies import TrackedPoint
 from app.run.display import Display, check_display
 from app.run.examples import CLEAN
-from app.run.upload_check import Upload, kind_of, rejection_reason
-from app.run.videos.videos import displayed, marks_of
+from app.run.upload_check import Upload, file_kind, rejection_reason
+from app.run.videos.videos import make_overlays, with_exaggeration
 from conventions.joints import JOINT_INDEX
 from model.motion.motion import Motion
 from model.speech.audio import write_wav
@@ -27,13 +27,13 @@ MAX_S = 2.0
 
 
 def trail_of(motion: Motion, display: Display):
-    marks = marks_of(motion, display, TIP, BODY)
+    marks = make_overlays(motion, display, TIP, BODY)
     assert marks is not None and marks.trail is not None
     return marks.trail
 
 
 def heat_of(motion: Motion, display: Display):
-    marks = marks_of(motion, display, TIP, BODY)
+    marks = make_overlays(motion, display, TIP, BODY)
     assert marks is not None and marks.heat is not None
     return marks.heat
 
@@ -41,8 +41,8 @@ def heat_of(motion: Motion, display: Display):
 def test_a_plain_display_marks_nothing():
     motion = made_motion(40)
     assert Display().is_default
-    assert marks_of(motion, Display(), TIP, BODY) is None
-    assert displayed(motion, Display()) is motion
+    assert make_overlays(motion, Display(), TIP, BODY) is None
+    assert with_exaggeration(motion, Display()) is motion
 
 
 def test_the_trail_has_dots_where_the_point_jerks():
@@ -56,7 +56,7 @@ def test_the_trail_has_dots_where_the_point_jerks():
     assert trail_of(made_motion(60, 0.5), Display(has_trail=True)).is_spike.any()
     for still in (made_motion(60, 0.0), made_motion(2)):  # a clip too short for jerk has none
         assert not trail_of(still, Display(has_trail=True)).is_spike.any()
-    marks = marks_of(jump, Display(has_trail=True), TIP, BODY)
+    marks = make_overlays(jump, Display(has_trail=True), TIP, BODY)
     assert marks is not None and marks.heat is None and not marks.notice
 
 
@@ -76,7 +76,7 @@ def test_colours_follow_the_jerk_of_each_joint_on_a_fixed_scale():
 def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
     motion = made_motion(60, 0.002)
     large, plain = Display(20, True, "jerk"), Display(1, True, "jerk")
-    marks = marks_of(motion, large, TIP, BODY)
+    marks = make_overlays(motion, large, TIP, BODY)
     assert marks is not None
     assert marks.notice.startswith("EXAGGERATED x20") and marks.close_up_notice == "x20"
     drawn, kept = trail_of(motion, large), trail_of(motion, plain)
@@ -91,11 +91,11 @@ def test_exaggerated_motion_says_so_and_its_jerk_is_that_of_the_motion():
 def test_factor_cut_off_and_length_of_a_trail_are_what_was_asked_for():
     motion = made_motion(60, 0.02)
     display = Display(2.26, True, cutoff_hz=7.0, trail_frames=12)
-    marks = marks_of(motion, display, TIP, BODY)
+    marks = make_overlays(motion, display, TIP, BODY)
     assert marks is not None and marks.trail is not None
     assert marks.notice == "EXAGGERATED x2.3 above 7 Hz" and marks.trail.num_frames == 12
-    lower = displayed(motion, Display(2.26, cutoff_hz=3.0))
-    assert np.abs(displayed(motion, display).poses - lower.poses).max() > 0.005
+    lower = with_exaggeration(motion, Display(2.26, cutoff_hz=3.0))
+    assert np.abs(with_exaggeration(motion, display).poses - lower.poses).max() > 0.005
 
 
 def test_what_cannot_be_shown_is_refused() -> None:
@@ -168,10 +168,10 @@ def test_an_archive_is_what_is_in_it_however_it_is_called(tmp_path, ending):
                     member = tarfile.TarInfo(each)
                     member.size = 1000
                     archive.addfile(member, io.BytesIO(b"x" * 1000))
-        assert kind_of(path) == kind, path.name
+        assert file_kind(path) == kind, path.name
     damaged = tmp_path / f"damaged{ending}"
     damaged.write_bytes(b"\x1f\x8bno archive")
-    assert kind_of(damaged) == "motions"
+    assert file_kind(damaged) == "motions"
 
 
 def test_headers_of_a_tar_that_cannot_be_read_are_no_fault_of_the_program(tmp_path):
@@ -182,4 +182,4 @@ def test_headers_of_a_tar_that_cannot_be_read_are_no_fault_of_the_program(tmp_pa
     for name, content in (("deep", endless.tobuf(tarfile.GNU_FORMAT) * 3_000), ("size", wild)):
         path = tmp_path / f"{name}.tar"
         path.write_bytes(content)
-        assert kind_of(path) == "motions"
+        assert file_kind(path) == "motions"

@@ -21,16 +21,16 @@ from app.run.output.run_folder import (
     EditInfo,
     FramesAvailable,
     RunRecord,
-    file_of,
+    existing_file,
+    find_runs,
     is_run_zip,
+    make_rows,
     noise_group,
     read_run,
-    rows_of,
-    runs_in,
     safe_suffix,
     zip_run,
 )
-from app.run.pipeline import record_of, run
+from app.run.pipeline import make_run_record, run
 from app.run.run_writer import finding_records, open_run_writer
 from app.run.timeline import read_transcript_of_run
 from model.faults.analysis import IMPOSSIBLE, Finding
@@ -171,10 +171,10 @@ def test_names_are_harmless_and_no_link_leads_out(tmp_path):
     (read,) = read_run(folder).rows
     assert read.name == "a??"
     (tmp_path / "secret").touch()
-    assert file_of(folder, "a.npz") is None and file_of(folder, None) is None
+    assert existing_file(folder, "a.npz") is None and existing_file(folder, None) is None
     (folder / "a.npz").symlink_to(tmp_path / "secret")
-    assert file_of(folder, "a.npz") is None
-    assert file_of(folder, RUN) == folder / RUN
+    assert existing_file(folder, "a.npz") is None
+    assert existing_file(folder, RUN) == folder / RUN
 
 
 def test_no_run_is_a_link_that_leads_out_and_no_name_is_too_long_for_a_file(tmp_path):
@@ -183,9 +183,9 @@ def test_no_run_is_a_link_that_leads_out_and_no_name_is_too_long_for_a_file(tmp_
         folder.mkdir()
     (private / RUN).write_text(json.dumps(RECORD))
     (given / "b").symlink_to(private)
-    assert runs_in(given) == {}
+    assert find_runs(given) == {}
     (given / RUN).symlink_to(private / RUN)
-    assert runs_in(given) == {} and runs_in(private) == {"": private}
+    assert find_runs(given) == {} and find_runs(private) == {"": private}
     (private / RUN).write_text(json.dumps(row(files={"motion": "€" * 90 + ".npz"})))
     with pytest.raises(RunError, match="longer than 255 bytes"):
         read_run(private)
@@ -202,7 +202,7 @@ def test_motion_is_there_window_by_window_and_in_the_end_as_the_whole_is(tmp_pat
             run.append_motion(NAMES[0], motion.part(slice(start, end)), 37)
             told = read_run(tmp_path)
             first, second, _ = told.rows
-            path = file_of(tmp_path, first.files["frames"])
+            path = existing_file(tmp_path, first.files["frames"])
             assert path is not None and first.available is not None and told.state == "running"
             size = path.stat().st_size
             assert (first.available.num_ready, first.available.bytes) == (
@@ -345,7 +345,7 @@ def test_a_run_from_somewhere_else_is_measured_anew_under_its_names_with_its_wor
         and read_transcript_of_run(anew.motions.source_run) == SAID
     )
     assert anew.speech.path is not None and load_speech(anew.speech.path).num_frames >= 60
-    told = record_of(anew)
+    told = make_run_record(anew)
     assert str(tmp_path) not in told.model_dump_json(), "no folder is told"
     old = read_run(results)
     assert (told.title, told.settings) == ("made elsewhere", old.settings)
@@ -395,7 +395,7 @@ def test_only_a_zip_of_runs_is_taken_for_one_and_a_run_of_ones_own_is_shown_as_i
 
 
 def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -> None:
-    (row,) = rows_of(["a"])
+    (row,) = make_rows(["a"])
     row.files = {"motion": "a.npz"}
     RunRecord(kind="imported", point="right_wrist", rows=[row], files=["a.npz"]).write(
         tmp_path / RUN
@@ -418,7 +418,7 @@ def test_of_a_run_s_zip_only_what_its_record_names_is_unpacked(tmp_path: Path) -
 
 
 def test_what_a_file_s_name_ends_in_never_makes_a_run_that_cannot_be_read(tmp_path: Path) -> None:
-    (row,) = rows_of(["a"])
+    (row,) = make_rows(["a"])
     for name, ending in (("a.BVH", ".bvh"), ("a.npz-copy_of_a_run", ""), ("a", ""), ("a.b c", "")):
         row.file_suffix = safe_suffix(Path(name))
         assert row.file_suffix == ending
@@ -435,4 +435,4 @@ def test_rows_that_would_share_their_files_are_refused(tmp_path, weights):
     with pytest.raises(RunError, match="'a/x' and 'a-x' would both be written as a-x; rename one"):
         run(request)
     assert not request.output.out.exists()
-    assert rows_of(["a/x", "b/x", "comparison"])
+    assert make_rows(["a/x", "b/x", "comparison"])

@@ -14,9 +14,9 @@ from app.errors import Cancelled, RunError
 from app.run.bodies import (
     FOOT_JOINT_HEIGHT_M,
     TrackedPoint,
+    align_and_cut_motions,
     align_to_origin,
     body_motion,
-    picture_motions,
     root_transform_of,
 )
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks, StageProgress
@@ -26,7 +26,12 @@ from app.run.output.result_folder import ResultFolder
 from app.run.pipeline import _draw_poses, _render_videos, _small
 from app.run.requests.requests import ViewerVideoRequest
 from app.run.videos import videos, viewer_recording
-from app.run.videos.videos import AROUND_FRAMES, LEAST_FULL_SCALE, jerk_marks, limit_compared
+from app.run.videos.videos import (
+    AROUND_FRAMES,
+    LEAST_FULL_SCALE,
+    choose_compared_motions,
+    jerk_marks,
+)
 from app.run.videos.viewer_recording import NAME, draw_viewer_video
 from conventions.joints import JOINT_INDEX
 from conventions.names import REFERENCE_NAME
@@ -98,14 +103,14 @@ def test_motions_of_other_places_are_laid_onto_each_other() -> None:
         feet = own[:, [JOINT_INDEX["left_foot"], JOINT_INDEX["right_foot"]], 1].min(axis=1)
         assert np.median(feet) == pytest.approx(FOOT_JOINT_HEIGHT_M, abs=1e-5)
         again = root_transform_of(align_to_origin(elsewhere))  # what a player is told has been done
-        assert again.turn_rad == pytest.approx(0, abs=1e-4)
-        assert again.shift_m == pytest.approx((0, 0, 0), abs=1e-4)
+        assert again.yaw_rad == pytest.approx(0, abs=1e-4)
+        assert again.translation_m == pytest.approx((0, 0, 0), abs=1e-4)
 
 
 def test_only_what_can_be_drawn_in_time_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.run.bodies.MAX_FRAMES", 60)
     motion = load_motion(CLEAN)
-    pictured, notes = picture_motions({"long": motion, "short": motion.part(slice(20))})
+    pictured, notes = align_and_cut_motions({"long": motion, "short": motion.part(slice(20))})
     assert [each.num_frames for each in pictured.values()] == [30, 20]
     assert notes == ("The viewer and the videos show only the first 1 s of long.",)
 
@@ -139,7 +144,7 @@ def test_all_bodies_of_a_run_are_in_register(
         body=body,
         audio_path=tmp_path / "s.wav",
         tracked_point=tip,
-        place=align_to_origin,
+        align=align_to_origin,
     )
     run: Any = RunCallbacks()
     with pytest.raises(_Drawing), ResultFolder(tmp_path / "out") as folder:
@@ -164,7 +169,7 @@ def test_snapshots_are_those_of_each_motion_alone_before_the_camera_of_all(tmp_p
     drawn = {"a": motion, "b": walking, "c": other}
     body = load_body()
     asked = diagnose_request(motions=(), out=tmp_path, figure_frames=(3, 30))
-    rows: Any = SimpleNamespace(figure_motions=drawn, body=body, place=lambda motion: motion)
+    rows: Any = SimpleNamespace(figure_motions=drawn, body=body, align=lambda motion: motion)
     shares: list[Any] = []
     snapshots = _draw_poses(asked, rows, _small(asked.video), RunCallbacks(shares.append))
     assert [*snapshots.pictures] == [*drawn] and shares[-1].fraction == pytest.approx(0.6)
@@ -273,7 +278,7 @@ def drawn(request: ViewerVideoRequest) -> np.ndarray:
     assert video.path == request.out / NAME and list(request.out.iterdir()) == [video.path]
     frames = decoded_frames(video.path)
     assert len(frames) == video.num_frames
-    room = viewer_recording._Room.of(request.viewer)
+    room = viewer_recording._VideoLayout.of(request.viewer)
     high = room.height
     wide = room.width if request.viewer.mode == "grid" else room.width // 2
     assert high - 2 <= frames.shape[1] - label_band_height(min(wide, high)) <= high + 2
@@ -337,14 +342,14 @@ def test_pictures_are_as_large_as_a_screen_has_room_for_but_small_ones_half_as_l
     ]:
         panels = ((ViewerPanel(rect=(0, 0, *size)),),)
         shown = {"visible": tuple(range(count)), "columns": columns}
-        room = viewer_recording._Room.of(changed(GRID, size=size, panels=panels, **shown))
+        room = viewer_recording._VideoLayout.of(changed(GRID, size=size, panels=panels, **shown))
         assert room.width % 2 == room.height % 2 == 0
         assert room.width / room.height == pytest.approx(size[0] / size[1], rel=0.02)
         rows, band = -(-count // columns), label_band_height(min(room.width, room.height))
         wide, tall = columns * room.width, rows * (room.height + band)
         assert wide <= 1920 + 2 * columns and tall <= 1080 + 2 * rows
         assert wide > 1800 or tall > 980
-        small = viewer_recording._Room.of(GRID)
+        small = viewer_recording._VideoLayout.of(GRID)
         assert (small.width, small.height) == (120, 210)
 
 
@@ -371,8 +376,8 @@ def test_too_small_bodies_are_refused_and_drawing_stops_when_it_is_told_to(tmp_p
 def test_of_more_than_fit_the_first_sample_of_each_and_the_reference_stand_side_by_side() -> None:
     for number in (1, 5, 6, 8):
         names = [f"system{i}" for i in range(number)]
-        fitting, told = limit_compared([*names, "reference"])
+        fitting, told = choose_compared_motions([*names, "reference"])
         assert fitting == [*names[:5], "reference"]
         assert ("show only system0, system1, " in " ".join(told)) == (number > 5)
     names = [f"{name}{sample}" for name in ("a/b", "a/c") for sample in ("", ".s2", ".s3", ".s4")]
-    assert limit_compared(names)[0] == ["a/b", "a/c"]
+    assert choose_compared_motions(names)[0] == ["a/b", "a/c"]

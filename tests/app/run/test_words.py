@@ -10,7 +10,7 @@ from app.config import EXAMPLES
 from app.errors import Cancelled
 from app.run.examples import CLEAN
 from app.run.pipeline import run
-from app.run.timeline import WordSearch
+from app.run.timeline import TranscriptLoader
 from model.speech.audio import load_speech, write_wav
 from model.speech.transcript import EMPTY_TRANSCRIPT, TranscriptError, read_transcript
 
@@ -25,7 +25,7 @@ def never() -> None:
 def test_a_textgrid_wins_and_unasked_nothing_is_looked_for() -> None:
     for given, asked in [(GRID, "recognise"), (None, "none")]:
         expected = EMPTY_TRANSCRIPT if given is None else read_transcript(given)
-        with WordSearch(given, asked) as words:
+        with TranscriptLoader(given, asked) as words:
             assert not words.needs_speech
             words.begin(load_speech(SAID).waveform)
             assert words.wait(never) == (expected, ()) and words.provided == expected
@@ -35,7 +35,7 @@ def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
     tmp_path: Path,
 ) -> None:
     text = SAID.with_suffix(".txt")
-    with WordSearch(text, "recognise") as words:
+    with TranscriptLoader(text, "recognise") as words:
         assert words.needs_speech and words.provided == EMPTY_TRANSCRIPT  # not yet
         words.begin(load_speech(SAID).waveform)
         said, notes = words.wait(lambda: None)
@@ -43,14 +43,14 @@ def test_a_text_is_aligned_rather_than_recognised_or_refused_before_anything(
     assert said.words[0].text == "There"  # as it is written
     (tmp_path / "said.txt").write_text("...")
     with pytest.raises(TranscriptError, match=r"said.txt holds no words"):
-        WordSearch(tmp_path / "said.txt", "none")
+        TranscriptLoader(tmp_path / "said.txt", "none")
 
 
 def test_who_stops_a_run_ends_the_looking_for_words() -> None:
     def stop() -> None:
         raise Cancelled
 
-    with pytest.raises(Cancelled), WordSearch(None, "recognise") as words:
+    with pytest.raises(Cancelled), TranscriptLoader(None, "recognise") as words:
         words.begin(np.tile(load_speech(SAID).waveform, 20))
         child = words._recognition._child  # type: ignore[union-attr]
         assert child is not None and child.is_alive()

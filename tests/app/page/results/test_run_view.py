@@ -10,7 +10,7 @@ from app.page.results.run_view import example_player_value
 from app.page.routes.media import SharedFolders
 from app.run.callbacks import FolderUpdated, RunCallbacks, RunEvent
 from app.run.output.provenance import PROVENANCE, WEIGHTS_ARE_KEY
-from app.run.output.run_folder import RUN, TIMELINE, RunRecord, read_run, rows_of
+from app.run.output.run_folder import RUN, TIMELINE, RunRecord, make_rows, read_run
 from app.run.output.viewer_files import read_timeline
 from model.motion.motion import save_motion
 from model.plan.plan import GesturePlan, Nod
@@ -82,7 +82,7 @@ def test_the_example_is_shown_to_every_visitor_without_a_cookie():
 
 
 def test_a_damaged_folder_is_told_of_and_no_link_is_followed(tmp_path):
-    (row,) = rows_of(["a"])
+    (row,) = make_rows(["a"])
     record = RunRecord(kind="imported", point="right_wrist", rows=[row], timeline=TIMELINE)
     record.write(tmp_path / RUN)
     for content in ("[" * 10**5, "[1]", "{"):

@@ -601,7 +601,7 @@ def test_videos_come_into_the_player_the_zip_and_the_run_that_a_link_opens(tmp_p
     opened = tab.kept.find(tab.run.token)
     assert opened is not None
     shown = "viewer/globaldiff-local.frames"
-    assert {shown, *names} <= {*opened.record.named}, "of which the zip is made"
+    assert {shown, *names} <= {*opened.record.all_files}, "of which the zip is made"
     assert list(tab.updates()) == [{tab.parts.status: gr.skip()}], "once, and all stays"
     assert not tab.jobs.in_use()
 

@@ -182,7 +182,7 @@ NOD = {"do": "nod", "at": 1.0}
 def make(request: PlanEditRequest, callbacks: RunCallbacks) -> EditResult:
     number = 0
     with edit_record(request.run) as record:
-        start = record.row(request.start)
+        start = record.row(request.source_row)
         if start is None:
             raise RunError(text.EDITS_GONE)
         row = start.model_copy(deep=True)

@@ -137,7 +137,7 @@ def test_too_few_codes_are_told(weights: Path, tmp_path: Path):
     assert min_num_codes(CODE_DIM) == CODE_DIM + 1
     _save_sets(tmp_path)
     result = diagnose_folders(_asked(tmp_path, weights))
-    assert any("have 8 codes" in note and "at least 241" in note for note in result.notes)
+    assert any("have 8 feature vectors" in note and "at least 241" in note for note in result.notes)
     assert "EMAGE" not in (tmp_path / "out" / "summary.md").read_text()
 
 

@@ -114,7 +114,7 @@ def test_results_without_a_recorded_set_are_refused(measured: Path, tmp_path: Pa
     diagnose_folders(diagnose_request(motions=(measured / "calm",), out=tmp_path / "alone"))
     with pytest.raises(RunError, match="without a recorded set"):
         read_entries(tmp_path / "alone")
-    with pytest.raises(RunError, match=r"no 'nobody'; it has calm"):
+    with pytest.raises(RunError, match=r"no system 'nobody'; it has calm"):
         read_entries(measured / "one", names=["nobody"])
     with pytest.raises(RunError, match="could not be read"):
         read_entries(tmp_path)

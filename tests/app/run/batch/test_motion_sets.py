@@ -190,7 +190,7 @@ def test_sets_too_short_for_a_distance_are_told_and_without_a_common_name_refuse
     assert any("have 11 feature vectors" in note and "at least 33" in note for note in result.notes)
     assert "FGD" not in (tmp_path / "out" / "summary.md").read_text()
     (tmp_path / "other").mkdir()
-    with pytest.raises(RunError, match="paired by name"):
+    with pytest.raises(RunError, match="paired by file name"):
         diagnose_folders(
             diagnose_request(motions=(folders / "gt", tmp_path / "other"), out=tmp_path / "x")
         )

@@ -16,7 +16,7 @@ from app.run.batch.saved_run import SPEECH_FOLDER, copy_run, run_request
 from app.run.batch.speech_batch import clip_requests, find_speech_files, is_batch_input, run_batch
 from app.run.callbacks import NO_CALLBACKS, FolderUpdated, RunCallbacks, RunEvent, StageProgress
 from app.run.output.console import ProgressBars
-from app.run.output.run_folder import RUN, is_run_zip, read_run, runs_in, zip_run
+from app.run.output.run_folder import RUN, find_runs, is_run_zip, read_run, zip_run
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
 from model.plan.editing import add_gesture, gestures
@@ -180,7 +180,7 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     motion = [each for each in events if isinstance(each, StageProgress) and each.stage == "motion"]
     assert {each.clip for each in motion} == {"2 clips"}
     assert [each.fraction for each in motion] == pytest.approx([0.5, 1.0])
-    runs = runs_in(asked.output.out)
+    runs = find_runs(asked.output.out)
     assert [read_run(run).settings["speech"] for run in runs.values()] == list(runs) == list("ab")
     run_batch(clip_requests(replace_fields(asked, out=tmp_path / "2", is_incremental=False)), HERE)
     with np.load(tmp_path / "2/b/globaldiff-local.npz") as elsewhere:
@@ -197,18 +197,18 @@ def test_the_page_gets_the_same_folder_and_measures_it_anew_from_its_zip(
     measured = [
         values_by_metric(
             {name: of["raw"] for name, of in read_run(run).numbers.items()}
-            for run in runs_in(out).values()
+            for run in find_runs(out).values()
         )[JERK]
         for out in (asked.output.out, again.output.out)
     ]
     for name, clips in measured[0].items():
         assert measured[1][name] == pytest.approx(clips, rel=1e-3)
     copy = copy_run(packed, tmp_path / "copy")
-    assert list(runs_in(copy)) == list("ab") and (copy / "summary.md").is_file()
+    assert list(find_runs(copy)) == list("ab") and (copy / "summary.md").is_file()
     former = {"batch.csv": "many.csv", "batch.json": "many.json", "summary.md": "sheet.md"}
     for name, old in former.items():
         (copy / name).rename(copy / old)
-    for run in runs_in(copy).values():
+    for run in find_runs(copy).values():
         (run / "viewer").rename(run / "shown")
         record = (run / RUN).read_text("utf-8").replace('"viewer/', '"shown/')
         (run / RUN).write_text(record, "utf-8")
