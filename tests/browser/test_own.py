@@ -169,7 +169,7 @@ def test_files_of_ones_own_are_measured_seen_compared_and_made_a_video_of(
         f"""() => {{
             const told = JSON.parse({PLAYER}.viewState());
             told.camera[2] = 99;
-            {PLAYER}.seen = () => JSON.stringify(told);
+            {PLAYER}.viewState = () => JSON.stringify(told);
         }}"""
     )
     ask_for_video(page)
