@@ -152,7 +152,7 @@ def family_files() -> Any:
     return arg(constructor=make_dataclass("FamilyFiles", named, frozen=True))
 
 
-def set_family_files(named: Mapping[str, Any]) -> None:
+def set_family_files(paths: Mapping[str, Any]) -> None:
     """Export the paths of family files to this process and its children, and check the files.
 
     Raises:
@@ -160,7 +160,7 @@ def set_family_files(named: Mapping[str, Any]) -> None:
     """
     for family in families():
         for file in family.files:
-            path = named[_name_of(file.flag)]
+            path = paths[_name_of(file.flag)]
             if path is not None:
                 os.environ[file.environment_variable] = str(path.absolute())
         family.require_files()
@@ -181,16 +181,18 @@ _NO_NUMBER = (
 )
 
 
-def parse_command(does: Callable[..., Any], program: str, argv: Sequence[str]) -> Callable[[], Any]:
+def parse_command(
+    function: Callable[..., Any], program: str, argv: Sequence[str]
+) -> Callable[[], Any]:
     """Return a function bound to the arguments of a command line.
 
     Raises:
         SystemExit: status 2 after an error message for wrong arguments; status 0 after help.
     """
 
-    @functools.wraps(does)
+    @functools.wraps(function)
     def held(*positional: object, **named: object) -> Callable[[], Any]:
-        return functools.partial(does, *positional, **named)
+        return functools.partial(function, *positional, **named)
 
     output = io.StringIO()
     shown = io.TextIOWrapper(io.BytesIO(), encoding=sys.stdout.encoding or "utf-8")
@@ -209,7 +211,7 @@ def parse_command(does: Callable[..., Any], program: str, argv: Sequence[str]) -
         raise
 
 
-GROUPS: Mapping[str, str] = {
+FLAG_GROUP_TITLES: Mapping[str, str] = {
     "positional arguments": "Input",
     "output options": "Output",
     "speech options": "Speech",
@@ -230,17 +232,17 @@ GROUPS: Mapping[str, str] = {
 
 
 def _in_groups(help_text: str) -> str:
-    """Sort the boxes of tyro's help, and give them the titles of `GROUPS`, except in ASCII."""
+    """Sort the boxes of tyro's help and replace titles by `FLAG_GROUP_TITLES`, except in ASCII."""
     above, boxes = [], []
     for line in help_text.splitlines():
         if line.startswith("╭─ "):
             boxes.append([line])
         else:
             (boxes[-1] if boxes else above).append(line)
-    order, groups = [*GROUPS], {}
+    order, groups = [*FLAG_GROUP_TITLES], {}
     for head, *rest in boxes:
         title = head.strip("╭╮─ ")
-        own = GROUPS.get(title, title)
+        own = FLAG_GROUP_TITLES.get(title, title)
         groups[title] = [f"╭─ {own} {'─' * (len(head) - len(own) - 4)}╮", *rest]
     titles = sorted(groups, key=lambda title: order.index(title) if title in order else len(order))
     return "".join(f"{line}\n" for line in [*above, *(each for t in titles for each in groups[t])])

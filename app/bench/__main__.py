@@ -18,7 +18,7 @@ from app.bench import runs
 from app.config import BUNDLED_WEIGHTS
 from app.run.bodies import body_motion
 from app.run.models import warm_up_in_steps
-from app.run.output.provenance import versions
+from app.run.output.provenance import software_versions
 
 CLIP_S = 10.0
 
@@ -44,7 +44,7 @@ def run_benchmark(
     record = {
         "figures": [asdict(figure) for figure in figures],
         "machine": {"cores": os.cpu_count(), "processor": platform.processor() or "unknown"},
-        "versions": versions(),
+        "versions": software_versions(),
     }
     out.write_text(json.dumps(record, indent=1) + "\n")
 

@@ -121,17 +121,17 @@ class LiveSessions:
                 )
                 threading.Thread(target=self._listen, args=(self._child,), daemon=True).start()
 
-    def open(self, message: object, cookie: str, tell: MessageCallback, address: str = "") -> int:
+    def open(
+        self, message: object, cookie: str, on_message: MessageCallback, address: str = ""
+    ) -> int:
         """Open a session for one browser, and return its number.
 
         Args:
             message: first message of the browser.
-            tell: callback that takes the session's settings first, then frames as bytes and other
-                messages
-                as an object, and as text the sentence with which it ends, at once if it cannot be
-                    opened.
+            on_message: callback that takes the session's settings first, then frames as bytes,
+                other messages as an object, and as text the sentence with which the session ends.
         """
-        number = self._ask(tell, "open", (message, cookie, address))
+        number = self._ask(on_message, "open", (message, cookie, address))
         self._microphones[number] = AudioGuard()
         return number
 
@@ -178,11 +178,11 @@ class LiveSessions:
         if self._child is not None:
             self._child.end()
 
-    def _ask(self, tell: MessageCallback, verb: str, content: object) -> int:
+    def _ask(self, on_message: MessageCallback, verb: str, content: object) -> int:
         with self._lock:
             self.start_process()
             number = next(self._numbers)
-            self._callbacks[number] = tell
+            self._callbacks[number] = on_message
             self._send(number, verb, content)
         return number
 

@@ -127,7 +127,7 @@ class TrackedPoint:
             )
 
     @property
-    def name(self) -> str:
+    def source(self) -> str:
         """Name of the source as in `diagnostics.json`."""
         if self.point in JOINT_INDEX:
             return "joint" if self.body is None else "joint of the body"

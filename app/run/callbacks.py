@@ -47,7 +47,7 @@ class RunCallbacks:
         """Store the callbacks of the caller.
 
         Args:
-            hear: called with each progress event, and when the folder has new content.
+            on_event: called with each progress event, and when the folder has new content.
             should_cancel: called many times a second.
         """
         self.on_event = on_event
@@ -57,7 +57,7 @@ class RunCallbacks:
         self.on_event(StageProgress(stage, fraction, detail))
 
     def progress_callback(
-        self, stage: RunStage, part: float = 1.0, before: float = 0.0
+        self, stage: RunStage, fraction: float = 1.0, start: float = 0.0
     ) -> Callable[[float], None]:
         """Return a callback for the fraction done of a part of a stage.
 
@@ -66,7 +66,7 @@ class RunCallbacks:
 
         def on_share(share: float) -> None:
             self.raise_if_cancelled()
-            self.report_progress(stage, before + part * share)
+            self.report_progress(stage, start + fraction * share)
 
         return on_share
 

@@ -85,7 +85,7 @@ def measure_motions(
         speech_bands=speech_bands,
         inputs=inputs,
         tip_track=follow,
-        tip_source=tip.name,
+        tip_source=tip.source,
         point=tip.point,
         onsets_s=onsets_s,
     )
@@ -204,7 +204,7 @@ def make_figure6(
         reference=REFERENCE_NAME if REFERENCE_NAME in motions else None,
         start_frame=figures.start_frame,
         tracked_point=tip.title,
-        tracked_point_source=tip.name,
+        tracked_point_source=tip.source,
         post_filter=post_filter or "none",
         clip=clip,
         caveat="" if post_filter is None else ONE_SEED_CAVEAT,

@@ -213,12 +213,12 @@ def _times(interval: Interval) -> tuple[float, float, str]:
     return interval.start_s, interval.end_s, interval.text
 
 
-_MAX_LINE_BYTES, _LOOK_EVERY_S = 20_000_000, 0.1
+_MAX_TIMELINE_BYTES, _LOOK_EVERY_S = 20_000_000, 0.1
 Seconds = Annotated[float, Field(ge=0, le=1e5)]
 Parts = Annotated[list[tuple[Seconds, Seconds, Text]], Field(max_length=50_000)]
 
 
-class _Line(BaseModel):
+class _StoredTranscript(BaseModel):
     """Transcript part of a stored timeline."""
 
     words_origin: TranscriptSource = "given"
@@ -243,7 +243,9 @@ def read_transcript_of_run(folder: Path) -> Transcript:
     path = existing_file(folder, read_run(folder).timeline)
     try:
         return (
-            EMPTY_TRANSCRIPT if path is None else read_json(path, _Line, _MAX_LINE_BYTES).transcript
+            EMPTY_TRANSCRIPT
+            if path is None
+            else read_json(path, _StoredTranscript, _MAX_TIMELINE_BYTES).transcript
         )
     except ValueError:
         return EMPTY_TRANSCRIPT

@@ -29,7 +29,7 @@ from model.motion.transforms import add_rotation_noise
 from model.speech.transcript import EMPTY_TRANSCRIPT
 from renderer.video.compose import compose_videos
 
-NAMES: tuple[str, str] = ("local noise", "global noise")
+NOISY_MOTION_NAMES: tuple[str, str] = ("local noise", "global noise")
 """Names of the two bodies, by the rotations with noise."""
 DRAWN = "Noise of {noise:g} rad on local rotations (left) and on global rotations (right)."
 _DRAWN = 0.85
@@ -57,7 +57,11 @@ def compare_rotation_noise(
         reading.motion, open_body_skeleton(), request.joint, request.noise_rad, seed=request.seed
     )
     noisy = dict(
-        zip(NAMES, add_rotation_noise(reading.motion, request.noise_rad, request.seed), strict=True)
+        zip(
+            NOISY_MOTION_NAMES,
+            add_rotation_noise(reading.motion, request.noise_rad, request.seed),
+            strict=True,
+        )
     )
     record = RunRecord(kind="imported", point=DEFAULT_TRACKED_POINT)
     with open_run_writer(

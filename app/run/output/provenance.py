@@ -27,7 +27,7 @@ WEIGHTS_ARE = "demonstration weights of this project, not those of the paper"
 _PACKAGES = ("torch", "numpy", "scipy", "pyrender2", "matplotlib", "imageio-ffmpeg", "pocketsphinx")
 
 
-def versions() -> dict[str, str]:
+def software_versions() -> dict[str, str]:
     """Return the versions of this project, Python and packages that affect numbers or pictures."""
     installed = {"project": revision(), "python": platform.python_version()}
     for package in _PACKAGES:
@@ -76,7 +76,7 @@ def make_provenance(
     weights_are = (str(each.card.get("weights_are", WEIGHTS_ARE)) for each in systems)
     return {
         "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "versions": versions(),
+        "versions": software_versions(),
         "weights": describe_systems(systems),
         "speech": {
             "file": request.speech.path.name,

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 import jinja2
 
 from app.run.models import get_body, get_system
-from app.run.output.provenance import describe_systems, versions
+from app.run.output.provenance import describe_systems, software_versions
 from app.study.design.blinding import lists_with_ids, stimulus_ids
 from app.study.design.key import StudyKey
 from app.study.design.plan import Plan, load_wording, protocol_questions
@@ -180,7 +180,7 @@ def _provenance(
     settings = ("system", "seed", "speaker", "steps", "sampler", "post_filter", "style")
     return {
         "made_at": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "versions": versions(),
+        "versions": software_versions(),
         "weights": describe_systems([get_system(name, weights) for name in sorted(names)]),
         "systems": {
             system.name: {

@@ -15,7 +15,7 @@ from app.commands.cli import main
 from app.errors import Cancelled, RunError
 from app.run import models
 from app.run.callbacks import RunCallbacks
-from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
+from app.run.experiments.rotation_noise import NOISY_MOTION_NAMES, compare_rotation_noise
 from app.run.experiments.speech_effect import _effect_sentence, measure_speech_effect
 from app.run.experiments.step_sweep import MAX_S, measure_step_sweep
 from app.run.models import get_system
@@ -252,7 +252,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
 
     # Both motions are left for a player.
     assert (
-        [row.name for row in record.rows] == [*NAMES, WITHOUT_NOISE]
+        [row.name for row in record.rows] == [*NOISY_MOTION_NAMES, WITHOUT_NOISE]
         and record.audio
         and record.timeline
     )
@@ -260,7 +260,7 @@ def test_two_bodies_stand_side_by_side_and_the_numbers_are_told(
     assert "error_growth.png" in record.files and "0.05 rad" in caption
     assert "by protocol workbench/1." in caption
     clean = load_motion(asked.motion)
-    rows = record.rows[: len(NAMES)]
+    rows = record.rows[: len(NOISY_MOTION_NAMES)]
     on_local, on_global = (load_motion(asked.output.out / row.files["motion"]) for row in rows)
     pelvis = slice(0, 3)
     for motion in (on_local, on_global):

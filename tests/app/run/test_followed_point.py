@@ -37,7 +37,7 @@ def test_a_body_of_ones_own_gives_a_vertex_or_its_own_joint(body: Body) -> None:
     elbow = TrackedPoint("right_elbow", body)
     expected = body.joint_positions(body_motion(MOTION))[:, JOINT_NAMES.index("right_elbow")]
     np.testing.assert_array_equal(elbow.track(MOTION), expected)
-    assert (elbow.name, elbow.title) == ("joint of the body", "Right elbow")
+    assert (elbow.source, elbow.title) == ("joint of the body", "Right elbow")
     assert TrackedPoint(body=body).name == "vertex 7794"
     assert TrackedPoint("left_thumb", body).name == "vertex 5361"
     with pytest.raises(RunError, match=r"no point 'nose' to follow.*left_index.*right_wrist"):

@@ -161,7 +161,7 @@ def test_what_cannot_be_measured_is_refused_and_nothing_is_left(
         return capsys.readouterr().err
 
     assert "no point 'nose'" in refusal("--tracked-point", "nose")
-    assert "frame 0 to 39; got 40" in refusal("--start", "40")
+    assert "must be 0 to 39; got 40" in refusal("--start", "40")
     without_speech = refusal("--transcript", str(text))
     assert without_speech == refusal("--words", "recognise")
     assert "add it (--speech), or give a TextGrid" in without_speech

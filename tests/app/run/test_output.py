@@ -11,7 +11,7 @@ import pytest
 
 from app.commands.cli import main
 from app.errors import RunError
-from app.run.output.provenance import versions
+from app.run.output.provenance import software_versions
 from app.run.output.result_folder import (
     LOCK_NAME,
     ResultFolder,
@@ -213,8 +213,8 @@ def test_results_and_cards_name_one_revision_whatever_lies_beside_the_code(
     clean = revision()
     assert len(clean) >= 7 and not clean.endswith("+")
     (repository / "results.json").write_text("{}")
-    assert versions()["project"] == revision() == clean
+    assert software_versions()["project"] == revision() == clean
     (repository / "code.py").write_text("1 / 0\n")
-    assert versions()["project"] == revision() == f"{clean}+"
+    assert software_versions()["project"] == revision() == f"{clean}+"
     monkeypatch.setenv("GIT_DIR", str(repository / "nowhere"))
-    assert versions()["project"] == revision() == "unknown"
+    assert software_versions()["project"] == revision() == "unknown"
