@@ -124,7 +124,10 @@ class LiveMotion:
         margin = 0 if self._constraint is None else self._constraint.margin
         final, ends = start + hop + margin, start + cut.frames + CONDITION_MARGIN
         streamed = self.ahead = self._stream.advance(self._speech_features, first, final, ends)
-        features, at = self._stream.conditioning(features, streamed, first), start - streamed.origin
+        features, at = (
+            self._stream.conditioning(features, streamed, first),
+            start - streamed.zero_frame,
+        )
         if self._constraint is not None:
             self._constraint.continue_with(streamed, at)
         window = SpeechWindow(features)

@@ -23,13 +23,13 @@ def test_every_joint_and_every_fingertip_beyond_its_last_joint_is_followed(body:
     tracks = track_points(MOTION, open_body_skeleton())
     for joint, name in enumerate(JOINT_NAMES):
         source = TrackedPoint(name)
-        assert source.name == "joint"
+        assert source.source == "joint"
         np.testing.assert_array_equal(source.track(MOTION), tracks.joints[:, joint])
     assert set(FINGERTIP_VERTICES) == set(FINGERTIP_NAMES)
     for tip, joint in zip(FINGERTIP_NAMES, FINGERTIP_JOINTS, strict=True):
         source = TrackedPoint(tip)
         beyond = np.linalg.norm(source.track(MOTION) - tracks.joints[:, joint], axis=1)
-        assert source.name == "rigid"
+        assert source.source == "rigid"
         assert beyond == pytest.approx(beyond[0]) and 0.01 < beyond[0] < 0.04
 
 
@@ -38,9 +38,9 @@ def test_a_body_of_ones_own_gives_a_vertex_or_its_own_joint(body: Body) -> None:
     expected = body.joint_positions(body_motion(MOTION))[:, JOINT_NAMES.index("right_elbow")]
     np.testing.assert_array_equal(elbow.track(MOTION), expected)
     assert (elbow.source, elbow.title) == ("joint of the body", "Right elbow")
-    assert TrackedPoint(body=body).name == "vertex 7794"
-    assert TrackedPoint("left_thumb", body).name == "vertex 5361"
-    with pytest.raises(RunError, match=r"no point 'nose' to follow.*left_index.*right_wrist"):
+    assert TrackedPoint(body=body).source == "vertex 7794"
+    assert TrackedPoint("left_thumb", body).source == "vertex 5361"
+    with pytest.raises(RunError, match=r"no point 'nose' to track.*left_index.*right_wrist"):
         TrackedPoint("nose")
 
 

@@ -170,7 +170,9 @@ def began(planner: Planner, speech, manner: LiveStyle = USUAL, long: int = LONG)
     for first, plan in told(planner, speech, manner, long):
         for side in SIDES:
             for phase in plan.condition.hand(side):
-                begins, ends = (round(at * 30) + plan.origin for at in (phase.start_s, phase.end_s))
+                begins, ends = (
+                    round(at * 30) + plan.zero_frame for at in (phase.start_s, phase.end_s)
+                )
                 settled = phase.phase in STILL_PHASES or ends < first + HOP + AHEAD
                 if begins < first + HOP and settled:
                     found.setdefault((side, begins), set()).add((ends, phase.phase, phase.goal))
@@ -206,7 +208,7 @@ def test_paths_of_hands_stay_where_they_have_been(planner):
     """To the frame up to which it is planned for good, whatever holds turn out to last."""
     path = {side: np.full((LONG + HOP, 3), np.nan) for side in SIDES}
     for first, ahead in told(planner, SPEECH):
-        at = first - ahead.origin
+        at = first - ahead.zero_frame
         tracks = plan_tracks(ahead.condition, at + HOP).astype(float)
         for side in SIDES:
             now = tracks[:, hand_tracks(side)][:, :3]
@@ -260,7 +262,7 @@ def test_sliders_act_on_what_has_not_begun(planner):
         pairs = zip(plan.condition.hand(side), usual_plan.condition.hand(side), strict=True)
         for new, old in pairs:
             assert (new.start_s, new.end_s, new.phase) == (old.start_s, old.end_s, old.phase)
-            if round(old.start_s * 30) + plan.origin < 60:
+            if round(old.start_s * 30) + plan.zero_frame < 60:
                 assert new.goal == old.goal
             elif old.phase in ("preparation", "stroke", "beat"):
                 wished = [r + 1.5 * (g - r) for g, r in zip(old.goal, REST_POSITION, strict=True)]
@@ -309,9 +311,9 @@ def test_live_hands_are_led_to_their_plan(planned_weights):
     pieces, aheads = streamed(planned_weights, features(120), 9, Pace(hop=36))
     wished = {side: [] for side in SIDES}
     for first, stop, ahead in aheads:
-        tracks = plan_tracks(ahead.condition, stop - ahead.origin).astype(float)
+        tracks = plan_tracks(ahead.condition, stop - ahead.zero_frame).astype(float)
         for side in SIDES:
-            wished[side].append(tracks[first - ahead.origin :, hand_tracks(side)][:, :3])
+            wished[side].append(tracks[first - ahead.zero_frame :, hand_tracks(side)][:, :3])
     joined = {
         name: np.concatenate([getattr(piece, name) for piece in pieces])
         for name in ("poses", "trans", "expressions")
