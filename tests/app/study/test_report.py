@@ -210,7 +210,7 @@ def test_the_sentence_of_a_match_follows_its_numbers():
 def test_headline_and_power_say_who_came_first_and_how_surely():
     key = made_key(num_clips=10)
     (strong,) = analyse_participants(made_participants(key, 28, UNIFORM_RATERS), key)
-    assert headline(strong) == "realism: global is significantly better than local."
+    assert headline(strong) == "realism: global is significantly better than local and rival."
     share = detectable_share(28)
     assert share is not None
     said = say(

@@ -264,7 +264,7 @@ def test_impossible_answers_are_set_aside() -> None:
         ),
         (
             left_and_hasty_once,
-            "and 1 of 18 trials answered before the videos could",
+            "and also 1 of 18 trials answered before the videos",
         ),
     ]:
         forged = forge(PEOPLE[3])
@@ -403,12 +403,12 @@ def test_a_link_counts_once_and_for_its_own_list_and_an_earlier_time_displaces_n
     hour = timedelta(hours=1)
     copy = replace(first, id="thief", started=first.started - hour, finished=first.finished - hour)
     (aside,) = screen([first, copy, *others], LINKED).implausible
-    assert aside.participant is copy and f"also used by {first.source}" in aside.reason
+    assert aside.participant is copy and f"also used for {first.source}" in aside.reason
     answer, *rest = copy.answers
     forged = replace(copy, source="forged.json", answers=(replace(answer, value="tie"), *rest))
     screened = screen([first, forged, *others], LINKED)
     assert [one.participant for one in screened.implausible] == [first, forged]
-    assert "also used by forged.json" in screened.implausible[0].reason
+    assert "also used for forged.json" in screened.implausible[0].reason
     assert list(screened.included) == others
     number = next(n for n in range(9) if LINKED.list_of(n) != first.list_number)
     (aside,) = screen([replace(first, link=LINKED.token(number))], LINKED).implausible
