@@ -45,8 +45,7 @@ def test_alignment_is_one_in_time_and_at_chance_level_out_of_time():
     positions = moving_at(STOPS)
     right = beats.beat_scores(positions, np.array(STOPS), ONES)
     late = beats.beat_scores(positions, np.array(STOPS) + 0.3, ONES)
-    for direction in ("beat_align_audio_to_motion", "beat_align_motion_to_audio"):
-        name = f"beat_align_{direction}"
+    for name in ("beat_align_audio_to_motion", "beat_align_motion_to_audio"):
         assert right[name] > 0.9
         assert right[f"{name}_chance"] < right[name] - 0.2
         assert late[name] < right[name] - 0.3
