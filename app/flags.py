@@ -217,7 +217,7 @@ FLAG_GROUP_TITLES: Mapping[str, str] = {
     "speech options": "Speech",
     "sampling options": "Systems and sampling",
     "planning options": "Plan",
-    "imports options": "Reference and import of motion files",
+    "imports options": "Reference motion, and how to read motion files",
     "motions options": "Motions",
     "metrics options": "Metrics",
     "options": "Options",

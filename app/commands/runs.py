@@ -327,7 +327,7 @@ def leaderboard_add(
     entries = merge_entries([old_entries, *new])
     write_leaderboard(entries, board)
     print_message(
-        f"The leaderboard has {len(entries)} entries; {len(entries) - len(old_entries)} are new."
+        f"Entries of the leaderboard: {len(entries)}, new ones: {len(entries) - len(old_entries)}."
     )
     print_path(board)
 

@@ -92,7 +92,8 @@ METRICS = (
             lambda m: mean(m.positions.joint_jerk_m_s3), is_primary=True,
             required_parts=("detail",), parts_that_must_match=("place",)),
     Metric("joint_rotation_noise_deg", _JOINTS, "Rotation noise", "°",
-            "Estimated white noise in the joint rotations. Two recorded clips have less than 0.3°.",
+            "Estimated white noise in the joint rotations. For comparison: below 0.3° in two "
+            "recorded clips.",
             lambda m: mean(m.rotations.joint_rotation_noise_deg), required_parts=("detail",)),
     Metric("seam_jerk_ratio", _JOINTS, "Seam jerk ratio", "times elsewhere",
             "Peak jerk at window seams relative to the rest of the clip. 1 means that seams do not "

@@ -120,7 +120,7 @@ def _attribution(diagnostics: Diagnostics) -> str:
         return ""
     if not sentences:
         effect = f"reduces the jerk of the {point} by less than {least}"
-        return f"Filtering a single joint {effect} in {join_names(without)}."
+        return f"Filtering any one joint {effect} in {join_names(without)}."
     few = ""
     if without:
         few = f"; in {join_names(without)}, filtering any one joint reduces it by less than {least}"

@@ -53,7 +53,10 @@ SILENCE_LEVEL = 0.001
 """Amplitude of full scale (-60 dB) below which sound is silence, as of a muted microphone."""
 
 TOO_LONG = "A live session lasts at most {minutes:g} minutes; start another one."
-TOO_FAST = "Audio arrived faster than real time. Start again."
+TOO_FAST = (
+    "{ahead:.0f} s more of audio arrived than time has passed; at most {limit:g} s are allowed. "
+    "Use a live microphone, then start again."
+)
 TOO_LITTLE = (
     "Only {came:.1f} s of audio arrived in the last {seconds:.0f} s; live generation needs audio "
     "without gaps. Check your connection, then start again."
@@ -87,7 +90,8 @@ class AudioGuard:
         if spoken_s > MAX_S:
             raise RunError(TOO_LONG.format(minutes=MAX_S / 60))
         if spoken_s > now - self._begun + MAX_AHEAD_S:
-            raise RunError(TOO_FAST)
+            ahead_s = spoken_s - (now - self._begun)
+            raise RunError(TOO_FAST.format(ahead=ahead_s, limit=MAX_AHEAD_S))
         if np.abs(samples).max() > SILENCE_LEVEL:
             self._last_message_at = now
         elif now - self._last_message_at > QUIET_S:

@@ -96,7 +96,7 @@ def patch_gradio_routes(
 
     _attempt(limit, "an address may open any number of connections, and stalled ones stay open")
     _attempt(
-        parse, "uploads are limited only to 250 MB per file, and interrupted ones are not deleted"
+        parse, "the only limit on uploads is 250 MB per file, and interrupted ones are not deleted"
     )
     _attempt(_make_no_empty_files, "each file in an API call leaves an empty file for an hour")
     _attempt(_find_functions, "API calls of unknown functions end in a server error")

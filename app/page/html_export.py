@@ -31,7 +31,8 @@ ENTRY_MODULE = "player/player.js"
 """Module that the file starts."""
 _PLAYED: tuple[RowFileKind, ...] = ("frames", "plan", "input_plan")
 NOTHING_TO_PLAY = (
-    "The run contains no motion of at most {frames} frames, so the file would show nothing."
+    "The page would show nothing: no motion of this run has at most {frames} frames, the limit of "
+    "a page. Generate or measure a shorter part."
 )
 _IMPORTED = re.compile(r'(?<=from ")(\.{1,2}/[^"]+)(?=")')
 """Pattern of relative imports in the modules; a test checks that there are no others."""

@@ -216,7 +216,7 @@ def _serve(page: Blocks, config: AppConfig, routes: Sequence[Any]) -> None:
                 config.weights,
                 config.body,
                 config.private_folder,
-                *(path for family in families() for path in family.licensed_paths()),
+                *(path for family in families() for path in family.non_redistributable_paths()),
             )
             if path
         ],

@@ -84,7 +84,7 @@ class _GrowingMotion:
     num_written: int = 0
     aligned_at_frame: int = 0
 
-    def updated_transform(self, num_frames: int) -> RootTransform:
+    def current_transform(self, num_frames: int) -> RootTransform:
         """Return the alignment of the motion, computed anew as it grows and at its end."""
         is_due = self.num_written >= min(_GROWN * self.aligned_at_frame, num_frames)
         if self.root_transform is None or (is_due and not self.is_fixed):
@@ -255,7 +255,7 @@ class RunWriter(RunCallbacks):
             size = file.tell()
         growing.parts.append(motion)
         growing.num_written += motion.num_frames
-        place = growing.updated_transform(num_frames)
+        place = growing.current_transform(num_frames)
         row.files["frames"] = self.folder.mark_complete(growing.path)
         row.available = FramesAvailable(
             num_ready=growing.num_written,

@@ -98,7 +98,8 @@ class WindowSpec:
 
     speaker: int
     seed: int
-    samples: int
+    num_samples: int
+    """Number of motions sampled at once from the same speech."""
     index: int
     """Index of the window."""
     sampler: str
@@ -123,7 +124,7 @@ class WindowSpec:
 
     def noise(self, shape: tuple[int, ...], *step: int) -> Float[Tensor, "samples ..."]:
         """Draw standard normal noise that depends on seed, sample, window, step and shape alone."""
-        samples = range(self.first_sample, self.first_sample + self.samples)
+        samples = range(self.first_sample, self.first_sample + self.num_samples)
         keys = [[self.seed, sample, self.index, *step] for sample in samples]
         return torch.stack([seeded_noise(key, shape) for key in keys])
 
@@ -205,7 +206,7 @@ class System(ABC):
         >>> from model.speech.features import MelEncoder
         >>> class StillSystem(System):
         ...     def window(self, speech, before, spec):
-        ...         shape = (spec.samples, self.windowing.frames)
+        ...         shape = (spec.num_samples, self.windowing.frames)
         ...         return Window(
         ...             rotmat=torch.eye(3).expand(*shape, 55, 3, 3),
         ...             root=torch.zeros(*shape, 3),
@@ -226,7 +227,7 @@ class System(ABC):
         Sampling(sampler='euler', steps=4, guidance=1.5)
         >>> speech = SpeechWindow(torch.zeros(64, system.encoder.dim))
         >>> spec = WindowSpec(
-        ...     speaker=0, seed=0, samples=2, index=0, sampler="euler", steps=4, guidance=1.5
+        ...     speaker=0, seed=0, num_samples=2, index=0, sampler="euler", steps=4, guidance=1.5
         ... )
         >>> system.window(speech, None, spec).rotmat.shape
         torch.Size([2, 64, 55, 3, 3])

@@ -204,7 +204,7 @@ class Family:
         """Return why the named files suit one speech only, with advice; None if they suit any."""
         return None
 
-    def licensed_paths(self) -> tuple[Path, ...]:
+    def non_redistributable_paths(self) -> tuple[Path, ...]:
         """Return the paths of ``files`` that must not be passed on."""
         return ()
 

@@ -283,7 +283,7 @@ def first_window_spec(system: System, options: GenerateOptions) -> WindowSpec:
     return WindowSpec(
         speaker=system.speaker_index(options.speaker),
         seed=options.seed,
-        samples=options.samples,
+        num_samples=options.samples,
         index=0,
         **vars(system.resolve_sampling(options)),
         first_sample=options.first_sample,

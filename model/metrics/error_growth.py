@@ -62,12 +62,12 @@ class ErrorGrowth:
     """Error of local angles from noisy global rotations over noisy local ones; sqrt(2) expected."""
 
     @property
-    def ratio(self) -> float:
+    def local_to_global_ratio(self) -> float:
         """Spread of the tracked point with local noise over that with global noise."""
         return float(self.local_rms_m[-1] / self.global_rms_m[-1])
 
     @property
-    def predicted_ratio(self) -> float:
+    def predicted_local_to_global_ratio(self) -> float:
         return float(self.predicted_local_spread_m[-1] / self.predicted_global_spread_m[-1])
 
 
@@ -138,8 +138,8 @@ def error_growth_summary(growth: ErrorGrowth, noise_rad: float) -> str:
     return (
         f"Noise of {noise_rad:g} rad on every joint moves the {point_label(growth.points[-1])} by"
         f" {local:.1f} cm if added to local rotations and by {world:.1f} cm if added to global"
-        f" rotations: {growth.ratio:.1f} times as far (predicted from lever arms:"
-        f" {growth.predicted_ratio:.1f} times)."
+        f" rotations: {growth.local_to_global_ratio:.1f} times as far (predicted from lever arms:"
+        f" {growth.predicted_local_to_global_ratio:.1f} times)."
     )
 
 

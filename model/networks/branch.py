@@ -147,7 +147,7 @@ class SpeechTokenEncoder(nn.Module):
         return x[:, self.context : x.shape[1] - self.context]
 
 
-class ConditionTokenEncoder(nn.Module):
+class ExtraConditionEncoder(nn.Module):
     """Encoder of further conditions to tokens added to the speech's; zero before training."""
 
     def __init__(self, dim: int, width: int, context: int) -> None:

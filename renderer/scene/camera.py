@@ -108,7 +108,7 @@ def fit_camera(
     return Camera(eye=_triple(eye), target=_triple(eye - axes[2]))
 
 
-def extreme_points(
+def extreme_positions_per_joint(
     points: Float[np.ndarray, "T J 3"], view: str, *, aspect: float = 1.0
 ) -> Float[np.ndarray, "5 J 3"]:
     """Return five positions of each of J points that give the same camera as all T of them."""

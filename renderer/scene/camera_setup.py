@@ -10,7 +10,7 @@ from scipy import ndimage
 from conventions.joints import FINGERS, JOINT_INDEX, JOINT_NAMES
 from conventions.views import Framing
 from renderer.body.body import Body, BodyMotion
-from renderer.scene.camera import Camera, Orbit, extreme_points, fit_camera
+from renderer.scene.camera import Camera, Orbit, extreme_positions_per_joint, fit_camera
 
 CLOSE_UP_VIEWS: dict[str, tuple[str, ...]] = {
     "face": ("face",),
@@ -272,10 +272,12 @@ def make_camera_setup(
     from_afar, pelvises, floors, corners = [], [], [], []
     for motion in motions:
         positions = _joint_positions(body, motion)
-        from_afar.append(extreme_points(positions[:, setups[0][2]], view, aspect=aspect))
+        from_afar.append(
+            extreme_positions_per_joint(positions[:, setups[0][2]], view, aspect=aspect)
+        )
         for place, (name, ratio, joints, _, sigma) in zip(places, setups, strict=True):
             relative = positions[:, joints] - _track(body, positions, name, sigma)[:, None]
-            place.append(extreme_points(relative, name, aspect=ratio))
+            place.append(extreme_positions_per_joint(relative, name, aspect=ratio))
         pelvises += [positions[:, 0].min(axis=0), positions[:, 0].max(axis=0)]
         floors.append(_floor(body, positions))
         corners += [positions.min(axis=(0, 1)), positions.max(axis=(0, 1))]

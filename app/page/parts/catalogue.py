@@ -54,7 +54,7 @@ def system_descriptions(systems: Sequence[str]) -> dict[str, str]:
     }
 
 
-def system_groups(systems: Sequence[str]) -> dict[str, list[str]]:
+def labels_by_group(systems: Sequence[str]) -> dict[str, list[str]]:
     """Return the labels of the systems by title of their group."""
     ablations = [family.ablation for family in families() if family.ablation is not None]
     steps = {step.system for ablation in ablations for step in ablation.steps}

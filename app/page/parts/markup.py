@@ -246,7 +246,7 @@ def group_choices(
     )
 
 
-def reveal_on_click(button: gr.Button, element: gr.HTML) -> None:
+def scroll_to_on_click(button: gr.Button, element: gr.HTML) -> None:
     """Scroll to the status of a run on a click; call this before attaching the run to it."""
     button.click(
         None,

@@ -14,7 +14,7 @@ from app.page.results.result_parts import ResultParts
 from app.page.routes.live_route import EXAMPLE_ROUTE
 from app.page.tabs.motion import FormParts
 from app.page.tabs.motion_run import MotionRunner
-from app.page.tabs.runner import PAGE_DISPLAY, Services
+from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services
 from app.page.visitors.job_folders import Job
 from app.run.requests.convert import replace_fields
 from app.run.requests.requests import GenerateRequest
@@ -37,7 +37,7 @@ class LiveRecordingRunner(MotionRunner):
         token = values[0] if isinstance(values[0], str) else ""
         recording = self.services.live.save_recording(token[:_MAX_TOKEN], job.cookie, job.folder)
         config = self.services.config_for(job)
-        display = {**PAGE_DISPLAY, "figure_forms": ("png",)}
+        display = {**PAGE_VIDEO_OPTIONS, "figure_forms": ("png",)}
         return replace_fields(recording, weights=config.weights, body=config.body, **display)
 
 

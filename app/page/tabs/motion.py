@@ -21,13 +21,13 @@ from app.page.parts.catalogue import (
     default_systems,
     example_title,
     guidance_choices,
+    labels_by_group,
     system_descriptions,
-    system_groups,
     tracked_point_choices,
 )
 from app.page.parts.form_values import Fields
 from app.page.parts.markup import UNQUEUED_EVENT, group_choices
-from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
+from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services, page_request
 from app.run.batch.saved_run import SPEECH_FOLDER
 from app.run.batch.speech_batch import ENDINGS
 from app.run.requests.parts import DEFAULT_TRACKED_POINT, FIGURE_PANELS, MAX_CLIPS, MAX_SAMPLES
@@ -81,7 +81,7 @@ def request_from_form(
     steps, named = values["steps"], dict(catalogue.system_choices)
     if isinstance(steps, dict):  # by name, whole or as the form shows it
         steps = {named.get(name, name): count for name, count in steps.items()}
-    values |= {"systems": systems, "steps": steps, **PAGE_DISPLAY}
+    values |= {"systems": systems, "steps": steps, **PAGE_VIDEO_OPTIONS}
     request = page_request(GenerateRequest, values, config, folder)
     request.check()
     return request
@@ -170,7 +170,7 @@ def build_form(services: Services) -> FormParts:
         info="All systems use the same noise seed. The tab “Systems” describes each of them.",
         elem_id="systems",
     )
-    about, groups = system_descriptions(catalogue.systems), system_groups(catalogue.systems)
+    about, groups = system_descriptions(catalogue.systems), labels_by_group(catalogue.systems)
     group_choices("systems", about, groups)
     gr.HTML(markup.step_heading(3, "Settings"))
     with gr.Row(elem_classes="pair"):

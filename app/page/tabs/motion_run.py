@@ -16,7 +16,7 @@ from app import text
 from app.errors import Cancelled, visitor_message
 from app.page.parts import markup
 from app.page.parts.form_values import Fields, parse_form_values
-from app.page.parts.markup import UNQUEUED_EVENT, Updates, reveal_on_click, update_html
+from app.page.parts.markup import UNQUEUED_EVENT, Updates, scroll_to_on_click, update_html
 from app.page.results.result_parts import ResultParts
 from app.page.results.run_comparison import comparison_updates
 from app.page.results.run_view import EMPTY_PLAYER_VALUE, run_views_in
@@ -91,7 +91,7 @@ class MotionRunner(TabRunner):
     ) -> None:
         """Attach runs to the form's buttons, and to other events."""
         form = self.form
-        reveal_on_click(form.start, self.status)
+        scroll_to_on_click(form.start, self.status)
         # Listeners of a click run in order: this one before the run.
         waits = [self.status, form.start, form.cancel]
         form.start.click(self.waiting_updates, outputs=waits, **UNQUEUED_EVENT)

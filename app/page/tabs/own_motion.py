@@ -21,7 +21,7 @@ from app.page.parts.markup import (
     UNQUEUED_EVENT,
     Updates,
     hidden_html,
-    reveal_on_click,
+    scroll_to_on_click,
     update_html,
 )
 from app.page.results.result_parts import ResultParts, figures_html, file_list_html
@@ -34,7 +34,7 @@ from app.page.tabs.motion import (
     with_default_panels,
 )
 from app.page.tabs.motion_run import MotionRunner
-from app.page.tabs.runner import PAGE_DISPLAY, Services, page_request
+from app.page.tabs.runner import PAGE_VIDEO_OPTIONS, Services, page_request
 from app.page.visitors.job_folders import Job
 from app.page.visitors.visitors import TokenStore
 from app.run.batch.archives import UNPACKED, archive_stem, is_archive
@@ -99,7 +99,7 @@ def build_diagnose_tab(page: gr.Blocks, services: Services) -> ResultParts:
             parts = ResultParts("own-")
     runner = DiagnoseRunner(services, form, parts, of_sets)
     motions, recorded, assume = (form.fields[each] for each in ("motions", "recorded", "told"))
-    reveal_on_click(planted, parts.status)
+    scroll_to_on_click(planted, parts.status)
     filled = planted.click(
         lambda: (write_faulty_example(services.config.temp / "planted"), RECORDED),
         outputs=[motions, recorded],
@@ -208,7 +208,7 @@ SetsParts = tuple[gr.HTML, gr.Dropdown]
 MAX_FILES = 24
 TOO_MANY = "At most {limit} files are measured at once; {count} were given."
 TOO_MANY_SHOWN = "At most {limit} motions can be shown side by side; {count} are selected."
-DIAGNOSE_DEFAULTS: dict[str, Any] = {**PAGE_DISPLAY, "size": 512, "max_frames": 108_000}
+DIAGNOSE_DEFAULTS: dict[str, Any] = {**PAGE_VIDEO_OPTIONS, "size": 512, "max_frames": 108_000}
 """Fields of every request of this tab; the limit is an hour of frames, which the command line
 lacks."""
 MAX_NAME = 60

@@ -38,7 +38,7 @@ from conventions.views import CLOSE_UPS
 
 log = logging.getLogger(__name__)
 Request = TypeVar("Request")
-PAGE_DISPLAY: dict[str, Any] = {
+PAGE_VIDEO_OPTIONS: dict[str, Any] = {
     "display": Display(has_trail=True),
     "close_ups": CLOSE_UPS,
     "size": 640,

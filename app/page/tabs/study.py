@@ -18,7 +18,13 @@ from app.errors import Cancelled, RunError
 from app.page.parts import markup
 from app.page.parts.catalogue import Catalogue, default_systems
 from app.page.parts.form_values import Fields, parse_form_values
-from app.page.parts.markup import PRIVATE_EVENT, Updates, hidden_html, reveal_on_click, update_html
+from app.page.parts.markup import (
+    PRIVATE_EVENT,
+    Updates,
+    hidden_html,
+    scroll_to_on_click,
+    update_html,
+)
 from app.page.results.result_parts import download_link, file_list_html
 from app.page.routes.media import PARTICIPANT_TYPES, RESEARCHER_FILE, RESEARCHER_ROUTE, FileToUrl
 from app.page.tabs.motion import SEED_LIMIT, copy_as_upload
@@ -84,7 +90,7 @@ def build_study_tab(services: Services) -> Fields:
     at_once: dict[str, Any] = {"concurrency_id": "plan", "show_progress": "hidden"}
     only_plan.start_on(write.click, fields, outputs=outputs, api_name="study_plan", **at_once)
     runner = StudyRunner(services, fields, status, result)
-    reveal_on_click(start, status)
+    scroll_to_on_click(start, status)
     runner.start_and_cancel_on(start, cancel, fields, outputs, api_name="study")
     return fields
 
@@ -223,7 +229,7 @@ def build_analysis(services: Services) -> None:
             status = gr.HTML(markup.idle_status(text.READY), elem_id="analysis-status")
             report = hidden_html("analysis-report")
     fields = {"answers": answers, "key": key}
-    reveal_on_click(start, status)
+    scroll_to_on_click(start, status)
     runner = AnalysisRunner(services, fields, status, report)
     runner.start_on(start.click, [answers, key], outputs=[status, report])
 

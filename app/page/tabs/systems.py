@@ -12,13 +12,18 @@ import gradio as gr
 from app import text
 from app.errors import RunError
 from app.page.parts import markup
-from app.page.parts.catalogue import Catalogue, guidance_choices, system_descriptions, system_groups
+from app.page.parts.catalogue import (
+    Catalogue,
+    guidance_choices,
+    labels_by_group,
+    system_descriptions,
+)
 from app.page.parts.form_values import Fields, parse_form_values
 from app.page.parts.markup import (
     Updates,
     hidden_html,
     player_component,
-    reveal_on_click,
+    scroll_to_on_click,
     update_html,
 )
 from app.page.results.result_parts import figures_html
@@ -141,7 +146,7 @@ class FigureRunner(TabRunner):
                 self.message = hidden_html(f"{self.tab}-says")
                 self.figure = hidden_html(f"{self.tab}-figures")
         super().__init__(services, status)
-        reveal_on_click(start, status)
+        scroll_to_on_click(start, status)
         outputs = [status, self.player, self.message, self.figure]
         self.start_and_cancel_on(start, cancel, self.fields, outputs, api_name=self.tab)
 
@@ -150,7 +155,7 @@ class FigureRunner(TabRunner):
         ticked = [name for name in representatives(topic) if name in catalogue.systems]
         choices, elem_id = catalogue.system_choices, f"{self.tab}-systems"
         chips = gr.CheckboxGroup(choices, value=ticked, label="Systems", elem_id=elem_id)
-        about, groups = system_descriptions(catalogue.systems), system_groups(catalogue.systems)
+        about, groups = system_descriptions(catalogue.systems), labels_by_group(catalogue.systems)
         markup.group_choices(elem_id, about, groups)
         return chips
 

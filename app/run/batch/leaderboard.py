@@ -218,7 +218,10 @@ def read_leaderboard(path: Path) -> list[LeaderboardEntry]:
     try:
         return read_json(path, Leaderboard, MAX_BYTES).entries
     except FieldError as error:
-        raise RunError(f"{path.name} is not a leaderboard of format {FORMAT}: {error}.") from None
+        raise RunError(
+            f"{path.name} cannot be read as a leaderboard of format {FORMAT}: {error}. Give a file "
+            "written by `leaderboard add`."
+        ) from None
 
 
 _BY = " · "

@@ -599,5 +599,5 @@ def _reading_differences(counts: Mapping[str, Counter[tuple[str, str]]]) -> Iter
             for name, many in counts.items()
         }
         if len(set(values.values())) > 1:
-            each = "; ".join(f"{name} {value or 'the default'}" for name, value in values.items())
-            yield f"The sets were read with different assumptions about {kind}: {each}."
+            each = "; ".join(f"{name}: {value or 'the default'}" for name, value in values.items())
+            yield f"The sets were read with different assumptions about {kind} ({each})."

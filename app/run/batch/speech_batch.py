@@ -16,7 +16,7 @@ from typing import Any
 
 from app.errors import RunError, message_for_user
 from app.findings.verdict import make_verdict
-from app.run.batch.pairing import has_suffix
+from app.run.batch.pairing import has_suffix, shorten_list
 from app.run.batch.table import write_tables
 from app.run.callbacks import NO_CALLBACKS, RunCallbacks, RunEvent, RunStage, StageProgress
 from app.run.output.result_folder import lock_folder
@@ -24,7 +24,7 @@ from app.run.output.run_folder import RUN, RunRecord, read_run
 from app.run.requests.convert import flat_json, map_paths, replace_fields
 from app.run.requests.requests import AnyRun, GenerateRequest
 from app.run.upload_check import SOUNDS
-from conventions.names import REFERENCE_NAME, pluralise, safe_file_stem
+from conventions.names import REFERENCE_NAME, safe_file_stem
 from processes.job import Job
 from processes.pool import JobPool
 
@@ -195,8 +195,8 @@ def _listed(source: Path) -> list[Path]:
         raise RunError(f"{source} lists no audio files; write one path per line.")
     missing = [path for path in paths if not path.is_file()]
     if missing:
-        others = f", and {pluralise(len(missing) - 1, 'other')}" if len(missing) > 1 else ""
-        raise RunError(f"{source} lists a file that does not exist: {missing[0]}{others}.")
+        files = "a file that does not exist" if len(missing) == 1 else "files that do not exist"
+        raise RunError(f"{source} lists {files}: {shorten_list(map(str, missing))}.")
     return paths
 
 

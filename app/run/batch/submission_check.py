@@ -124,8 +124,8 @@ def _checked(name: str, folder: Path, recorded: Path) -> SubmissionReport:
             f"{shorten_list(extra)}."
         )
     problems += [f"{shorten_list(named)}: {why}" for why, named in files.items()]
-    random = f", {most} samples of each" if most > 1 else ""
-    right = f"all {len(counts)} clips meet the leaderboard's rules{random}."
+    random = f", with {most} samples each," if most > 1 else ""
+    right = f"all {len(counts)} clips{random} meet the leaderboard's rules."
     return SubmissionReport(
         [f"{name}: {sentence}" for sentence in problems or [right]],
         [*(f"Missing: {clip}" for clip in missing), *(f"Extra: {clip}" for clip in extra)],

@@ -145,7 +145,7 @@ class StudyKey:
                 raise ValueError(
                     f"trial {name} has no expected answer, but is an attention check"
                     if is_check
-                    else f"trial {name} has an expected answer, but is no attention check"
+                    else f"trial {name} has an expected answer, but is not an attention check"
                 )
             if not is_check and not self.question_by_id.keys() >= set(trial.questions):
                 raise ValueError(f"trial {name} asks a question that the key does not have")

@@ -176,7 +176,7 @@ def _answer_error(answer: Answer, key: StudyKey, trials: Sequence[str]) -> str |
         return "the trial is not on the participant's list"
     trial = key.trials[answer.trial]
     if answer.question not in trial.questions:
-        return "the trial does not ask this question"
+        return "its trial does not ask the question that was answered"
     if trial.expected is not None:
         return None
     if sorted(answer.videos) != sorted(trial.videos):

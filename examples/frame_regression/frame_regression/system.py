@@ -28,15 +28,15 @@ class RegressionSystem(System):
         """See `System.window`."""
         frames = self.windowing.frames
         pose, face = self.network(speech.with_context(CONTEXT, frames))
-        poses = pose.expand(spec.samples, -1, -1)
+        poses = pose.expand(spec.num_samples, -1, -1)
         if self.is_drawn:
             noise = _smooth(spec.noise((frames, POSE)), spec.steps)
             poses = poses + self.network.log_spread.exp() * noise
         root = self.network.height * torch.tensor([0.0, 1.0, 0.0])
         return Window(
             matrix_from_axis_angle(poses.unflatten(-1, (-1, 3))),
-            root.expand(spec.samples, frames, 3),
-            face.expand(spec.samples, -1, -1),
+            root.expand(spec.num_samples, frames, 3),
+            face.expand(spec.num_samples, -1, -1),
         )
 
 

@@ -244,8 +244,8 @@ PROTOCOLS: Mapping[str, Protocol] = {
         ),
         Protocol(
             "mse_face/emage",
-            "Mean squared error of the vertices of a licensed SMPL-X body that only jaw and "
-            "expressions move. Papers print it in units of 1e-8.",
+            "Mean squared error of the vertices of a licensed SMPL-X body posed by jaw and "
+            "expressions only. Papers print it in units of 1e-8.",
             _FACE, _BY_LENGTH, f"{_PANTOMATRIX}, emage_evaltools/mertic.py",
             value_units={"mse_m2": "m²"}, required_inputs=("reference", "face_vertices"),
         ),

@@ -159,7 +159,7 @@ class AsynFusionSystem(System):
     @torch.inference_mode()
     def window(self, speech: SpeechWindow, before: Window | None, spec: WindowSpec) -> DualWindow:
         assert before is None or isinstance(before, DualWindow)
-        config, size = self.config, spec.samples
+        config, size = self.config, spec.num_samples
         channels = config.expression_dim, config.gesture_dim
         if before is None:
             seed = [torch.zeros(size, config.seed_frames, count) for count in channels]

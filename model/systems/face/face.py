@@ -21,7 +21,7 @@ from torch import Tensor
 from model.generation.base import SpeechWindow, System, Window, Windowing, WindowSpec, crossfade
 from model.generation.family import Family
 from model.motion.packing import Normaliser
-from model.networks.branch import ConditionTokenEncoder, PriorNetwork
+from model.networks.branch import ExtraConditionEncoder, PriorNetwork
 from model.networks.config import BranchConfig
 from model.networks.trained import TrainedWeights
 from model.plan.plan_features import NUM_FACE_TRACKS
@@ -38,7 +38,7 @@ class FaceNetwork(PriorNetwork):
 
     def __init__(self, config: ExpressionConfig, prior: GaussianPrior) -> None:
         super().__init__(config, prior, channels=config.expression_dim, expression_dim=0)
-        self.plan = ConditionTokenEncoder(NUM_FACE_TRACKS, config.width, config.speech_context)
+        self.plan = ExtraConditionEncoder(NUM_FACE_TRACKS, config.width, config.speech_context)
 
     def forward(
         self,

@@ -34,7 +34,7 @@ class GanSystem(FaceFirstSystem):
         spec: WindowSpec,
     ) -> SeedingWindow:
         """Sample the body from posteriors as trained, or by DDIM."""
-        config, size = self.config, spec.samples
+        config, size = self.config, spec.num_samples
         seed_poses = (
             torch.zeros(size, config.seed_frames, config.channels) if seed is None else seed
         )

@@ -125,7 +125,7 @@ class GlobalDiffSystem(FaceFirstSystem):
         network may change them, which halves the jump after the seed. A network with a
         prior has the seed as a condition instead. `System.join` blends the windows afterwards.
         """
-        config, prior, size = self.config, self.network.prior, spec.samples
+        config, prior, size = self.config, self.network.prior, spec.num_samples
         x_0 = self.noise(spec)
         seed_poses = torch.zeros(size, config.seed_frames, x_0.shape[-1]) if seed is None else seed
         last_prediction = x_0

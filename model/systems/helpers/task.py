@@ -127,7 +127,7 @@ TRACK_STD_FLOOR = 0.01
 """Smallest standard deviation of a track, so that a still jaw is not amplified."""
 
 
-class MatchingTask(SingleNetworkTask):
+class SpeechMotionMatchingTask(SingleNetworkTask):
     """Contrastive training of matching speech and motion for each part, and of arm speed.
 
     All pieces of the batch are candidates (InfoNCE, van den Oord et al. 2018; in both directions as
@@ -248,6 +248,6 @@ def prediction_losses(
 
 TASKS: dict[type[TrainConfig], type] = {
     AutoencoderTrainConfig: AutoencoderTask,
-    MatchingTrainConfig: MatchingTask,
+    MatchingTrainConfig: SpeechMotionMatchingTask,
     SpeechEncoderConfig: SpeechEncoderTask,
 }

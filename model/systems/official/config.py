@@ -56,7 +56,7 @@ class OfficialFamily(Family):
             "--official-features DIR."
         )
 
-    def licensed_paths(self) -> tuple[Path, ...]:
+    def non_redistributable_paths(self) -> tuple[Path, ...]:
         """Return the folder of the checkpoints."""
         folder = official_folder()
         return () if folder is None else (folder,)

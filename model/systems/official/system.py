@@ -73,7 +73,7 @@ class OfficialSystem(System):
         self, speech: SpeechWindow, before: Window | None, spec: WindowSpec
     ) -> OfficialWindow:
         assert before is None or isinstance(before, OfficialWindow)
-        size = spec.samples
+        size = spec.num_samples
         speech_window = frames_to_window(speech.with_context(0, WINDOW_FRAMES))[None]
         speaker = torch.tensor([spec.speaker])
         face = self.expressions(speech_window, speaker)

@@ -12,13 +12,13 @@ import torch.nn.functional as F
 from jaxtyping import Bool, Float, Int, Shaped
 from torch import Tensor, nn
 
-from model.networks.branch import ConditionTokenEncoder, PriorNetwork
+from model.networks.branch import ExtraConditionEncoder, PriorNetwork
 from model.plan.plan_features import CHAINS_BY_NAME, NUM_TRACKS, TIERS, EventTier
 from model.sampling.prior import GaussianPrior
 from model.systems.planned.config import PlannedNetworkConfig, PlannerConfig
 
 
-class PlanTokens(ConditionTokenEncoder):
+class PlanTokens(ExtraConditionEncoder):
     """Encoder of a plan to one token per frame."""
 
     def __init__(self, config: PlannedNetworkConfig) -> None:

@@ -85,7 +85,7 @@ def test_numbers_stand_beside_each_other_as_generated_and_smoothed() -> None:
 def test_attribution_points_at_the_strongest_joint_or_at_none() -> None:
     start = "Filtering one joint reduces the jerk of the right middle fingertip most for: in"
     few = (
-        "Filtering a single joint reduces the jerk of the right middle fingertip by less than 5 % "
+        "Filtering any one joint reduces the jerk of the right middle fingertip by less than 5 % "
         "in a."
     )
     for of_joints, words in (

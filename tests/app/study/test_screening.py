@@ -86,7 +86,11 @@ def rated(number: object) -> dict[str, Any]:
     [
         ("pairwise", {"value": "clip3-rival"}, "the answer is not among the videos shown (1)"),
         ("pairwise", {"trial": "clip9/0"}, "the trial is not on the participant's list"),
-        ("pairwise", {"question": "beauty"}, "the trial does not ask this question"),
+        (
+            "pairwise",
+            {"question": "beauty"},
+            "its trial does not ask the question that was answered",
+        ),
         ("pairwise", {"watched": 0}, "a video was not watched to its end"),
         ("pairwise", {"trial": "clip0/1"}, "the videos shown are not those of the trial"),
         ("pairwise", {"reasons": "smoothness"}, "`reasons` cannot be 'smoothness'"),

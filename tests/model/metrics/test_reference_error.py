@@ -51,7 +51,7 @@ def test_spread_in_the_rest_pose_follows_its_lever_arms():
     assert growth.predicted_global_spread_m[-1] == pytest.approx(world, rel=1e-9)
     assert growth.local_rms_m[-1] == pytest.approx(local, rel=0.05)
     assert growth.global_rms_m[-1] == pytest.approx(world, rel=0.05)
-    assert growth.predicted_ratio == pytest.approx(local / world)
+    assert growth.predicted_local_to_global_ratio == pytest.approx(local / world)
     assert growth.local_angle_error_ratio == pytest.approx(np.sqrt(2), rel=0.02)
 
 
@@ -74,11 +74,13 @@ def test_a_seed_decides_the_noise_and_the_pelvis_cannot_be_followed():
         measure_error_growth(motion, SKELETON, "left_thumb", seed=seed) for seed in (3, 3, 4)
     )
     np.testing.assert_array_equal(first.local_rms_m, again.local_rms_m)
-    assert first.ratio != other.ratio and np.all(np.diff(first.local_rms_m) > 0)
+    assert first.local_to_global_ratio != other.local_to_global_ratio and np.all(
+        np.diff(first.local_rms_m) > 0
+    )
     with pytest.raises(ValueError, match="No rotation moves the pelvis"):
         measure_error_growth(motion, SKELETON, "pelvis")
     one = measure_error_growth(motion.part(slice(1)), SKELETON, FINGERTIP_NAMES[0])
-    assert np.isfinite(one.ratio) and np.isnan(one.jerk_m_s3["clean"])
+    assert np.isfinite(one.local_to_global_ratio) and np.isnan(one.jerk_m_s3["clean"])
 
 
 @pytest.mark.beat2
@@ -86,8 +88,10 @@ def test_a_recorded_clip_shows_the_known_ratio():
     """An independent computation on a slightly different skeleton gave 4.20 cm over 1.33 cm."""
     motion = load_motion(beat2_folder() / "smplxflame_30" / "2_scott_0_1_1.npz")
     growth = measure_error_growth(motion, SKELETON, "right_middle", 0.02)
-    assert growth.ratio == pytest.approx(3.2, rel=0.15)
-    assert growth.ratio == pytest.approx(growth.predicted_ratio, rel=0.03)
+    assert growth.local_to_global_ratio == pytest.approx(3.2, rel=0.15)
+    assert growth.local_to_global_ratio == pytest.approx(
+        growth.predicted_local_to_global_ratio, rel=0.03
+    )
     assert growth.local_rms_m[-1] == pytest.approx(0.042, rel=0.1)
     sentence = error_growth_summary(growth, 0.02)
     assert "right middle fingertip" in sentence and "0.02 rad" in sentence

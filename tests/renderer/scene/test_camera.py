@@ -19,7 +19,7 @@ from renderer.scene.camera import (
     ZOOM_RANGE,
     Camera,
     Orbit,
-    extreme_points,
+    extreme_positions_per_joint,
     fit_camera,
     view_axes,
 )
@@ -103,7 +103,7 @@ def test_the_outermost_places_give_the_same_camera_as_all(view):
             fit_camera(
                 places.reshape(-1, 3), view, aspect=aspect, radius_m=np.tile(radius, len(places))
             ).eye
-            for places in (points, extreme_points(points, view, aspect=aspect))
+            for places in (points, extreme_positions_per_joint(points, view, aspect=aspect))
         ]
         np.testing.assert_allclose(*eyes, rtol=0.0, atol=1e-9)
 

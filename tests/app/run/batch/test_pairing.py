@@ -210,7 +210,9 @@ def test_the_leaderboards_rules_are_told_file_by_file(tmp_path: Path):
     found = check_sets(folders, tmp_path / "beat2", tmp_path / "out")
     good, bad = found.values()
     assert good.is_valid and not bad.is_valid
-    assert good.messages == ["good: all 3 clips meet the leaderboard's rules, 5 samples of each."]
+    assert good.messages == [
+        "good: all 3 clips, with 5 samples each, meet the leaderboard's rules."
+    ]
     assert bad.missing_and_extra == [f"Missing: {clips[2]}", "Extra: 2_scott_0_9_9"]
     for words in (
         f"{clips[1]} have fewer samples than other clips, which have 3",

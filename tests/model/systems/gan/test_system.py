@@ -59,7 +59,7 @@ def test_speech_can_be_heard_more_strongly_and_not_at_all(system):
 
 
 def test_noise_of_every_step_window_and_sample_is_its_own():
-    draw = WindowSpec(1, seed=5, samples=2, index=0, sampler="posterior", steps=5, guidance=1.0)
+    draw = WindowSpec(1, seed=5, num_samples=2, index=0, sampler="posterior", steps=5, guidance=1.0)
     shape = 2, 60, 168
     drawn = [replace(draw, index=i).noise(shape, k) for i in (0, 1) for k in (1, 2)]
     numbers = torch.cat([*drawn, draw.noise((60, 168))[:, None]], dim=1).flatten(0, 1).flatten(1)
@@ -72,7 +72,7 @@ def test_noise_of_every_step_window_and_sample_is_its_own():
 
 def test_a_window_goes_on_from_the_one_before(system):
     heard, context = torch.randn(200, 68), system.windowing.context
-    draw = WindowSpec(1, seed=0, samples=4, index=0, sampler="posterior", steps=5, guidance=1.0)
+    draw = WindowSpec(1, seed=0, num_samples=4, index=0, sampler="posterior", steps=5, guidance=1.0)
     first = system.window(SpeechWindow.of(heard, 0, 60, context), None, draw)
     second = system.window(SpeechWindow.of(heard, 52, 60, context), first, replace(draw, index=1))
     apart = (second.rotmat[:, :8] - first.rotmat[:, -8:]).abs().mean()

@@ -91,7 +91,7 @@ def test_two_windows(carried, networks, kind, monkeypatch):
         smooths_windows=kind == "filtered",
     )
     frames = windows_to_frames(torch.stack([heard(3000), heard(3001)]))
-    draw = WindowSpec(2, 0, samples=1, index=0, sampler="reinterpolate", steps=5, guidance=1.0)
+    draw = WindowSpec(2, 0, num_samples=1, index=0, sampler="reinterpolate", steps=5, guidance=1.0)
     first = system.window(SpeechWindow(frames[:60]), None, draw)
     second = system.window(SpeechWindow(frames[52:]), first, replace(draw, index=1))
     joined = system.join(first.part(slice(52, 60)), second)
