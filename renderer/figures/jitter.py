@@ -184,9 +184,7 @@ def draw_jitter_sheet(sheet: JitterSheet) -> "Figure":
     for axes in rows["seams"]:
         if sheet.window_advance:
             every = sheet.window_advance
-            axes.set_xlabel(
-                f"frame in the window (a new window every {every} frames; overlap shaded)"
-            )
+            axes.set_xlabel(f"frame in the window (windows every {every}; overlap shaded)")
             axes.axvspan(-0.5, sheet.window_overlap - 0.5, color="#ececec", lw=0.0, zorder=0.2)
         else:
             axes.set_xlabel("frame in the detected period")

@@ -510,7 +510,7 @@ RANGES = """() => Object.fromEntries(Object.entries(modules.DISPLAYS)
 
 def test_limits_and_cameras_are_those_of_videos(page: Page) -> None:
     told = display.ViewerSettings.model_fields
-    limits = {told[name].alias: [*limits[:2]] for name, limits in display.LIMITS.items()}
+    limits = {told[name].alias: [*limits[:2]] for name, limits in display.DISPLAY_LIMITS.items()}
     assert page.evaluate(RANGES) == limits
     rng = np.random.default_rng(1)
     points, radii = rng.normal(size=(40, 3)), rng.uniform(0, 0.2, 40)

@@ -16,7 +16,7 @@ from app.page.tabs.systems import (
 )
 from app.run.callbacks import FolderUpdated, RunCallbacks, StageProgress
 from app.run.examples import FIRST_MOTION
-from app.run.experiments.rotation_noise import NAMES, compare_rotation_noise
+from app.run.experiments.rotation_noise import NOISY_MOTION_NAMES, compare_rotation_noise
 from app.run.output.run_folder import RunRecord, edit_record
 from app.run.requests.requests import WITHOUT_NOISE, RotationNoiseRequest
 from app.run.run_writer import open_run_writer
@@ -115,7 +115,9 @@ def test_both_bodies_play_and_what_they_show_is_told(tmp_path):
 
     def show(request: RotationNoiseRequest, callbacks: RunCallbacks) -> None:
         asked.append(request)
-        made_run(request.output.out.parent, jerk=dict.fromkeys((*NAMES, WITHOUT_NOISE), 1.0))
+        made_run(
+            request.output.out.parent, jerk=dict.fromkeys((*NOISY_MOTION_NAMES, WITHOUT_NOISE), 1.0)
+        )
         callbacks.on_event(FolderUpdated(request.output.out))
         callbacks.on_event(StageProgress("numbers", 0.5))
         with edit_record(request.output.out) as record:

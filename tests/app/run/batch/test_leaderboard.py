@@ -106,7 +106,7 @@ def test_a_board_comes_back_as_it_was_and_what_is_none_is_refused(tmp_path: Path
         ),
     ):
         (tmp_path / "board.json").write_text(json.dumps({**told, **change}))
-        with pytest.raises(RunError, match=f"not a leaderboard .*{words}"):
+        with pytest.raises(RunError, match=f"as a leaderboard .*{words}"):
             read_leaderboard(tmp_path / "board.json")
 
 

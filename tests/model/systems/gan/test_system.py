@@ -65,7 +65,7 @@ def test_noise_of_every_step_window_and_sample_is_its_own():
     numbers = torch.cat([*drawn, draw.noise((60, 168))[:, None]], dim=1).flatten(0, 1).flatten(1)
     assert (torch.corrcoef(numbers) - torch.eye(len(numbers))).abs().max() < 0.06
     for sample in range(2):  # one of many can be made alone
-        alone = replace(draw, samples=1, first_sample=sample).noise(shape, 2)
+        alone = replace(draw, num_samples=1, first_sample=sample).noise(shape, 2)
         assert torch.equal(alone[0], drawn[1][sample])
     assert not torch.equal(replace(draw, seed=6).noise(shape, 2), drawn[1])
 
