@@ -351,11 +351,11 @@ def recording_note(recording: SessionRecording, spoken_s: float) -> str:
     Args:
         spoken_s: duration of the session's speech.
     """
-    remaining_s = recording.motion.num_frames / FPS
-    made_s = recording.first_frame / FPS + remaining_s
+    saved_s = recording.motion.num_frames / FPS
+    made_s = recording.first_frame / FPS + saved_s
     reasons = []
     if recording.first_frame:
-        reasons.append(EARLIER.format(kept=remaining_s, first=made_s - remaining_s))
+        reasons.append(EARLIER.format(kept=saved_s, first=made_s - saved_s))
     if spoken_s - made_s > NORMAL_BACKLOG_S:
         reasons.append(BEHIND.format(behind=spoken_s - made_s))
     return " ".join(reasons)

@@ -161,8 +161,8 @@ def read_words(path: str | Path) -> WordsFile:
     name, ending = path.name, path.suffix.lower()
     text, notes = _text_in(path)
     if is_textgrid(text):
-        transcript = _of_grid(text, name)
-        return replace(transcript, notes=(*notes, *transcript.notes))
+        words_file = _of_grid(text, name)
+        return replace(words_file, notes=(*notes, *words_file.notes))
     rows: list[Interval] | None = None
     match ending:
         case ".json":
@@ -184,8 +184,8 @@ def read_words(path: str | Path) -> WordsFile:
                 f"{name} is not a TextGrid, and its suffix is none of those of word files "
                 f"({', '.join(ENDINGS)})."
             )
-    transcript = WordsFile(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
-    return replace(transcript, notes=(*notes, *transcript.notes), name=name)
+    words_file = WordsFile(text=_plain(text, name)) if rows is None else _of_rows(rows, name)
+    return replace(words_file, notes=(*notes, *words_file.notes), name=name)
 
 
 def _text_in(path: Path) -> tuple[str, tuple[str, ...]]:

@@ -52,8 +52,10 @@ def draw_distributions(
             f"The figure can show at most {style.MAX_SYSTEMS} systems besides the reference; "
             f"got {count}."
         )
-    for _, row in values[~np.isfinite(values["value"])].iterrows():
-        raise FigureError(f"{row['measure']} of {row['system']} is not a finite number.")
+    wrong = values[~np.isfinite(values["value"])]
+    if not wrong.empty:
+        first = wrong.iloc[0]
+        raise FigureError(f"{first['measure']} of {first['system']} is not a finite number.")
     styles = style.series_styles(systems, reference)
     panels = list(values.groupby("measure", sort=False))
     num_rows = -(-len(panels) // _COLUMNS)

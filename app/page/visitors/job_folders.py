@@ -77,9 +77,9 @@ def touch(folders: Iterable[Path]) -> None:
 
 def sweep(root: Path, keep_s: float, in_use: Iterable[Path] = ()) -> None:
     """Delete files older than ``keep_s`` that are not in use; failures are logged."""
-    before, in_use_or_new = time.time() - keep_s, set(in_use)
+    before, busy = time.time() - keep_s, set(in_use)
     for entry in (each for part in ("jobs", "private", "gradio") for each in _entries(root / part)):
-        if entry in in_use_or_new or _last_touched(entry) >= before:
+        if entry in busy or _last_touched(entry) >= before:
             continue
         try:
             if entry.is_dir() and not entry.is_symlink():

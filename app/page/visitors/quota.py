@@ -88,8 +88,8 @@ class Quota:
     def measure_runs(self, owner: str, *folders: Path) -> None:
         """Update the sizes of an owner's run folders, and add these folders."""
         with self._lock:
-            finished = [folder for folder, name in self._bytes.get(owner, {}) if not name]
-        sizes = {(folder, ""): _folder_bytes(folder) for folder in {*finished, *folders}}
+            run_folders = [folder for folder, name in self._bytes.get(owner, {}) if not name]
+        sizes = {(folder, ""): _folder_bytes(folder) for folder in {*run_folders, *folders}}
         with self._lock:
             self._bytes.setdefault(owner, {}).update(sizes)
 

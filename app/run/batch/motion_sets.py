@@ -216,11 +216,9 @@ def _diagnose_clips(
         for clip in clips
     }
     jobs = [Job(clip, each.is_measured, each.measure) for clip, each in measured.items()]
-    measured_clips, left_out = run_jobs(jobs, pool, lambda clip, share: on_progress(share))
-    if measured_clips:
-        notes.append(
-            f"{measured_clips} clips had already been measured; their results were reused."
-        )
+    num_reused, left_out = run_jobs(jobs, pool, lambda clip, share: on_progress(share))
+    if num_reused:
+        notes.append(f"{num_reused} clips had already been measured; their results were reused.")
     if len(left_out) == len(jobs):
         raise RunError(next(iter(left_out.values())))
     left_out = dict(sorted(left_out.items()))
@@ -230,13 +228,13 @@ def _diagnose_clips(
     notes += [sentence for each in numbers.values() for sentence in each["unread"]]
     above = import_notes(files, list(numbers.values()))
     notes[:0] = above
-    systems, records_list = list(files), list(records.values())
-    distances, unsaid = distance_rows(systems, records_list, here.metrics)
+    systems, record_list = list(files), list(records.values())
+    distances, unsaid = distance_rows(systems, record_list, here.metrics)
     origin = _origin_of(systems, numbers, here.metrics)
-    published = PublishedMetrics(records_list)
+    published = PublishedMetrics(record_list)
     speeds = _speeds_of(here)
     compared = _by_rule(published, systems, numbers, speeds) | distance_values(
-        systems, records_list, here.metrics, _variations(here)
+        systems, record_list, here.metrics, _variations(here)
     )
     written, results = write_tables(
         request.output.out,

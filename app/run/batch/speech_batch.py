@@ -104,7 +104,7 @@ def run_batch(
         done = partial(_is_done, request.output.out, stamp)
         jobs.append(Job(clip, done, partial(_do_clip, request, stamp), takes_callbacks=True))
     with lock_folder(out):
-        finished, failed = run_jobs(
+        num_reused, failed = run_jobs(
             jobs,
             pool,
             lambda clip, share: on_done(requests[clip].output.out, share),
@@ -121,7 +121,7 @@ def run_batch(
             names = sorted(runs[0].numbers, key=lambda name: name == REFERENCE_NAME)
             numbers = dict(zip(clips, map(_clip_results, runs), strict=True))
             files, _ = write_tables(out, names, numbers, notes, failed)
-    return BatchResult(tuple(clips), finished, failed, files, tuple(notes))
+    return BatchResult(tuple(clips), num_reused, failed, files, tuple(notes))
 
 
 def _mean_progress(callbacks: RunCallbacks, num_clips: int) -> Callable[[str, RunEvent], None]:
@@ -147,15 +147,15 @@ def run_jobs(
         on_done: called with the name of each finished job, and the fraction done.
         further: callbacks of `JobPool.run_all`.
     """
-    num_done = done = sum(job.is_done() for job in jobs)
+    num_done = num_reused = sum(job.is_done() for job in jobs)
 
     def tell(name: str) -> None:
-        nonlocal done
-        done += 1
-        on_done(name, done / len(jobs))
+        nonlocal num_done
+        num_done += 1
+        on_done(name, num_done / len(jobs))
 
     failed = pool.run_all(jobs, tell, **further)
-    return num_done, {name: _sentence(error) for name, error in failed.items()}
+    return num_reused, {name: _sentence(error) for name, error in failed.items()}
 
 
 def find_speech_files(source: Path) -> dict[str, Path]:
