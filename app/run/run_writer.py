@@ -66,7 +66,7 @@ from model.speech.transcript import Transcript
 from model.storage.escaping import csv_text
 from renderer.body.body import Body
 from renderer.figures import saved_figures
-from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS, FigureLayout, save_figure
+from renderer.figures.style import CONTENTS_SUFFIX, FIGURE_FORMATS, save_figure
 
 _GROWN = 1.2
 """Growth factor of a motion after which its alignment is computed again."""
@@ -223,13 +223,12 @@ class RunWriter(RunCallbacks):
         """
         stem = self.folder.path(f"{name}.png").with_suffix("")
         caption = f"{caption} {PROTOCOL_CAPTION}"
-        places: FigureLayout = []
         files = save_figure(
-            lambda: saved_figures.DRAW_FUNCTIONS[name](contents), stem, caption, forms, places
+            lambda: saved_figures.DRAW_FUNCTIONS[name](contents), stem, caption, forms
         )
         if set(forms) != set(FIGURE_FORMATS):
             path = self.folder.path(viewer_file_name(name, CONTENTS_SUFFIX))
-            saved_figures.save_figure_contents(path, name, contents, caption, places)
+            saved_figures.save_figure_contents(path, name, contents, caption)
             self.add_files(path)
         self.add_files(*(self.folder.path(path.name) for path in files))
 

@@ -23,7 +23,7 @@ from renderer.figures.curves import (
 from renderer.figures.figure6.contents import Figure6, JointMarks
 from renderer.figures.figure6.layout import draw_figure6
 from renderer.figures.jitter import Jitter, JitterSheet, draw_jitter_sheet
-from renderer.figures.style import FigureError, FigureLayout, save_figure
+from renderer.figures.style import FigureError, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,17 +56,14 @@ _RENAMED = {
 _TEXT = "contents"
 
 
-def save_figure_contents(
-    path: Path, name: str, contents: object, caption: str, layout: FigureLayout | None = None
-) -> None:
+def save_figure_contents(path: Path, name: str, contents: object, caption: str) -> None:
     """Write the contents of a figure, so that `draw_saved_figure` can draw it.
 
     Args:
         name: one of `DRAW_FUNCTIONS`.
-        layout: positions from `save_figure`.
     """
     arrays: list[np.ndarray] = []
-    metadata = {"name": name, "caption": caption, "places": layout or []}
+    metadata = {"name": name, "caption": caption}
     metadata["contents"] = _as_json(contents, arrays)
     text = np.frombuffer(json.dumps(metadata).encode(), np.uint8)
     # Compressed as little as possible: pictures dominate, and numpy's default level is slow.
@@ -85,18 +82,14 @@ def draw_saved_figure(path: Path, out: Path) -> None:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             metadata = json.loads(arrays[_TEXT].tobytes())
-            draw, caption, layout = (
-                DRAW_FUNCTIONS[metadata["name"]],
-                str(metadata["caption"]),
-                metadata["places"],
-            )
+            draw, caption = DRAW_FUNCTIONS[metadata["name"]], str(metadata["caption"])
             contents = _from_json(metadata["contents"], arrays)
     except (KeyError, TypeError, ValueError, zipfile.BadZipFile, RecursionError) as error:
         raise FigureError(
             f"{path.name} is not a saved figure, or it is damaged; make the figure again."
         ) from error
     form = out.suffix.lstrip(".")
-    save_figure(lambda: draw(contents), out.with_suffix(""), caption, (form,), layout)
+    save_figure(lambda: draw(contents), out.with_suffix(""), caption, (form,))
 
 
 def _as_json(value: Any, arrays: list[Shaped[np.ndarray, " ..."]]) -> Any:

@@ -12,10 +12,9 @@ import gc
 import math
 import os
 import threading
-import warnings
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -26,11 +25,12 @@ import numpy as np
 
 from conventions.colors import REFERENCE_COLOR, SYSTEM_COLORS, colors_of
 from conventions.names import printable
+from renderer.figures.grid_layout import FigureError as FigureError
+from renderer.figures.grid_layout import lay_out
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-    from matplotlib.layout_engine import LayoutEngine
 
 MM = 1.0 / 25.4
 PAGE_MM, COLUMN_MM = 174.0, 85.0
@@ -39,7 +39,6 @@ MAX_HEIGHT_MM = 235.0
 DPI = 300  # resolution of PNG, and of pictures inside SVG and PDF
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """File formats of a figure."""
-LAYOUT_ATTEMPTS = 6
 FONTS = Path(__file__).parents[1] / "assets" / "fonts"
 CONTENTS_SUFFIX = ".figure.npz"
 """Suffix of files from which other formats are drawn, see `renderer.figures.saved_figures`."""
@@ -73,10 +72,6 @@ RC_PARAMS: dict[str, object] = {
     "axes.titlelocation": "left",
     "axes.titlepad": 3.0,
     "axes.titlesize": LABEL_PT,
-    "figure.constrained_layout.h_pad": 0.02,
-    "figure.constrained_layout.w_pad": 0.03,
-    "figure.constrained_layout.hspace": 0.0,
-    "figure.constrained_layout.wspace": 0.0,
     "grid.color": GRID_INK,
     "grid.linewidth": 0.4,
     "image.composite_image": False,  # each row of snapshots stays a separate picture
@@ -156,13 +151,10 @@ def shades(color: str) -> list[str]:
 
 
 def new_figure(width_mm: float, height_mm: float) -> "Figure":
-    """Make a white figure with automatic layout; call it under the settings of `save_figure`."""
+    """Make a white figure, whose parts `save_figure` places; call it under its settings."""
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    x, y = 1.0 / width_mm, 1.0 / height_mm  # a millimetre
-    layout = ConstrainedLayoutEngine(rect=(x, y, 1.0 - 2 * x, 1.0 - 2 * y))
-    return Figure((width_mm * MM, height_mm * MM), facecolor="white", layout=layout)
+    return Figure((width_mm * MM, height_mm * MM), facecolor="white")
 
 
 def draw_legend(figure: "Figure | SubFigure", styles: Mapping[str, SeriesStyle]) -> None:
@@ -249,14 +241,6 @@ def set_x_tick_names(axes: "Axes", names: Sequence[str], size_pt: float = SMALL_
 
 
 _MATPLOTLIB_LOCK = threading.RLock()
-FigureLayout = list[list[Any]]
-"""Positions of all parts of a figure, in the order of their making; reusing them saves the layout,
-which takes half as long as everything else.
-"""
-
-
-class FigureError(ValueError):
-    """Error for a figure that cannot be made from its input; the message says why."""
 
 
 @cache
@@ -283,15 +267,11 @@ def save_figure(
     out_stem: Path,
     caption: str,
     file_formats: Sequence[str] = FIGURE_FORMATS,
-    saved_layout: FigureLayout | None = None,
 ) -> tuple[Path, ...]:
     """Draw a figure once and write its image files and its caption; return the paths, caption last.
 
     The files are ``<out_stem>.png``, ``.svg`` and ``.pdf``, or some of these formats, without
     dates, and ``.txt``. The folder is made if needed. Either all files are written or none.
-
-    Args:
-        saved_layout: positions of an earlier drawing of the figure; an empty list is filled.
     """
     caption, out_stem = printable(caption), Path(out_stem)
     out_stem.parent.mkdir(parents=True, exist_ok=True)
@@ -309,7 +289,7 @@ def save_figure(
         figure = draw()
         figure.set_dpi(DPI)
         _make_printable(figure)
-        _settle(figure, saved_layout)
+        lay_out(figure)
         for form in file_formats:
             how: Any = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if form == "png" else {}
             path = Path(folder, f"figure.{form}")
@@ -330,50 +310,6 @@ def _without_collection() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.enable()
-
-
-def _settle(figure: "Figure", saved_layout: FigureLayout | None) -> None:
-    """Compute the layout once, so that all file formats have the same positions."""
-    engine = figure.get_layout_engine()
-    if engine is None:
-        return
-    saved_layout = [] if saved_layout is None else saved_layout
-    texts, parts = [*figure.texts], [*figure.subfigs]
-    for part in parts:  # including parts appended meanwhile
-        texts += part.texts
-        parts += part.subfigs
-    if not saved_layout:
-        _execute_layout(engine, figure)
-        layout = (
-            *(text.get_position() for text in texts),
-            *(part.bbox_relative.bounds for part in parts),
-            *(axes.get_position(original=True).bounds for axes in figure.axes),
-        )
-        # The last digits that matplotlib's solver finds depend on addresses in memory.
-        saved_layout += [np.round(place, 6).tolist() for place in layout]
-    each: Iterator[Any] = iter(saved_layout)
-    for text in texts:
-        text.set_position(next(each))
-    for part in parts:
-        part.bbox_relative.bounds = next(each)
-    for axes in figure.axes:
-        axes.set_position(next(each))
-    figure.set_layout_engine(None)
-
-
-def _execute_layout(engine: "LayoutEngine", figure: "Figure") -> None:
-    """Compute a layout, again if matplotlib finds none.
-
-    It is solved with variables in the order of their addresses in memory, and in one order of
-    fifty a figure with room for all axes counts as too small.
-    """
-    for _ in range(LAYOUT_ATTEMPTS - 1):
-        with warnings.catch_warnings():
-            warnings.filterwarnings("error", "constrained_layout not applied")
-            with suppress(UserWarning):
-                engine.execute(figure)
-                return
-    engine.execute(figure)
 
 
 def _make_printable(figure: "Figure") -> None:

@@ -6,6 +6,8 @@ from typing import Any
 
 import pytest
 
+from renderer.figures.grid_layout import lay_out
+
 NAMES = (
     *("globaldiff/local", "globaldiff/global", "globaldiff/joint", "globaldiff/skeleton.s2"),
     *("globaldiff/full", "asynfusion/lcm"),
@@ -34,7 +36,7 @@ def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str,
             drawn.append((self.get_text(), Text.get_window_extent(self, renderer)))
 
     figure.set_dpi(144)
-    FigureCanvasAgg(figure).draw()  # everything finds its place
+    lay_out(figure)
     with monkeypatch.context() as patch:
         patch.setattr(Text, "draw", record)
         FigureCanvasAgg(figure).draw()

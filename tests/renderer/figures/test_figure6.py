@@ -21,6 +21,7 @@ from renderer.figures.figure6.contents import (
 from renderer.figures.figure6.layout import column_figure_fits_page, draw_figure6
 from renderer.figures.figure6.panels import PROJECTION
 from renderer.figures.figure6.snapshots import MARK_RGB, SnapshotStrips
+from renderer.figures.grid_layout import lay_out
 from renderer.figures.style import (
     COLUMN_MM,
     MAX_HEIGHT_MM,
@@ -449,7 +450,7 @@ def test_hands_of_five_systems_are_seen_in_print() -> None:
     with matplotlib_settings():
         figure = draw_figure6(contents)
         figure.set_dpi(300)
-        figure.get_layout_engine().execute(figure)
+        lay_out(figure)
     wrist, tip = JOINT_INDEX["left_wrist"], JOINT_INDEX["left_middle3"]
     for name in names:
         (axes,) = axes_of(figure, f"snapshots of {name}")

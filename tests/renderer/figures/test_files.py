@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib import _constrained_layout
 from PIL import Image
 
 from conventions.colors import SYSTEM_COLORS
@@ -28,7 +27,6 @@ from renderer.figures.saved_figures import (
 from renderer.figures.style import (
     FIGURE_FORMATS,
     FigureError,
-    FigureLayout,
     matplotlib_settings,
     save_figure,
     series_styles,
@@ -96,27 +94,6 @@ def test_figures_of_several_threads_are_those_of_one(tmp_path):
     assert [picture.read_bytes(), caption.read_bytes()] == [alone[0], alone[-1]]
 
 
-def test_a_layout_that_is_not_found_at_once_is_sought_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As matplotlib's solver fails, by chance, for one Figure 6 in fifty."""
-
-    def write(name: str) -> bytes:
-        files = save_figure(
-            lambda: DRAW_FUNCTIONS["error_growth"](growth()), tmp_path / name, "", ("svg",)
-        )
-        return files[0].read_bytes()
-
-    at_once, tries = write("once"), [False, True]
-    has_room = _constrained_layout.check_no_collapsed_axes
-    monkeypatch.setattr(
-        _constrained_layout,
-        "check_no_collapsed_axes",
-        lambda grids, figure: has_room(grids, figure) and (not tries or tries.pop(0)),
-    )
-    assert write("again") == at_once and not tries
-
-
 @pytest.mark.parametrize("name", DRAW_FUNCTIONS)
 def test_a_form_that_is_asked_for_later_is_the_one_that_is_written_at_once(
     name: str, tmp_path: Path
@@ -137,14 +114,12 @@ def test_a_form_that_is_asked_for_later_is_the_one_that_is_written_at_once(
         "error_growth": growth(),
         "steps": MARKS,
     }[name]
-    places: FigureLayout = []
     svg, *_ = save_figure(
-        lambda: DRAW_FUNCTIONS[name](contents), tmp_path / "once", "So.", ("svg",), places
+        lambda: DRAW_FUNCTIONS[name](contents), tmp_path / "once", "So.", ("svg",)
     )
-    for known in ([], places):  # the same that are found again
-        save_figure_contents(tmp_path / "kept.npz", name, contents, "So.", known)
-        draw_saved_figure(tmp_path / "kept.npz", tmp_path / "later.svg")
-        assert (tmp_path / "later.svg").read_bytes() == svg.read_bytes()
+    save_figure_contents(tmp_path / "kept.npz", name, contents, "So.")
+    draw_saved_figure(tmp_path / "kept.npz", tmp_path / "later.svg")
+    assert (tmp_path / "later.svg").read_bytes() == svg.read_bytes()
     arrays = dict(np.load(tmp_path / "kept.npz"))
     text = arrays["contents"].tobytes()
     for old, new in _RENAMED.items():  # as earlier versions wrote it
