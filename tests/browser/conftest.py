@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -94,8 +95,7 @@ STAGED = "count => Number(document.querySelector('#player .stage')?.dataset.bodi
 """Whether so many bodies are on the stage."""
 AT_REST = f"() => {STAGE}.isAtRest"
 """Whether the stage has been drawn in full and stands."""
-BUILDS_ARE_THERE = """() => performance.getEntriesByType('resource').some(
-  ({ name, responseEnd }) => name.endsWith('stage/builds.bin') && responseEnd > 0)"""
+BUILDS_ARE_THERE = "() => !!document.querySelector('.stage[data-builds]')"
 """The one thing that a stage still asks for a while after its first body."""
 WIDTHS = """async () => {
     for (let k = 0; k < 2; k++) await new Promise(requestAnimationFrame); // what follows a resize
@@ -410,6 +410,13 @@ def tick(page: Page, systems: Sequence[str]) -> None:
     """These alone, as the page calls them."""
     for label in page.locator("#systems label").all():
         label.locator("input").set_checked((label.inner_text()).strip() in systems)
+
+
+def stage_digest(page: Page) -> str:
+    """Return the digest of the stage's picture at rest: a failed assertion would take minutes to
+    compare the bytes of two pictures line by line."""
+    page.wait_for_function(AT_REST)
+    return sha256(page.locator("#player .stage canvas").screenshot()).hexdigest()
 
 
 def bar_of(page: Page, player: str = "#player") -> Locator:

@@ -5,17 +5,18 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
+from app import text
 from app.page.tabs import live as live_tab
 from renderer.body.body import load_body
 from renderer.body.gltf import Gltf
 from tests.browser.conftest import (
-    AT_REST,
     BUILDS_ARE_THERE,
     Fake,
     bar_of,
     opened,
     ready,
     saved,
+    stage_digest,
     staged,
     start,
 )
@@ -38,24 +39,21 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     )
     page = opened(context, fake_address)
     start(page, speech)
-    staged(page, 3)
-    page.wait_for_function(BUILDS_ARE_THERE)  # they change the open body a little
-    page.wait_for_function(AT_REST)
-    expect(page.locator("#player .files")).to_have_count(3)  # the pictures have their buttons
-    canvas, stage = page.locator("#player .stage canvas"), page.locator("#player .stage")
+    staged(page, 3).locator("#player .tier-lane .event").first.wait_for()
+    expect(page.locator("#status")).to_contain_text(text.VIDEOS_DONE)
+    page.wait_for_function(BUILDS_ARE_THERE)  # nothing draws the stage anew after this
+    stage = page.locator("#player .stage")
     bar_of(page).locator(".more").click()
-    page.wait_for_function(AT_REST)
-    open_body = canvas.screenshot()
+    open_body = stage_digest(page)
     choice = page.locator("#player .body-choice")
     choice.get_by_label(CHOICE).set_input_files(broken)
     expect(choice.locator("output")).to_contain_text("not a complete glTF 2.0 file")
     choice.get_by_label(CHOICE).set_input_files(hero)
     expect(choice.locator("output")).to_have_text("hero.glb")
     expect(stage).to_have_attribute("data-character", "own")
-    page.wait_for_function(AT_REST)
     for label in ("Body shape", "Tone of the bodies"):  # they would do nothing
         expect(page.locator("#player").get_by_label(label)).to_be_hidden()
-    assert canvas.screenshot() != open_body
+    assert stage_digest(page) != open_body
     page.locator("#player .files summary").first.click()
     file = saved(page, page.locator("#player .files a[download$='-character.glb']").first, tmp_path)
     gltf = Gltf(file.read_bytes(), file.name)
@@ -64,8 +62,7 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     assert paths.count("translation") == 1
     choice.get_by_role("button", name="Open body").click()
     expect(stage).to_have_attribute("data-character", "")
-    page.wait_for_function(AT_REST)
-    assert canvas.screenshot() == open_body
+    assert stage_digest(page) == open_body
     page.get_by_role("tab", name=live_tab.TAB, exact=True).click()
     live = page.locator(".live")
     live.locator(".more").click()

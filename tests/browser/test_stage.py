@@ -33,7 +33,6 @@ from renderer.scene.camera import (
 from renderer.scene.camera_setup import make_camera_setup
 from renderer.video.render import RenderSettings
 from tests.browser.conftest import (
-    AT_REST,
     BUILDS_ARE_THERE,
     FRAMES,
     LOCKSTEP,
@@ -47,6 +46,7 @@ from tests.browser.conftest import (
     press,
     put_clock,
     saved,
+    stage_digest,
     staged,
     start,
     tabbed,
@@ -128,11 +128,10 @@ def test_displays_are_switched_at_once_and_nothing_is_asked_of_the_server(page: 
 
     page.on("request", note)
     bar, more = bar_of(page), page.locator("#player .more-box")
-    seen: list[bytes] = []
+    seen: list[str] = []
 
     def look() -> None:
-        page.wait_for_function(AT_REST)
-        seen.append(page.locator("#player .stage canvas").screenshot())
+        seen.append(stage_digest(page))
 
     look()
     press(bar, "Jerk")

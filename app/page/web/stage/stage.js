@@ -361,6 +361,7 @@ export class Stage {
     await new Promise((done) => setTimeout(done, after));
     try {
       this.#builds = await theBuilds(this.#mesh, this.#facts.builds);
+      this.element.dataset.builds = String(this.#builds.size);
       this.#ask();
     } catch (error) {
       if (this.#look.get("build") !== this.#facts.builds.names[0]) this.#say(error.message);
