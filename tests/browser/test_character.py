@@ -70,10 +70,12 @@ def test_character_moves_on_all_stages_is_saved_with_the_motion_and_kept(
     for each in (live.locator(".stage"), stage):
         expect(each).to_have_attribute("data-character", "own")
     page.reload()
-    staged(ready(page), 3)  # the run opens again
+    staged(ready(page), 3).locator("#player .tier-lane .event").first.wait_for()  # the run again
     expect(stage).to_have_attribute("data-character", "own")
+    page.wait_for_function(BUILDS_ARE_THERE)  # they are the open body's all the same
     bar_of(page).locator(".more").click()
     expect(choice.locator("output")).to_have_text("hero.glb")
     choice.get_by_role("button", name="Open body").click()
     expect(stage).to_have_attribute("data-character", "")
+    assert stage_digest(page) == open_body
     context.close()

@@ -360,7 +360,7 @@ export class Stage {
   async #fetchBuilds(after) {
     await new Promise((done) => setTimeout(done, after));
     try {
-      this.#builds = await theBuilds(this.#mesh, this.#facts.builds);
+      this.#builds = await theBuilds(await theBody(), this.#facts.builds);
       this.element.dataset.builds = String(this.#builds.size);
       this.#ask();
     } catch (error) {
